@@ -1,0 +1,135 @@
+"""Experiments: labelled, calibrated, aligned signals on one time base, with operating point and provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Hold = Literal["zero", "first"]
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "n_set": "rpm",
+        "n_e": "rpm",
+        "n_s": "rev/s",
+        "M_s": "Nm",
+        "M_b": "Nm",
+        "M_g": "Nm",
+        "X_f": "mm",
+        "E_n": "rev",
+    }
+)
+"""Unit of every signal name that the package knows."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Signals of one stretch of a trial, uniformly sampled, NaN where a sample was masked.
+
+    Parameters
+    ----------
+    name
+        Label used in tables and plots.
+    rate_hz
+        Sample rate [Hz], the same for every signal.
+    signals
+        Name to samples, shape (N,), in the unit of `UNITS`.
+    operating_point
+        Name to the value about which the signal is normalised, same unit.
+    hold
+        How the set point runs between samples: "first" (straight lines; measured signals) or "zero" (stairs).
+    kind
+        Kind of excitation, for tables ("chirp", "steps", ...).
+    provenance
+        Where the samples come from and what was done to them.
+    """
+
+    name: str
+    rate_hz: float
+    signals: Mapping[str, Array]
+    operating_point: Mapping[str, float]
+    hold: Hold = "first"
+    kind: str = ""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise InputError(f"experiment {self.name!r}: rate_hz is {self.rate_hz}, expected a positive number")
+        if "n_set" not in self.signals:
+            raise InputError(f"experiment {self.name!r}: no signal 'n_set'; found {sorted(self.signals)}")
+        frozen: dict[str, Array] = {}
+        length = len(self.signals["n_set"])
+        if length < 2:
+            raise InputError(f"experiment {self.name!r}: {length} samples, expected at least 2; check its window")
+        for name, samples in self.signals.items():
+            if name not in UNITS:
+                raise InputError(
+                    f"experiment {self.name!r}: signal {name!r} is unknown, expected one of {', '.join(UNITS)}"
+                )
+            values = np.array(samples, dtype=np.float64)
+            if values.shape != (length,):
+                raise InputError(
+                    f"experiment {self.name!r}: signal {name!r} has shape {values.shape}, expected ({length},)"
+                )
+            bad = np.flatnonzero(np.isinf(values))
+            if bad.size:
+                raise InputError(f"experiment {self.name!r}: signal {name!r} is infinite at sample {bad[0]}")
+            values.flags.writeable = False
+            frozen[name] = values
+        if np.isnan(frozen["n_set"]).any():
+            first = int(np.flatnonzero(np.isnan(frozen["n_set"]))[0])
+            raise InputError(
+                f"experiment {self.name!r}: the set point 'n_set' is NaN at sample {first}; it drives the model and "
+                "can't have gaps, bridge it or cut the window"
+            )
+        for name, value in self.operating_point.items():
+            if not np.isfinite(value) or value == 0.0:
+                raise InputError(
+                    f"experiment {self.name!r}: operating point of {name!r} is {value}, expected finite, not zero"
+                )
+        object.__setattr__(self, "signals", MappingProxyType(frozen))
+        object.__setattr__(self, "operating_point", MappingProxyType(dict(self.operating_point)))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    def __len__(self) -> int:
+        return len(self.signals["n_set"])
+
+    @property
+    def time(self) -> Array:
+        """Time from the first sample [s], shape (N,)."""
+        return np.arange(len(self)) / self.rate_hz
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return len(self) / self.rate_hz
+
+    def normalised(self, name: str) -> Array:
+        """Deviation of a signal from its operating point divided by it (the starred quantities of eq. 3.14 on), shape (N,)."""
+        if name not in self.signals:
+            raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
+        if name not in self.operating_point:
+            raise InputError(
+                f"experiment {self.name!r}: no operating point for {name!r}; give operating_point[{name!r}]"
+            )
+        value = self.operating_point[name]
+        return np.asarray(self.signals[name] / value - 1.0)
+
+    def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
+        """Return the samples from `start_s` up to, not including, `stop_s`."""
+        first, last = round(start_s * self.rate_hz), round(stop_s * self.rate_hz)
+        if not 0 <= first < last <= len(self):
+            raise InputError(
+                f"experiment {self.name!r}: window {start_s:g} to {stop_s:g} s is empty or outside 0 to "
+                f"{self.duration:g} s"
+            )
+        cut = {key: values[first:last] for key, values in self.signals.items()}
+        return replace(self, name=name or self.name, signals=cut)

@@ -1,0 +1,1 @@
+//! Fixed-step integration of the plant: single runs and batches.

@@ -1,0 +1,12 @@
+//! Kernels of `shipfp_rs`: plant stepping, linear structure and its cost, pulse extraction.
+
+pub mod cost;
+pub mod error;
+pub mod integrate;
+pub mod linear;
+pub mod plant;
+pub mod pulse;
+pub mod stop;
+
+#[cfg(feature = "python")]
+mod python;

@@ -1,0 +1,1 @@
+//! The linear structure: exact discretisation, simulation, sensitivities, frequency response.

@@ -1,0 +1,1 @@
+//! The nonlinear propulsion plant in bollard pull, one file a component.

@@ -1,0 +1,1 @@
+//! Pulse trains to crossing times, streaming over chunks.

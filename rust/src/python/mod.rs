@@ -1,0 +1,23 @@
+//! The bindings: the only files that know Python. Each function checks, borrows, detaches, computes, hands back.
+
+// A `#[pyfunction]` takes its arguments by value: the macro's signature, not ours.
+#![allow(clippy::needless_pass_by_value)]
+
+mod errors;
+mod guard;
+mod linear;
+mod plant;
+mod pulse;
+
+use pyo3::prelude::*;
+
+/// Compiled kernels of `shipfp_rs`; use them through the package's own modules.
+#[pymodule(gil_used = false)]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    guard::register(module)?;
+    linear::register(module)?;
+    plant::register(module)?;
+    pulse::register(module)?;
+    Ok(())
+}

@@ -1,0 +1,1 @@
+"""NumPy references of the kernels: plain, slow, obviously right."""
