@@ -26,6 +26,8 @@ fn caught<T>(kernel: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(kernel)).unwrap_or_else(|panic| Err(Error::Internal(describe(&*panic))))
 }
 
+// The closure is needed: `Python::check_signals` alone is not general enough over the lifetime.
+#[allow(clippy::redundant_closure_for_method_calls)]
 /// Run `kernel` detached; `work` is a rough count of its inner steps.
 ///
 /// Long work goes to a thread of its own while this one keeps looking for signals, since Python only handles
@@ -46,7 +48,7 @@ pub fn run<T: Send>(py: Python<'_>, work: usize, kernel: impl FnOnce(&Stop) -> R
                     Ok(outcome) => break signal.map_or_else(|| outcome.map_err(PyErr::from), Err),
                     Err(RecvTimeoutError::Timeout) => {
                         if signal.is_none()
-                            && let Err(raised) = Python::attach(Python::check_signals)
+                            && let Err(raised) = Python::attach(|py| py.check_signals())
                         {
                             stop.request();
                             signal = Some(raised);

@@ -1,0 +1,201 @@
+"""Fingerprints: fitted parameters with their uncertainty, and what the data can't tell. Saved as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.files import write_text_atomically
+
+Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
+
+FORMAT = 1
+"""Version of the JSON layout; raised when a key changes its meaning."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter or combination: value, standard deviation, 95 % interval, unit, status.
+
+    `value`, `std` and `ci95` are None where the data do not determine them; `reason` then says why.
+    """
+
+    value: float | None
+    std: float | None = None
+    ci95: tuple[float, float] | None = None
+    unit: str = "-"
+    status: Status = "free"
+    reason: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "value": self.value,
+            "std": self.std,
+            "ci95": None if self.ci95 is None else list(self.ci95),
+            "unit": self.unit,
+            "status": self.status,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Numerical rank of the sensitivities at the estimate, and the directions that the data leave open.
+
+    `null_space` holds one entry a direction: {"combination": text, "direction": {parameter: relative change}};
+    `closes_gap` the parameters any of which, once known, makes the rest identifiable.
+    """
+
+    rank: int
+    free: int
+    condition: float
+    null_space: tuple[Mapping[str, Any], ...] = ()
+    closes_gap: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "rank": self.rank,
+            "free": self.free,
+            "condition": self.condition if math.isfinite(self.condition) else None,
+            "null_space": [dict(entry) for entry in self.null_space],
+            "closes_gap": list(self.closes_gap),
+        }
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """The result of an identification.
+
+    Parameters
+    ----------
+    parameters
+        Name to estimate, every parameter of the structure, free or not.
+    derived
+        Combinations that are identifiable though their members are not.
+    identifiability
+        Rank and null directions.
+    fit
+        Output to {"nrmse_pct": ..., ...}; "overall" holds the figures of all outputs together.
+    structure, vessel, data, settings, versions
+        What was fitted, to which ship and experiments, how, and with which software.
+    seed
+        Seed of the random starts.
+    verdict
+        Plain sentences: what is known, what is not, what would settle it.
+    """
+
+    parameters: Mapping[str, Estimate]
+    derived: Mapping[str, Estimate]
+    identifiability: Identifiability
+    fit: Mapping[str, Mapping[str, float | None]]
+    structure: Mapping[str, Any]
+    vessel: str | None = None
+    data: tuple[Mapping[str, Any], ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seed: int | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    verdict: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return a parameter or derived combination by name."""
+        for group in (self.parameters, self.derived):
+            if name in group:
+                return group[name]
+        known = ", ".join([*self.parameters, *self.derived])
+        raise InputError(f"no parameter {name!r} in the fingerprint; it holds {known}")
+
+    def __repr__(self) -> str:
+        shown = ", ".join(
+            f"{name}={estimate.value:.4g}" if estimate.value is not None else f"{name}=?"
+            for name, estimate in self.parameters.items()
+        )
+        return f"Fingerprint({shown}; rank {self.identifiability.rank}/{self.identifiability.free})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, the contract of `fingerprint.json`."""
+        return {
+            "format": FORMAT,
+            "parameters": {name: estimate.to_dict() for name, estimate in self.parameters.items()},
+            "derived": {name: estimate.to_dict() for name, estimate in self.derived.items()},
+            "identifiability": self.identifiability.to_dict(),
+            "fit": {output: dict(figures) for output, figures in self.fit.items()},
+            "structure": dict(self.structure),
+            "vessel": self.vessel,
+            "data": [dict(entry) for entry in self.data],
+            "settings": dict(self.settings),
+            "seed": self.seed,
+            "versions": dict(self.versions),
+            "verdict": list(self.verdict),
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write `fingerprint.json`; the file appears whole or not at all."""
+        return write_text_atomically(Path(path), json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Fingerprint:
+        """Read a fingerprint written by `save`.
+
+        Raises
+        ------
+        InputError
+            Where the file is missing, is not JSON, or lacks a key.
+        """
+        path = Path(path)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror or error}") from error
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise InputError(f"{path}: not a JSON file ({error}); expected one written by Fingerprint.save") from error
+        try:
+            return cls._from_dict(content)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise InputError(f"{path}: not a fingerprint, {type(error).__name__} at {error}") from error
+
+    @classmethod
+    def _from_dict(cls, content: dict[str, Any]) -> Fingerprint:
+        if content["format"] != FORMAT:
+            raise ValueError(f"format {content['format']}, expected {FORMAT}")
+        rank = content["identifiability"]
+        return cls(
+            parameters={name: _estimate(entry) for name, entry in content["parameters"].items()},
+            derived={name: _estimate(entry) for name, entry in content["derived"].items()},
+            identifiability=Identifiability(
+                rank=int(rank["rank"]),
+                free=int(rank["free"]),
+                condition=math.inf if rank["condition"] is None else float(rank["condition"]),
+                null_space=tuple(rank["null_space"]),
+                closes_gap=tuple(rank["closes_gap"]),
+            ),
+            fit=content["fit"],
+            structure=content["structure"],
+            vessel=content["vessel"],
+            data=tuple(content["data"]),
+            settings=content["settings"],
+            seed=content["seed"],
+            versions=content["versions"],
+            verdict=tuple(content["verdict"]),
+        )
+
+
+def _estimate(entry: dict[str, Any]) -> Estimate:
+    status = entry["status"]
+    if status not in get_args(Status):
+        raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
+    interval = entry["ci95"]
+    return Estimate(
+        value=entry["value"],
+        std=entry["std"],
+        ci95=None if interval is None else (float(interval[0]), float(interval[1])),
+        unit=entry["unit"],
+        status=status,
+        reason=entry["reason"],
+    )
