@@ -7,7 +7,9 @@ pub enum Error {
     #[error("{0}")]
     Invalid(String),
     /// A simulation left the range of finite numbers.
-    #[error("simulation diverged at sample {sample} (t = {time:.6} s): {what} is not finite; use a smaller step or check the parameters")]
+    #[error(
+        "simulation diverged at sample {sample} (t = {time:.6} s): {what} is not finite; use a smaller step or check the parameters"
+    )]
     Diverged {
         /// First sample that is not finite.
         sample: usize,

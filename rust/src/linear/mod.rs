@@ -1,1 +1,17 @@
-//! The linear structure: exact discretisation, simulation, sensitivities, frequency response.
+//! The linear structure: a governed engine and a propeller around an operating point (eq. 3.14-3.54), with dead times.
+//!
+//! All signals are deviations divided by the operating point. With the set point `r`, `u(t) = r(t - T_set)`:
+//!
+//! ```text
+//! X = K_p (u - n) + K_i E              E' = u - n
+//! w(t) = v X(t - T_d)            tau_n n' = -(p - g) n + w
+//! ```
+//!
+//! Outputs: `dn = n`, `dE = E`, `dM_b = g n + w = p n + tau_n n'` (engine), `dM_g = p n + tau_prop n'` (strain gauge between
+//! the inertias), `dX = X` (rack position as commanded, before the dead time).
+
+mod parameters;
+mod response;
+
+pub use parameters::{INITIAL_E, INITIAL_N, OUTPUTS, Output, PARAMETERS, Parameters, WRT};
+pub use response::{Response, response};

@@ -32,7 +32,11 @@ fn caught<T>(kernel: impl FnOnce() -> Result<T>) -> Result<T> {
 ///
 /// Long work goes to a thread of its own while this one keeps looking for signals, since Python only handles
 /// them on the thread that called.
-pub fn run<T: Send>(py: Python<'_>, work: usize, kernel: impl FnOnce(&Stop) -> Result<T> + Send) -> PyResult<T> {
+pub fn run<T: Send>(
+    py: Python<'_>,
+    work: usize,
+    kernel: impl FnOnce(&Stop) -> Result<T> + Send,
+) -> PyResult<T> {
     let stop = Stop::new();
     if work < WATCH_FROM {
         return Ok(py.detach(|| caught(|| kernel(&stop)))?);
@@ -55,7 +59,9 @@ pub fn run<T: Send>(py: Python<'_>, work: usize, kernel: impl FnOnce(&Stop) -> R
                         }
                     }
                     Err(RecvTimeoutError::Disconnected) => {
-                        break Err(Error::Internal("a kernel's thread ended without a result".to_owned()).into());
+                        break Err(
+                            Error::Internal("a kernel's thread ended without a result".to_owned()).into()
+                        );
                     }
                 }
             }

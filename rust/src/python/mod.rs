@@ -3,6 +3,7 @@
 // A `#[pyfunction]` takes its arguments by value: the macro's signature, not ours.
 #![allow(clippy::needless_pass_by_value)]
 
+mod arrays;
 mod errors;
 mod guard;
 mod linear;

@@ -1,0 +1,121 @@
+//! Parameters and outputs of the linear structure, by name and by index, and the checks on them.
+
+use crate::error::{Error, Result, require};
+
+/// Names of the parameters, in the order of every parameter vector.
+pub const PARAMETERS: [&str; 9] = ["tau_n", "g", "v", "K_p", "K_i", "p", "tau_prop", "T_d", "T_set"];
+/// Names of the outputs, in the order of their indices.
+pub const OUTPUTS: [&str; 5] = ["dn", "dE", "dM_b", "dM_g", "dX"];
+
+/// Number of things that a simulation can be differentiated by: the parameters, then the initial dn and dE.
+pub const WRT: usize = PARAMETERS.len() + 2;
+/// Index of the initial dn among the things to differentiate by.
+pub const INITIAL_N: usize = 9;
+/// Index of the initial dE among the things to differentiate by.
+pub const INITIAL_E: usize = 10;
+
+/// What a simulation or a frequency response can give.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Output {
+    /// Speed.
+    Speed,
+    /// Integrated speed error.
+    IntegratedError,
+    /// Engine torque.
+    EngineTorque,
+    /// Torque of a strain gauge between the engine's and the propeller's inertia.
+    GaugeTorque,
+    /// Rack position that the governor commands, before the dead time.
+    Rack,
+}
+
+impl Output {
+    const ALL: [Self; 5] =
+        [Self::Speed, Self::IntegratedError, Self::EngineTorque, Self::GaugeTorque, Self::Rack];
+
+    /// Look up a list of outputs by index into [`OUTPUTS`].
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an empty list or an index out of range.
+    pub fn from_indices(indices: &[usize]) -> Result<Vec<Self>> {
+        require(!indices.is_empty(), || {
+            format!("outputs is empty; name at least one of {OUTPUTS:?} by index")
+        })?;
+        indices
+            .iter()
+            .map(|&index| {
+                Self::ALL.get(index).copied().ok_or_else(|| {
+                    Error::Invalid(format!(
+                        "outputs: found index {index}, expected 0 to 4, one of {OUTPUTS:?}"
+                    ))
+                })
+            })
+            .collect()
+    }
+}
+
+/// Refuse a list of things to differentiate by that holds an index of `count` or more.
+///
+/// # Errors
+/// [`Error::Invalid`] naming the index.
+pub fn check_wrt(wrt: &[usize], count: usize) -> Result<()> {
+    wrt.iter().try_for_each(|&index| {
+        require(index < count, || {
+            let initial = if count > PARAMETERS.len() { ", 9 and 10 the initial dn and dE" } else { "" };
+            format!("wrt: found index {index}, expected 0 to 8, one of {PARAMETERS:?}{initial}")
+        })
+    })
+}
+
+/// A checked parameter vector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameters {
+    /// Time constant of the shaft, 2 pi `I_p` `n_s0` / `M_s0`, s.
+    pub tau_n: f64,
+    /// Slope of the engine torque with speed.
+    pub g: f64,
+    /// Slope of the engine torque with rack position.
+    pub v: f64,
+    /// Proportional gain.
+    pub k_p: f64,
+    /// Integral gain, 1/s.
+    pub k_i: f64,
+    /// Exponent of the propeller torque.
+    pub p: f64,
+    /// The part of `tau_n` on the propeller's side of the strain gauge, s.
+    pub tau_prop: f64,
+    /// Dead time between governor and torque, inside the loop, s.
+    pub t_d: f64,
+    /// Dead time of the set point, before the governor, s.
+    pub t_set: f64,
+}
+
+impl Parameters {
+    /// Check a vector in the order of [`PARAMETERS`].
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a wrong length, a value that is not finite, `tau_n` not above 0 or a negative dead time.
+    pub fn new(vector: &[f64]) -> Result<Self> {
+        let &[tau_n, g, v, k_p, k_i, p, tau_prop, t_d, t_set] = vector else {
+            return Err(Error::Invalid(format!(
+                "parameters: found {} values, expected {} in the order {PARAMETERS:?}",
+                vector.len(),
+                PARAMETERS.len()
+            )));
+        };
+        for (name, value) in PARAMETERS.iter().zip(vector) {
+            require(value.is_finite(), || {
+                format!("parameters: found {name} = {value}, expected a finite number")
+            })?;
+        }
+        require(tau_n > 0.0, || {
+            format!("parameters: found tau_n = {tau_n} s, expected a time constant above 0")
+        })?;
+        for (name, value) in [("T_d", t_d), ("T_set", t_set)] {
+            require(value >= 0.0, || {
+                format!("parameters: found {name} = {value} s, expected a dead time of 0 or more")
+            })?;
+        }
+        Ok(Self { tau_n, g, v, k_p, k_i, p, tau_prop, t_d, t_set })
+    }
+}
