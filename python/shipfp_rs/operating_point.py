@@ -1,0 +1,155 @@
+"""Steady states of a vessel in bollard pull, and the static curves that a sea trial can check."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A steady state (Table 3.5).
+
+    Parameters
+    ----------
+    n_e, n_s
+        Engine and shaft speed [rev/s].
+    X_f
+        Fuel rack [mm].
+    M_b, M_s, M_p
+        Brake, shaft and propeller torque [Nm]; M_s equals M_p where nothing accelerates.
+    thrust
+        Propeller thrust [N] (eq. 3.9).
+    """
+
+    n_e: float
+    n_s: float
+    X_f: float
+    M_b: float
+    M_s: float
+    M_p: float
+    thrust: float
+
+    @property
+    def n_e_rpm(self) -> float:
+        """Engine speed [rpm]."""
+        return 60.0 * self.n_e
+
+    @property
+    def brake_power(self) -> float:
+        """Engine power [W]."""
+        return 2.0 * math.pi * self.n_e * self.M_b
+
+
+def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint:
+    """Solve the plant's steady state at a set point of the engine speed.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    n_e_rpm
+        Set point [rpm]; the integrating governor makes it the engine's speed. None: the ship's own.
+
+    Raises
+    ------
+    InputError
+        Where the engine can't hold the set point: the torque limit is too low or the rack would close.
+
+    Examples
+    --------
+    >>> point = steady_state(Vessel.load("stan-launch-804"), 1300.0)
+    >>> round(point.M_s, 2), round(point.brake_power / 1e3, 1)
+    (635.35, 30.3)
+    """
+    set_point = vessel.operating_point.n_e_rpm if n_e_rpm is None else n_e_rpm
+    if not (math.isfinite(set_point) and set_point > 0.0):
+        raise InputError(f"vessel {vessel.name!r}: set point is {set_point} rpm, expected a positive number")
+    speed, limit = vessel.envelope()
+    n_e = set_point / 60.0
+    n_s = n_e / vessel.gearbox.ratio
+    propeller_torque = vessel.torque_coefficient * n_s**vessel.propeller.torque_exponent
+    needed = propeller_torque / (vessel.gearbox.ratio * vessel.gearbox.efficiency)
+    if limit.size and needed > (available := float(np.interp(n_e, speed, limit))):
+        raise InputError(
+            f"vessel {vessel.name!r}: {set_point:g} rpm needs {needed:.4g} Nm of engine torque, "
+            f"{available:.4g} Nm are available; lower the set point"
+        )
+    *_, A1, A2, A3 = vessel.plant_parameters()[:6]
+    rack = float((needed - A2 * n_e - A3) / A1)
+    if rack <= 0.0:
+        raise InputError(
+            f"vessel {vessel.name!r}: {set_point:g} rpm needs a fuel rack of {rack:.3g} mm, "
+            "expected a positive one; raise the set point"
+        )
+    return OperatingPoint(
+        n_e=n_e,
+        n_s=n_s,
+        X_f=rack,
+        M_b=needed,
+        M_s=propeller_torque,
+        M_p=propeller_torque,
+        thrust=_thrust_coefficient(vessel) * n_s**2,
+    )
+
+
+@dataclass(frozen=True)
+class BollardCurve:
+    """Static performance over engine speed (Figs 3.2, 3.3), each shape (N,).
+
+    Parameters
+    ----------
+    n_e_rpm
+        Engine speed [rpm].
+    bollard_pull
+        Thrust less thrust deduction [N].
+    brake_power
+        Engine power that the propeller asks for [W].
+    power_limit
+        Engine power that the torque limit allows [W]; infinite where there is none.
+    """
+
+    n_e_rpm: Array
+    bollard_pull: Array
+    brake_power: Array
+    power_limit: Array
+
+
+def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
+    """Return the static curves at engine speeds [rpm], shape (N,).
+
+    Speeds that the engine can't reach are calculated too: there the brake power exceeds its limit.
+    """
+    rpm = np.array(n_e_rpm, dtype=np.float64)
+    if rpm.ndim != 1 or not (np.isfinite(rpm) & (rpm >= 0.0)).all():
+        raise InputError(
+            f"n_e_rpm has shape {rpm.shape}, expected one dimension of finite speeds, none negative"
+        )
+    speed, limit = vessel.envelope()
+    n_e = rpm / 60.0
+    n_s = n_e / vessel.gearbox.ratio
+    torque = vessel.torque_coefficient * n_s**vessel.propeller.torque_exponent
+    brake_torque = torque / (vessel.gearbox.ratio * vessel.gearbox.efficiency)
+    available = np.interp(n_e, speed, limit) if limit.size else np.full_like(n_e, np.inf)
+    angular_speed = 2.0 * math.pi * n_e
+    with np.errstate(invalid="ignore"):
+        power_limit = np.where(angular_speed > 0.0, angular_speed * available, 0.0)
+    return BollardCurve(
+        n_e_rpm=rpm,
+        bollard_pull=(1.0 - vessel.propeller.thrust_deduction) * _thrust_coefficient(vessel) * n_s**2,
+        brake_power=angular_speed * brake_torque,
+        power_limit=power_limit,
+    )
+
+
+def _thrust_coefficient(vessel: Vessel) -> float:
+    """Thrust over the square of the shaft speed [N s2] (eq. 3.9)."""
+    return vessel.water.density_kg_m3 * vessel.propeller.diameter_m**4 * vessel.propeller.K_T

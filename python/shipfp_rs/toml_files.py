@@ -1,0 +1,116 @@
+"""Configuration from TOML files, checked by a pydantic model; the first mistake becomes one line of help."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from shipfp_rs.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Section(BaseModel):
+    """Base of every table of a configuration file: immutable, no unknown keys, no conversion of types."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:
+    """Return the error for a validator of several keys to raise; `key` is relative to its section."""
+    return PydanticCustomError("unexpected", "{expected}", {"key": key, "found": found, "expected": expected})
+
+
+def read_toml(path: str | Path, model: type[Model]) -> Model:
+    """Read a TOML file into a pydantic model.
+
+    Parameters
+    ----------
+    path
+        File to read, UTF-8.
+    model
+        Class of the result, usually derived from `Section`.
+
+    Raises
+    ------
+    InputError
+        Where the file can't be read, is not TOML, or holds a key or value that the model refuses: one line,
+        "file: key: found ..., expected ...".
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; expected a TOML file") from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: found bytes that are not UTF-8 at {error.start}, expected a TOML file"
+        ) from error
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+    return validated(content, model, str(path))
+
+
+def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Model:
+    """Check already parsed `content`; `source` opens the message of the `InputError` where it fails."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_one_line(error.errors()[0], model)}") from error
+
+
+def suggestion(word: str, known: Sequence[str]) -> str:
+    """Return "did you mean ...?" for the nearest known word, or the list of all known ones."""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
+
+
+def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
+    location = [str(part) for part in error["loc"]]
+    match error["type"]:
+        case "unexpected":
+            context = error["ctx"]
+            key = ".".join([*location, context["key"]])
+            return f"{key}: found {context['found']}, expected {context['expected']}"
+        case "extra_forbidden":
+            known = sorted(
+                {key for owner in _models_at(model, error["loc"][:-1]) for key in owner.model_fields}
+            )
+            return f"{'.'.join(location)}: found an unknown key, {suggestion(location[-1], known)}"
+        case "missing":
+            return f"{'.'.join(location)}: found nothing, expected this key to be given"
+    expected = error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return f"{'.'.join(location)}: found {_shown(error['input'])}, expected {expected}"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _models_at(model: type[BaseModel], location: Sequence[int | str]) -> set[type[BaseModel]]:
+    """Return the models that may stand at `location`; list indices and tags of unions lead nowhere new."""
+    found = {model}
+    for part in location:
+        inner = {
+            nested
+            for owner in found
+            if part in owner.model_fields
+            for nested in _models_in(owner.model_fields[str(part)].annotation)
+        }
+        found = inner or found
+    return found
+
+
+def _models_in(annotation: Any) -> set[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return {annotation}
+    return {nested for argument in get_args(annotation) for nested in _models_in(argument)}

@@ -1,0 +1,320 @@
+"""Vessels: what a ship's drive train is, as configuration. Built-in ships and TOML files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.toml_files import Section, read_toml, suggestion, unexpected, validated
+
+Array = npt.NDArray[np.float64]
+Positive = Annotated[float, Field(gt=0.0)]
+Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
+# A TOML array is a list; only the container may change its type, the numbers in it stay strict.
+Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
+
+_SUFFIX = ".toml"
+
+
+class Water(Section):
+    """The water that the propeller works in."""
+
+    density_kg_m3: Positive
+
+
+class Envelope(Section):
+    """Highest brake torque over engine speed, straight between the points, constant outside (Fig. 3.3)."""
+
+    speed_rpm: Table
+    torque_Nm: Table
+
+    @model_validator(mode="after")
+    def _is_a_function_of_speed(self) -> Self:
+        if len(self.torque_Nm) != len(self.speed_rpm):
+            raise unexpected(
+                "torque_Nm", f"{len(self.torque_Nm)} values", f"{len(self.speed_rpm)} as in speed_rpm"
+            )
+        for lower, upper in zip(self.speed_rpm, self.speed_rpm[1:], strict=False):
+            if upper <= lower:
+                raise unexpected("speed_rpm", f"{upper:g} after {lower:g}", "ascending speeds")
+        return self
+
+
+class Engine(Section):
+    """Diesel engine: rating, torque limit, and what sets its torque ripple (cylinders, strokes)."""
+
+    model: str
+    cylinders: Annotated[int, Field(ge=1)]
+    strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)]
+    rated_power_kW: Positive
+    rated_speed_rpm: Positive
+    envelope: Envelope | None = None
+    """None: unlimited."""
+    minimum_torque_Nm: float | None = None
+    """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
+
+    @model_validator(mode="after")
+    def _stays_within_its_rating(self) -> Self:
+        if self.envelope is None:
+            return self
+        for speed, torque in zip(self.envelope.speed_rpm, self.envelope.torque_Nm, strict=True):
+            power_kW = torque * speed * 2e-3 * math.pi / 60.0
+            if power_kW > 1.01 * self.rated_power_kW:
+                raise unexpected(
+                    "envelope.torque_Nm",
+                    f"{torque:g} Nm at {speed:g} rpm, {power_kW:.1f} kW",
+                    f"at most the rated {self.rated_power_kW:g} kW",
+                )
+        return self
+
+
+class Gearbox(Section):
+    """Reduction gear (eq. 3.6, 3.7)."""
+
+    ratio: Positive
+    efficiency: Fraction
+
+
+class Shaft(Section):
+    """Moments of inertia, seen from the propeller (eq. 3.12, 3.13)."""
+
+    inertia_kg_m2: Positive
+    propeller_side_inertia_kg_m2: Positive
+    """Share on the propeller's side of the torque gauge, entrained water included."""
+
+    @model_validator(mode="after")
+    def _parts_do_not_exceed_the_whole(self) -> Self:
+        if self.propeller_side_inertia_kg_m2 > self.inertia_kg_m2:
+            raise unexpected(
+                "propeller_side_inertia_kg_m2",
+                f"{self.propeller_side_inertia_kg_m2:g}",
+                f"at most inertia_kg_m2, {self.inertia_kg_m2:g}",
+            )
+        return self
+
+
+class Propeller(Section):
+    """Fixed-pitch propeller at zero speed of advance (eq. 3.8-3.11)."""
+
+    diameter_m: Positive
+    pitch_ratio: Positive
+    area_ratio: Positive
+    blades: Annotated[int, Field(ge=2)]
+    nozzle: str = ""
+    torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
+    """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
+    thrust_deduction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    K_T: Positive
+
+
+class Governor(Section):
+    """PI governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s."""
+
+    K_p: Positive
+    K_i: Positive
+
+
+class NominalPoint(Section):
+    """A known steady state, and the slopes of the engine map there (eq. 3.24, 3.25)."""
+
+    n_e_rpm: Positive
+    X_0_mm: Positive
+    M_b_Nm: Positive | None = None
+    M_s_Nm: Positive | None = None
+    """Give either the brake torque or the shaft torque."""
+    v: Positive
+    """Relative slope of brake torque over fuel rack at constant speed."""
+    g: float
+    """Relative slope of brake torque over speed at constant fuel rack."""
+
+    @model_validator(mode="after")
+    def _has_one_torque(self) -> Self:
+        if (self.M_b_Nm is None) == (self.M_s_Nm is None):
+            found = "neither M_b_Nm nor M_s_Nm" if self.M_b_Nm is None else "both M_b_Nm and M_s_Nm"
+            raise unexpected("M_b_Nm", found, "one of the two")
+        return self
+
+
+class Vessel(Section):
+    """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11).
+
+    The propeller's torque coefficient is not configured: it follows from the operating point.
+
+    Examples
+    --------
+    >>> launch = Vessel.load("stan-launch-804")
+    >>> round(launch.torque_coefficient, 3)
+    12.181
+    >>> heavier = launch.replace({"shaft.inertia_kg_m2": 30.0})
+    """
+
+    name: str
+    description: str = ""
+    water: Water
+    engine: Engine
+    gearbox: Gearbox
+    shaft: Shaft
+    propeller: Propeller
+    governor: Governor
+    operating_point: NominalPoint
+
+    @model_validator(mode="after")
+    def _can_run_at_its_operating_point(self) -> Self:
+        point, p = self.operating_point, self.propeller.torque_exponent
+        if point.g >= p:
+            raise unexpected(
+                "operating_point.g", f"{point.g:g}", f"less than the propeller's torque exponent {p:g}"
+            )
+        speed, limit = self.envelope()
+        if limit.size:
+            available = float(np.interp(self.nominal_engine_speed, speed, limit))
+            if self.nominal_brake_torque >= available:
+                raise unexpected(
+                    "engine.envelope.torque_Nm",
+                    f"{available:.4g} Nm at {point.n_e_rpm:g} rpm",
+                    f"more than the operating point's brake torque {self.nominal_brake_torque:.4g} Nm",
+                )
+        minimum = self.engine.minimum_torque_Nm
+        if minimum is not None and minimum >= self.nominal_brake_torque:
+            raise unexpected(
+                "engine.minimum_torque_Nm",
+                f"{minimum:g}",
+                f"less than the operating point's brake torque {self.nominal_brake_torque:.4g} Nm",
+            )
+        return self
+
+    @staticmethod
+    def names() -> tuple[str, ...]:
+        """Return the names of the built-in ships."""
+        return tuple(sorted(entry.name.removesuffix(_SUFFIX) for entry in _built_in().iterdir()))
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> Self:
+        """Return a built-in ship by name, or read one from a TOML file.
+
+        Raises
+        ------
+        InputError
+            Where there is no such ship or file, or the file's content can't be a ship.
+        """
+        name = str(name_or_path)
+        if name in cls.names():
+            with resources.as_file(_built_in() / f"{name}{_SUFFIX}") as path:
+                return read_toml(path, cls)
+        if name.endswith(_SUFFIX) or Path(name).exists():
+            return read_toml(name, cls)
+        raise InputError(
+            f"vessel {name!r}: found no built-in ship of this name, {suggestion(name, cls.names())} "
+            "A ship of your own is given by the path of its .toml file"
+        )
+
+    def replace(self, changes: Mapping[str, Any]) -> Self:
+        """Return a ship with some values changed, checked anew.
+
+        Parameters
+        ----------
+        changes
+            Dotted key, as in the TOML file, to the new value: {"shaft.inertia_kg_m2": 30.0}.
+        """
+        content: dict[str, Any] = self.model_dump()
+        for key, value in changes.items():
+            *sections, last = key.split(".")
+            section: Any = content
+            for part in sections:
+                section = section.get(part, {})
+                if not isinstance(section, dict) or not section:
+                    raise InputError(f"vessel {self.name!r}: {key}: found no section {part!r}")
+            section[last] = value
+        return validated(content, type(self), f"vessel {self.name!r}")
+
+    @property
+    def nominal_engine_speed(self) -> float:
+        """Engine speed n_e0 at the operating point [rev/s]."""
+        return self.operating_point.n_e_rpm / 60.0
+
+    @property
+    def nominal_shaft_speed(self) -> float:
+        """Shaft speed n_s0 at the operating point [rev/s] (eq. 3.7)."""
+        return self.nominal_engine_speed / self.gearbox.ratio
+
+    @property
+    def nominal_brake_torque(self) -> float:
+        """Brake torque M_b0 at the operating point [Nm] (eq. 3.6)."""
+        point = self.operating_point
+        if point.M_b_Nm is not None:
+            return point.M_b_Nm
+        assert point.M_s_Nm is not None
+        return point.M_s_Nm / (self.gearbox.ratio * self.gearbox.efficiency)
+
+    @property
+    def torque_coefficient(self) -> float:
+        """Propeller torque over n_s^p [Nm/(rev/s)^p], from the balance at the operating point."""
+        shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
+        return float(shaft_torque / self.nominal_shaft_speed**self.propeller.torque_exponent)
+
+    @property
+    def K_Q_over_eta_r(self) -> float:
+        """Torque coefficient over relative rotative efficiency at the operating point [-] (eq. 3.8, 3.10)."""
+        excess = self.nominal_shaft_speed ** (self.propeller.torque_exponent - 2.0)
+        return float(
+            self.torque_coefficient * excess / (self.water.density_kg_m3 * self.propeller.diameter_m**5)
+        )
+
+    def entrained_water_inertia(self) -> float:
+        """Return the inertia of the water that turns with the propeller [kg m2].
+
+        J = 0.0703 (P/D)^2 (A_E/A_0)^2 rho D^5 / (pi Z): H. Schwanecke, "Gedanken zur Frage der hydrodynamisch
+        erregten Schwingungen des Propellers und der Wellenleitung", Jahrbuch der STG 57, 1963.
+        """
+        propeller = self.propeller
+        return (
+            0.0703
+            * (propeller.pitch_ratio * propeller.area_ratio) ** 2
+            * self.water.density_kg_m3
+            * propeller.diameter_m**5
+            / (math.pi * propeller.blades)
+        )
+
+    def envelope(self) -> tuple[Array, Array]:
+        """Return engine speed [rev/s] and highest brake torque [Nm], shape (K,); empty where unlimited."""
+        table = self.engine.envelope
+        if table is None:
+            return np.empty(0), np.empty(0)
+        return np.array(table.speed_rpm) / 60.0, np.array(table.torque_Nm)
+
+    def plant_parameters(self) -> Array:
+        """Return the nonlinear plant's parameters in the order of `_core.PLANT_PARAMETERS`, shape (12,).
+
+        The engine map (eq. 3.5) is the plane through the operating point with the relative slopes v and g.
+        """
+        point, torque, speed = self.operating_point, self.nominal_brake_torque, self.nominal_engine_speed
+        absolute_gain = point.X_0_mm / speed
+        minimum = self.engine.minimum_torque_Nm
+        return np.array(
+            [
+                self.shaft.inertia_kg_m2,
+                self.gearbox.ratio,
+                self.gearbox.efficiency,
+                point.v * torque / point.X_0_mm,
+                point.g * torque / speed,
+                (1.0 - point.v - point.g) * torque,
+                self.torque_coefficient,
+                self.propeller.torque_exponent,
+                point.X_0_mm,
+                self.governor.K_p * absolute_gain,
+                self.governor.K_i * absolute_gain,
+                -np.inf if minimum is None else minimum,
+            ]
+        )
+
+
+def _built_in() -> resources.abc.Traversable:
+    return resources.files("shipfp_rs") / "data" / "vessels"

@@ -1,0 +1,202 @@
+"""The built-in ships hold the published numbers, and a wrong configuration gets one line that helps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.vessel import Vessel, _built_in
+
+LAUNCH = Vessel.load("stan-launch-804")
+TUG = Vessel.load("stan-tug-1205")
+LAUNCH_TOML = (_built_in() / "stan-launch-804.toml").read_text(encoding="utf-8")
+
+
+def test_two_ships_are_built_in() -> None:
+    assert Vessel.names() == ("stan-launch-804", "stan-tug-1205")
+
+
+def test_plant_parameters_of_the_launch_are_those_of_the_reference_solution() -> None:
+    # The plane through n_e 1300 rpm, X 13.07 mm, M_b 222.93 Nm with v 1.583, g -0.583 (Table 3.5, eq. 5.1).
+    expected = {
+        "inertia": 21.2,
+        "gear_ratio": 3.0,
+        "transmission_efficiency": 0.95,
+        "A1": 27.00062662586075,
+        "A2": -5.9985318461538455,
+        "A3": 0.0,
+        "torque_coefficient": 12.180684142011833,
+        "torque_exponent": 2.0,
+        "X_0": 13.07,
+        "Kp_abs": 6.0323076923076915,
+        "Ki_abs": 0.60323076923076915,
+        "minimum_torque": -np.inf,
+    }
+    np.testing.assert_allclose(LAUNCH.plant_parameters(), list(expected.values()), rtol=1e-14, atol=1e-12)
+
+
+def test_torque_coefficients_agree_with_propeller_data() -> None:
+    assert LAUNCH.K_Q_over_eta_r == pytest.approx(0.0450, abs=5e-5)
+    # Ka4-70 in nozzle 19A at P/D 1.11, J = 0 has K_Q 0.0561; the tug ran astern, 0.92 of it.
+    assert TUG.K_Q_over_eta_r == pytest.approx(0.92 * 0.0561, rel=0.03)
+
+
+def test_entrained_water_by_schwanecke() -> None:
+    assert LAUNCH.entrained_water_inertia() == pytest.approx(0.63, abs=0.005)
+    assert TUG.entrained_water_inertia() == pytest.approx(5.75, abs=0.005)
+    # Table 3.3's dry propeller, 2.18 kg m2, and its water.
+    assert LAUNCH.shaft.propeller_side_inertia_kg_m2 == pytest.approx(2.18 + 0.63, abs=0.005)
+
+
+@pytest.mark.parametrize("ship", [LAUNCH, TUG], ids=lambda ship: ship.name)
+def test_torque_limit_ends_at_the_rating(ship: Vessel) -> None:
+    speed, torque = ship.envelope()
+    assert 60 * speed[-1] == pytest.approx(ship.engine.rated_speed_rpm)
+    assert 2e-3 * np.pi * speed[-1] * torque[-1] == pytest.approx(ship.engine.rated_power_kW, rel=1e-3)
+
+
+def test_torque_limit_of_the_launch_is_twice_its_operating_torque() -> None:
+    speed, torque = LAUNCH.envelope()
+    assert np.interp(1300 / 60, speed, torque) == pytest.approx(2.0 * 222.93, rel=1e-3)
+
+
+def test_a_ship_without_envelope_is_unlimited() -> None:
+    speed, torque = LAUNCH.replace({"engine.envelope": None}).envelope()
+    assert speed.size == torque.size == 0
+
+
+def test_replace_changes_one_value_and_nothing_else() -> None:
+    heavier = LAUNCH.replace({"shaft.inertia_kg_m2": 30.0, "governor.K_p": 5.0})
+    changed = heavier.plant_parameters() != LAUNCH.plant_parameters()
+    assert np.flatnonzero(changed).tolist() == [0, 9]
+    assert LAUNCH.shaft.inertia_kg_m2 == 21.2
+
+
+def test_a_ship_of_ones_own_is_read_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(LAUNCH_TOML.replace('"Stan Launch 804"', '"Mine"'), encoding="utf-8")
+    assert Vessel.load(path).name == "Mine"
+    assert Vessel.load(str(path)).shaft == LAUNCH.shaft
+
+
+BAD_FILES = {
+    "not TOML": ("name =", "name = = ", "not TOML: Invalid value (at line 3, column 8)"),
+    "unknown key": (
+        "inertia_kg_m2 = 21.2",
+        "inertia_kg_m2 = 21.2\ninerta = 1",
+        "shaft.inerta: found an unknown key, ",
+    ),
+    "misspelt section": ("[gearbox]", "[gear_box]", "gearbox: found nothing, expected this key to be given"),
+    "misspelt key": ("diameter_m", "diameter_mm", "propeller.diameter_m: found nothing, expected this key"),
+    "text for a number": (
+        "ratio = 3.0",
+        'ratio = "3.0"',
+        "gearbox.ratio: found '3.0', expected a valid number",
+    ),
+    "not a number": ("ratio = 3.0", "ratio = nan", "gearbox.ratio: found nan, expected "),
+    "half a blade": ("blades = 3", "blades = 2.5", "propeller.blades: found 2.5, expected a valid integer"),
+    "negative inertia": (
+        "inertia_kg_m2 = 21.2",
+        "inertia_kg_m2 = -21.2",
+        "shaft.inertia_kg_m2: found -21.2, expected greater than 0",
+    ),
+    "gain without loss": (
+        "efficiency = 0.95",
+        "efficiency = 1.05",
+        "gearbox.efficiency: found 1.05, expected less than or equal to 1",
+    ),
+    "a part heavier than the whole": (
+        "propeller_side_inertia_kg_m2 = 2.81",
+        "propeller_side_inertia_kg_m2 = 28.1",
+        "shaft.propeller_side_inertia_kg_m2: found 28.1, expected at most inertia_kg_m2, 21.2",
+    ),
+    "an engine that gains torque too fast": (
+        "g = -0.583",
+        "g = 2.0",
+        "operating_point.g: found 2, expected less than the propeller's torque exponent 2",
+    ),
+    "no response to fuel": ("v = 1.583", "v = 0", "operating_point.v: found 0, expected greater than 0"),
+    "two torques": (
+        "M_b_Nm = 222.93",
+        "M_b_Nm = 222.93\nM_s_Nm = 635.0",
+        "operating_point.M_b_Nm: found both M_b_Nm and M_s_Nm, expected one of the two",
+    ),
+    "no torque": (
+        "M_b_Nm = 222.93",
+        "",
+        "operating_point.M_b_Nm: found neither M_b_Nm nor M_s_Nm, expected one of the two",
+    ),
+    "envelope out of order": (
+        "600.0, 900.0",
+        "900.0, 600.0",
+        "engine.envelope.speed_rpm: found 600 after 900, expected ascending speeds",
+    ),
+    "envelope of two lengths": (
+        "600.0, 900.0",
+        "900.0",
+        "engine.envelope.torque_Nm: found 6 values, expected 5 as in speed_rpm",
+    ),
+    "envelope below the operating point": (
+        "240.0, 340.0, 400.0, 446.0",
+        "200.0, 200.0, 200.0, 200.0",
+        "engine.envelope.torque_Nm: found 200 Nm at 1300 rpm, expected more than the operating point's",
+    ),
+    "more than the rated power": (
+        "472.0, 472.0",
+        "472.0, 600.0",
+        "engine.envelope.torque_Nm: found 600 Nm at 1800 rpm, 113.1 kW, expected at most the rated 89 kW",
+    ),
+    "a lower limit above the operating point": (
+        "cylinders = 4",
+        "cylinders = 4\nminimum_torque_Nm = 300.0",
+        "engine.minimum_torque_Nm: found 300, expected less than the operating point's brake torque 222.9 Nm",
+    ),
+}
+
+
+@pytest.mark.parametrize(("good", "bad", "message"), BAD_FILES.values(), ids=BAD_FILES.keys())
+def test_a_wrong_file_gets_one_line_that_names_the_key(
+    tmp_path: Path, good: str, bad: str, message: str
+) -> None:
+    assert good in LAUNCH_TOML
+    path = tmp_path / "bad.toml"
+    path.write_text(LAUNCH_TOML.replace(good, bad, 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        Vessel.load(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_key_is_answered_with_the_nearest_known_one(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(LAUNCH_TOML.replace("cylinders = 4", "cylinders = 4\ncylinder = 4"), encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"engine\.cylinder: found an unknown key, did you mean 'cylinders'\?$"
+    ):
+        Vessel.load(path)
+
+
+def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.toml: No such file or directory; expected a TOML file"):
+        Vessel.load(tmp_path / "absent.toml")
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes("name = 'Bö'".encode("latin-1"))
+    with pytest.raises(InputError, match=r"latin\.toml: found bytes that are not UTF-8 at 9"):
+        Vessel.load(latin)
+
+
+def test_an_unknown_ship_is_answered_with_the_nearest_known_one() -> None:
+    with pytest.raises(InputError, match=r"'stan-tug-1206': .*did you mean 'stan-tug-1205'\?"):
+        Vessel.load("stan-tug-1206")
+
+
+def test_replace_names_the_ship_and_the_key() -> None:
+    with pytest.raises(
+        InputError, match=r"^vessel 'Stan Launch 804': shaft\.inertia_kg_m2: found 0.0, expected greater"
+    ):
+        LAUNCH.replace({"shaft.inertia_kg_m2": 0.0})
+    with pytest.raises(InputError, match="no section 'shat'"):
+        LAUNCH.replace({"shat.inertia_kg_m2": 1.0})
