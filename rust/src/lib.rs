@@ -5,6 +5,7 @@ pub mod error;
 pub mod integrate;
 pub mod linear;
 pub mod plant;
+pub mod pool;
 pub mod pulse;
 pub mod stop;
 

@@ -1,0 +1,26 @@
+//! Reduction gear (eq. 3.6, 3.7).
+
+use super::Affine;
+
+/// Couples the engine to the slower propeller shaft.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gearbox {
+    /// Engine speed over shaft speed.
+    pub ratio: f64,
+    /// Transmission efficiency.
+    pub efficiency: f64,
+}
+
+impl Gearbox {
+    /// Engine speed [rev/s] at a shaft speed [rev/s].
+    #[must_use]
+    pub fn engine_speed(&self, shaft_speed: Affine) -> Affine {
+        shaft_speed * self.ratio
+    }
+
+    /// Shaft torque [Nm] at a brake torque [Nm].
+    #[must_use]
+    pub fn shaft_torque(&self, brake_torque: f64) -> f64 {
+        brake_torque * self.ratio * self.efficiency
+    }
+}
