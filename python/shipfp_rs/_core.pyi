@@ -1,11 +1,41 @@
 """Compiled kernels; the interface is described in ARCHITECTURE.md."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
+
+def _panic_for_test(message: str) -> None: ...
+def _spin_for_test() -> None: ...
+
+PLANT_PARAMETERS: tuple[str, ...]
+
+def simulate_plant(
+    parameters: NDArray[np.float64],
+    limit_speed: NDArray[np.float64],
+    limit_torque: NDArray[np.float64],
+    n_set: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    method: Literal["rk4", "heun", "euler"],
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+) -> NDArray[np.float64]: ...
+def simulate_plant_batch(
+    parameters: NDArray[np.float64],
+    limit_speed: NDArray[np.float64],
+    limit_torque: NDArray[np.float64],
+    n_set: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    method: Literal["rk4", "heun", "euler"],
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+    threads: int,
+) -> NDArray[np.float64]: ...
 
 LINEAR_PARAMETERS: tuple[str, ...]
 LINEAR_OUTPUTS: tuple[str, ...]
