@@ -1,0 +1,320 @@
+"""TRIAL.toml: which ship, which log, which channels, which windows, and how to identify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+
+from shipfp_rs.calibration import Calibration
+from shipfp_rs.toml_files import Section, read_toml, unexpected
+
+Positive = Annotated[float, Field(gt=0.0)]
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
+"""A positive number, or "auto" (None)."""
+
+SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
+
+
+class Header(Section):
+    """The trial: its name, the ship, the recordings."""
+
+    name: str
+    vessel: str
+    """A built-in ship's name or the path of a vessel file."""
+    log: Annotated[
+        tuple[str, ...],
+        Field(strict=False, min_length=1),
+        BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    ]
+    """One path or several; relative ones count from the folder of TRIAL.toml."""
+    rate_hz: Positive | None = None
+    """Sample rate of logs that tell none [Hz]."""
+
+
+class Line(Section):
+    """A calibration: scale and offset, or a table of readings and values to fit them to."""
+
+    scale: float | None = None
+    offset: float = 0.0
+    table: Annotated[tuple[Pair, ...], Field(strict=False, min_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def _is_one_line(self) -> Self:
+        if (self.scale is None) == (self.table is None):
+            raise unexpected("scale", "neither or both of scale and table", "one of the two")
+        if self.scale == 0.0:
+            raise unexpected("scale", "0", "a scale not zero")
+        if self.table is not None and len({reading for reading, _ in self.table}) < 2:
+            raise unexpected("table", "one reading only", "at least two different readings")
+        return self
+
+    def calibration(self, unit: str) -> Calibration:
+        """Return the line, with `unit` for its values."""
+        if self.table is not None:
+            readings, values = zip(*self.table, strict=True)
+            return Calibration.from_table(readings, values, unit)
+        assert self.scale is not None
+        return Calibration(self.scale, self.offset, unit)
+
+
+class SetPoint(Section):
+    """The channel of the engine-speed set point, calibrated to rpm of the engine."""
+
+    column: str
+    unit: str
+    calibration: Line
+
+
+class Torque(Section):
+    """The torque channel, calibrated to Nm."""
+
+    column: str
+    unit: str
+    calibration: Line
+    location: Literal["gauge", "brake", "shaft"]
+    """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
+
+
+class Tacho(Section):
+    """A pulse train."""
+
+    column: str
+    pulses_per_rev: Annotated[int, Field(ge=1)]
+    shaft: Literal["engine", "propeller"]
+    threshold: float | None = None
+    """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
+    hysteresis: Positive | None = None
+    """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
+
+
+class Channels(Section):
+    """Set point, torque, and any number of pulse trains under names of their own."""
+
+    # pydantic checks the extra tables as pulse trains.
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Tacho]
+
+    set_point: SetPoint
+    torque: Torque | None = None
+
+    @model_validator(mode="after")
+    def _has_a_pulse_train(self) -> Self:
+        if not self.tachos:
+            raise unexpected(
+                "PTM", "no pulse train", "at least one table like [channels.PTM_4] with pulses_per_rev"
+            )
+        return self
+
+    @property
+    def tachos(self) -> dict[str, Tacho]:
+        """The pulse trains by name."""
+        return self.__pydantic_extra__
+
+
+class OperatingPoint(Section):
+    """The steady state that signals are normalised with: given, or "auto" from a steady stretch."""
+
+    n_e_rpm: Auto = None
+    M_Nm: Auto = None
+    """At the place of the torque channel."""
+    steady_s: Pair | None = None
+    """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
+
+    @model_validator(mode="after")
+    def _can_be_had(self) -> Self:
+        if self.steady_s is not None and not self.steady_s[0] < self.steady_s[1]:
+            raise unexpected("steady_s", list(self.steady_s), "[start, stop] with start before stop")
+        return self
+
+
+class Spikes(Section):
+    """Short excursions from the running median that are taken for faults."""
+
+    longest_s: Positive = 0.05
+    """Longest one [s]; excursions of the plant are longer."""
+    threshold: Positive = 6.0
+    """Height in robust standard deviations about the running median."""
+    least: Positive = 0.05
+    """Height below which nothing is a fault, as a share of the median magnitude."""
+
+
+class Processing(Section):
+    """How raw channels become signals."""
+
+    rate_hz: Positive = 200.0
+    """Common rate of the signals [Hz]."""
+    torque_spikes: Spikes = Spikes()
+    set_point_jumps: Spikes = Spikes()
+
+
+class Window(Section):
+    """One stretch of a log, one experiment."""
+
+    name: str
+    kind: str = ""
+    start_s: float
+    stop_s: float
+    log: str | None = None
+    """File name of the log it is cut from; the first one where none is named."""
+
+    @model_validator(mode="after")
+    def _is_not_empty(self) -> Self:
+        if not self.start_s < self.stop_s:
+            raise unexpected("stop_s", f"{self.stop_s:g}", f"more than start_s, {self.start_s:g}")
+        return self
+
+
+class Identify(Section):
+    """The structure to fit and how; parameter names are checked by the structure itself."""
+
+    torque: Literal["gauge", "brake"] | None = None
+    """None: what the torque channel's location says."""
+    free_exponent: bool = False
+    dead_time_loop: bool = False
+    dead_time_set_point: bool = False
+    outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
+    fixed: dict[str, float] = Field(default_factory=dict)
+    priors: dict[str, Pair] = Field(default_factory=dict)
+    """Name to [mean, standard deviation]."""
+    weighting: Literal["determinant", "variance", "none"] = "determinant"
+    starts: Annotated[int, Field(ge=1)] = 8
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class Trial(Section):
+    """A whole TRIAL.toml.
+
+    Examples
+    --------
+    >>> trial = Trial.load("TRIAL.toml")  # doctest: +SKIP
+    >>> [window.name for window in trial.windows]  # doctest: +SKIP
+    ['S2', 'C11']
+    """
+
+    trial: Header
+    channels: Channels
+    operating_point: OperatingPoint = OperatingPoint()
+    processing: Processing = Processing()
+    windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
+    identify: Identify = Identify()
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        names = [window.name for window in self.windows]
+        if len(set(names)) < len(names):
+            raise unexpected("windows", f"names {names}", "each name once")
+        point = self.operating_point
+        missing = point.n_e_rpm is None or (self.channels.torque is not None and point.M_Nm is None)
+        if missing and point.steady_s is None:
+            raise unexpected(
+                "operating_point",
+                "neither n_e_rpm and M_Nm nor steady_s",
+                "both values, or steady_s = [start, stop]",
+            )
+        files = [Path(log).name for log in self.trial.log]
+        for window in self.windows:
+            if window.log is not None and Path(window.log).name not in files:
+                raise unexpected(
+                    "windows", f"log {window.log!r} in {window.name!r}", f"one of {', '.join(files)}"
+                )
+        return self
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a TRIAL.toml; relative paths of logs and of a vessel file are taken from its folder.
+
+        Raises
+        ------
+        InputError
+            Where the file can't be read or a key or value is wrong; one line names it.
+        """
+        path = Path(path)
+        read = read_toml(path, cls)
+        header = read.trial
+        changes: dict[str, Any] = {"log": tuple(str(path.parent / log) for log in header.log)}
+        if (path.parent / header.vessel).is_file():
+            changes["vessel"] = str(path.parent / header.vessel)
+        return read.model_copy(update={"trial": header.model_copy(update=changes)})
+
+    def windows_of(self, log: str) -> tuple[Window, ...]:
+        """Return the windows that are cut from the log of this file name."""
+        first = Path(self.trial.log[0]).name
+        if len(self.trial.log) == 1:
+            return self.windows
+        return tuple(window for window in self.windows if Path(window.log or first).name == Path(log).name)
+
+
+TRIAL_TEMPLATE = """\
+# A trial: one ship, its raw log, and what to find in it. Run it with `shipfp run TRIAL.toml`.
+
+[trial]
+name = "Bollard pull trial"
+vessel = "stan-tug-1205"        # built-in ship, or the path of a vessel file
+log = "run.parquet"             # Parquet, Feather, CSV, ...; a list where there are several
+# rate_hz = 2000.0              # only where the log tells neither rate nor time
+
+# Value = scale * recorded + offset, or: calibration = { table = [[-3.03, 676.7], [-5.03, 1184.4]] }
+[channels.set_point]            # engine-speed set point, to rpm of the engine
+column = "U_setpoint"
+unit = "V"                      # unit in the log, that of the calibration
+calibration = { scale = -251.38, offset = -85.29 }
+
+[channels.torque]               # to Nm; leave the table out where no torque was measured
+column = "U_torque"
+unit = "V"
+calibration = { scale = 1059.0, offset = 0.0 }
+location = "gauge"              # "gauge" between the inertias, "brake" of the engine, "shaft" of the gearbox
+
+[channels.PTM_4]                # a pulse train; add one table for each, under any name
+column = "PTM_4"
+pulses_per_rev = 4
+shaft = "propeller"             # or "engine"
+# threshold = 2.0               # level of a crossing; found from the train's two levels where it isn't given
+
+[channels.PTM_e]
+column = "PTM_e"
+pulses_per_rev = 1
+shaft = "engine"
+
+[operating_point]               # what signals are normalised with; "auto": mean over the steady stretch
+n_e_rpm = "auto"
+M_Nm = "auto"
+steady_s = [10.0, 70.0]         # stretch with a constant set point, on the log's clock
+
+[processing]
+rate_hz = 200.0                 # common rate of the signals
+
+[processing.torque_spikes]      # radio interference: masked
+longest_s = 0.05
+threshold = 6.0                 # robust standard deviations from the running median
+least = 0.05                    # share of the mean below which nothing is a fault
+
+[processing.set_point_jumps]    # relay jumps of the signal generator: bridged
+longest_s = 0.05
+threshold = 6.0
+least = 0.05
+
+[[windows]]                     # one table for each experiment
+name = "C11"
+kind = "chirp"
+start_s = 100.0
+stop_s = 600.0
+# log = "run.parquet"           # where there are several
+
+[identify]
+torque = "gauge"
+free_exponent = true            # propeller torque goes with n^p, p free
+dead_time_loop = true           # in the fuel path
+dead_time_set_point = true      # in the set-point path
+weighting = "determinant"       # or "variance", "none"
+starts = 8
+seed = 0
+# [identify.fixed]              # known values close what the data can't tell
+# tau_n = 1.17
+# [identify.priors]             # name = [mean, standard deviation]
+# v = [1.2, 0.1]
+"""
+"""Text that `shipfp init` writes; valid as it stands."""

@@ -1,0 +1,229 @@
+"""Logs give back what the logger wrote, in bounded memory, or say in one line why they can't."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.feather
+import pyarrow.parquet
+import pytest
+
+from shipfp_rs import log as log_module
+from shipfp_rs.errors import InputError
+from shipfp_rs.log import Log
+
+RATE_HZ = 2000.0
+TIME = np.arange(5000) / RATE_HZ
+TORQUE = np.sin(TIME) + 1.6
+PULSES = (np.arange(5000) % 97 < 20).astype(np.int16) * 1000
+
+
+def table(**extra: Any) -> pa.Table:
+    return pa.table({"time": TIME + 10.0, "torque [V]": TORQUE, "PTM_1": PULSES, **extra})
+
+
+def csv_text(delimiter: str = ",", decimal: str = ".", rows: int = 5000) -> str:
+    lines = [
+        f"{t + 10.0:.4f}{delimiter}{u!r}{delimiter}{p}"
+        for t, u, p in zip(TIME, TORQUE.tolist(), PULSES, strict=True)
+    ]
+    return "\n".join(
+        [
+            delimiter.join(("time [s]", "torque [V]", "PTM_1")),
+            *(s.replace(".", decimal) for s in lines[:rows]),
+        ]
+    )
+
+
+def write(path: Path) -> Path:
+    match path.suffix:
+        case ".parquet":
+            pa.parquet.write_table(table(), path, row_group_size=1234)
+        case ".feather":
+            pa.feather.write_feather(table(), path, chunksize=777)
+        case ".csv":
+            path.write_text(csv_text())
+    return path
+
+
+@pytest.fixture(params=["run.parquet", "run.feather", "run.csv"])
+def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    return write(tmp_path / request.param)
+
+
+def test_every_format_tells_the_same_channels(path: Path) -> None:
+    log = Log.open(path)
+    assert list(log.channels) == ["torque", "PTM_1"]
+    torque = log.channel("torque")
+    assert (torque.unit, torque.samples, torque.start_s) == ("V", 5000, 10.0)
+    assert torque.rate_hz == pytest.approx(RATE_HZ, rel=1e-9)
+    assert log.channel("PTM_1").unit == ""
+
+
+def test_every_format_gives_the_samples_back(path: Path) -> None:
+    log = Log.open(path)
+    np.testing.assert_array_equal(log.read("torque"), TORQUE)
+    np.testing.assert_array_equal(log.read("PTM_1"), PULSES)
+
+
+@pytest.mark.parametrize(("start_s", "stop_s"), [(10.0, 12.5), (10.6, 11.9), (11.2345, 11.235), (12.0, 12.5)])
+def test_a_stretch_is_the_same_slice_in_every_format(path: Path, start_s: float, stop_s: float) -> None:
+    first, last = round((start_s - 10.0) * RATE_HZ), round((stop_s - 10.0) * RATE_HZ)
+    np.testing.assert_array_equal(Log.open(path).read("torque", start_s, stop_s), TORQUE[first:last])
+
+
+@pytest.mark.parametrize("size", [1, 100, 1234, 9999])
+def test_chunks_are_never_longer_than_asked_and_miss_nothing(path: Path, size: int) -> None:
+    chunks = list(Log.open(path).chunks("PTM_1", size, start_s=10.3, stop_s=10.9))
+    assert max(map(len, chunks)) <= size
+    np.testing.assert_array_equal(np.concatenate(chunks), PULSES[600:1800])
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int16])
+def test_parquet_and_feather_keep_the_loggers_number_type(tmp_path: Path, kind: type) -> None:
+    log = Log.from_arrays({"u": np.arange(10, dtype=kind)}, rate_hz=10.0)
+    assert Log.open(log.write(tmp_path / "u.parquet")).read("u").dtype == kind
+    pa.feather.write_feather(pa.table({"u": np.arange(10, dtype=kind)}), tmp_path / "u.feather")
+    assert Log.open(tmp_path / "u.feather", rate_hz=10.0).read("u").dtype == kind
+
+
+def test_a_written_log_reads_back_with_units_rate_and_start(tmp_path: Path, path: Path) -> None:
+    log = Log.open(path)
+    again = Log.open(log.write(tmp_path / "copy.parquet"))
+    assert dict(again.channels) == dict(log.channels)
+    for name in log.channels:
+        np.testing.assert_array_equal(again.read(name), log.read(name))
+
+
+def test_channels_of_different_rates_share_one_parquet_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_module, "BLOCK", 64)
+    fast = Log.from_arrays({"u": np.arange(1000, dtype=np.int16)}, rate_hz=2000.0, units={"u": "mV"})
+    slow = Log.from_arrays({"w": np.array([1.0, np.nan, 3.0])}, rate_hz=5.0, start_s=0.1)
+    both = Log(
+        "both",
+        [*fast.channels.values(), *slow.channels.values()],
+        lambda name, first, size: (fast if name == "u" else slow)._blocks(name, first, size),
+    )
+    again = Log.open(both.write(tmp_path / "both.parquet"))
+    assert dict(again.channels) == dict(both.channels)
+    np.testing.assert_array_equal(again.read("w"), [1.0, np.nan, 3.0])
+    assert again.read("u").dtype == np.int16
+    np.testing.assert_array_equal(again.read("u"), np.arange(1000))
+
+
+def test_a_semicolon_file_with_decimal_commas_is_understood(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(csv_text(";", ","))
+    np.testing.assert_array_equal(Log.open(path).read("torque"), TORQUE)
+
+
+def test_timestamps_are_a_time_base(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    stamps = pa.array((TIME * 1e6).round().astype(np.int64), type=pa.timestamp("us"))
+    pa.parquet.write_table(pa.table({"Time": stamps, "u": TORQUE}), path)
+    assert Log.open(path).channel("u").rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_a_given_rate_is_trusted_above_a_coarse_time_column(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,u\n" + "\n".join(f"{t:.2f},{u:.4f}" for t, u in zip(TIME + 3.0, TORQUE, strict=True)))
+    with pytest.raises(InputError, match="does not increase from row to row; give rate_hz"):
+        Log.open(path)
+    channel = Log.open(path, rate_hz=RATE_HZ).channel("u")
+    assert (channel.rate_hz, channel.start_s) == (RATE_HZ, 3.0)
+
+
+def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
+    def broken(name: str, first: int, size: int) -> Any:
+        yield np.zeros(3)
+        raise InputError("the logger's file ends here")
+
+    log = Log("broken", list(Log.from_arrays({"u": np.zeros(9)}, rate_hz=1.0).channels.values()), broken)
+    with pytest.raises(InputError, match="ends here"):
+        log.write(tmp_path / "out.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+def faulty(tmp_path: Path, text: str, name: str = "run.csv") -> Path:
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("time,u\n", "empty"),
+        ("u,w\n1,2\n3,4\n", "no time base for 'u'"),
+        ("time,u\n0,1\n1,2\n2,3\n7,4\n8,5\n", "not uniform at row 4: a step of 5 s, expected 1 s"),
+        ("time,u\n0,1\n1,2\n2,3\n,4\n4,5\n", "not uniform at row 4"),
+        ("time,u\n2,1\n1,2\n", "does not increase"),
+        ("time,u\n2,1\n", "does not increase"),
+        ("time,u,u\n0,1,1\n1,2,2\n", "'u' stands there twice"),
+        ("time,u\n0,1\n1,2,3\n", "Expected 2 columns, got 3"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = faulty(tmp_path, text)
+    with pytest.raises(InputError, match=message) as caught:
+        Log.open(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_text_among_numbers_is_named_by_column_and_line(tmp_path: Path) -> None:
+    log = Log.open(faulty(tmp_path, "time,u\n0,1\n1,2\n2,abc\n3,4\n"))
+    with pytest.raises(InputError, match="channel 'u': line 4 holds 'abc', expected a number"):
+        log.read("u")
+
+
+def test_a_text_column_does_not_hide_the_others(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pa.parquet.write_table(pa.table({"u": [1.0, 2.0], "note": ["a", "b"]}), path)
+    log = Log.open(path, rate_hz=1.0)
+    assert log.read("u").tolist() == [1.0, 2.0]
+    with pytest.raises(InputError, match="channel 'note' holds string, expected numbers"):
+        log.read("note")
+
+
+def test_missing_channels_are_answered_with_the_nearest(path: Path) -> None:
+    with pytest.raises(InputError, match="no channel 'tork', found torque, PTM_1; did you mean 'torque'"):
+        Log.open(path).read("tork")
+
+
+@pytest.mark.parametrize(("start_s", "stop_s"), [(0.0, 11.0), (11.0, 13.0), (11.0, 11.0), (12.0, 11.0)])
+def test_stretches_outside_the_log_are_refused(path: Path, start_s: float, stop_s: float) -> None:
+    with pytest.raises(InputError, match=r"runs from 10 to 12\.5 s"):
+        Log.open(path).read("torque", start_s, stop_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("missing.parquet", "no such log file"),
+        ("run.xyz", "unknown log format '.xyz', expected one of .parquet"),
+    ],
+)
+def test_paths_that_are_no_log_are_refused(tmp_path: Path, name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Log.open(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "run.feather", "run.csv"])
+def test_a_damaged_file_is_one_line(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"\xff\xfe\x00 not a log" * 9)
+    with pytest.raises(InputError) as caught:
+        Log.open(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_empty_table_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pa.parquet.write_table(table().slice(0, 0), path)
+    with pytest.raises(InputError, match="no samples"):
+        Log.open(path, rate_hz=1.0)

@@ -1,0 +1,96 @@
+"""TRIAL.toml says everything once; a slip in it is answered by one line that names the key."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.trial import TRIAL_TEMPLATE, Trial
+
+
+def load(tmp_path: Path, text: str) -> Trial:
+    path = tmp_path / "TRIAL.toml"
+    path.write_text(text)
+    return Trial.load(path)
+
+
+def test_the_template_is_valid_as_it_stands(tmp_path: Path) -> None:
+    trial = load(tmp_path, TRIAL_TEMPLATE)
+    assert list(trial.channels.tachos) == ["PTM_4", "PTM_e"]
+    assert trial.trial.log == (str(tmp_path / "run.parquet"),)
+    assert trial.operating_point.n_e_rpm is None
+
+
+def test_the_templates_defaults_are_the_models_defaults(tmp_path: Path) -> None:
+    stated = load(tmp_path, TRIAL_TEMPLATE)
+    content = tomllib.loads(TRIAL_TEMPLATE)
+    del content["processing"]
+    assert Trial.model_validate(content).processing == stated.processing
+
+
+def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
+    text = TRIAL_TEMPLATE.replace(
+        "{ scale = -251.38, offset = -85.29 }",
+        "{ table = [[-3.0309, 676.74], [-4.035, 927.77], [-5.03475, 1184.4], [-6.0236, 1427.9]] }",
+    )
+    line = load(tmp_path, text).channels.set_point.calibration.calibration("rpm")
+    assert line.scale == pytest.approx(-251.57, abs=0.005)
+
+
+def test_several_logs_share_the_windows(tmp_path: Path) -> None:
+    text = TRIAL_TEMPLATE.replace('log = "run.parquet"  ', 'log = ["run1.parquet", "run2.parquet"]  ', 1)
+    text = text.replace(
+        "[identify]", '[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n[identify]'
+    )
+    trial = load(tmp_path, text)
+    assert [w.name for w in trial.windows_of("elsewhere/run1.parquet")] == ["C11"]
+    assert [w.name for w in trial.windows_of("run2.parquet")] == ["S2"]
+
+
+def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("")
+    trial = load(tmp_path, TRIAL_TEMPLATE.replace("stan-tug-1205", "mine.toml"))
+    assert trial.trial.vessel == str(tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[channels.set_point]", "[channels.setpoint]", r"channels\.set_point: found nothing"),
+        ('location = "gauge"', 'location = "gague"', r"channels\.torque\.location: found 'gague'"),
+        ('column = "U_torque"', "", r"channels\.torque\.column: found nothing"),
+        ("scale = 1059.0, offset", "offset", r"channels\.torque\.calibration\.scale: found neither or both"),
+        ("scale = 1059.0", "scale = 0.0", r"channels\.torque\.calibration\.scale: found 0"),
+        ("pulses_per_rev = 4", "pulses_per_rev = 0", r"channels\.PTM_4\.pulses_per_rev: found 0"),
+        ("pulses_per_rev = 4", 'pulses_per_rev = "4"', r"channels\.PTM_4\.pulses_per_rev: found '4'"),
+        ("stop_s = 600.0", "stop_s = 60.0", r"windows\.0\.stop_s: found 60, expected more than start_s, 100"),
+        ("steady_s = [10.0, 70.0]", "", r"operating_point: found neither"),
+        ("[10.0, 70.0]", "[70.0, 10.0]", r"operating_point\.steady_s: found \[70\.0, 10\.0\]"),
+        ("rate_hz = 200.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
+        ("rate_hz = 200.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
+        ('weighting = "determinant"', 'weighting = "det"', r"identify\.weighting: found 'det'"),
+        ("free_exponent", "free_exponents", r"identify\.free_exponents: .*did you mean 'free_exponent'"),
+        ('n_e_rpm = "auto"', 'n_e_rpm = "automatic"', r"operating_point\.n_e_rpm: found 'automatic'"),
+        ("start_s = 100.0", "start_s = 100.0\nlog = 'x.csv'", r"windows: found log 'x.csv' in 'C11'"),
+        ('kind = "chirp"', 'kind = "chirp"\n[[windows]]\nname = "C11"', r"windows"),
+    ],
+)
+def test_slips_are_named_by_their_key(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in TRIAL_TEMPLATE
+    with pytest.raises(InputError, match=message) as caught:
+        load(tmp_path, TRIAL_TEMPLATE.replace(old, new, 1))
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path / "TRIAL.toml") in str(caught.value)
+
+
+def test_a_trial_without_pulses_has_no_speed(tmp_path: Path) -> None:
+    text = TRIAL_TEMPLATE[: TRIAL_TEMPLATE.index("[channels.PTM_4]")]
+    text += TRIAL_TEMPLATE[TRIAL_TEMPLATE.index("[operating_point]") :]
+    with pytest.raises(InputError, match="no pulse train"):
+        load(tmp_path, text)
+
+
+def test_a_missing_trial_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"TRIAL\.toml"):
+        Trial.load(tmp_path / "TRIAL.toml")
