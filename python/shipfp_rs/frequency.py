@@ -1,0 +1,117 @@
+"""Frequency responses: complex ratios of normalised outputs to the normalised set point, point by point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Measured responses of the outputs to the set point, eq. 7.1 and 7.2.
+
+    Parameters
+    ----------
+    name
+        Label used in tables and plots.
+    frequency_hz
+        Frequencies [Hz], shape (F,), positive.
+    response
+        Signal name ("n_e", "M_g", ...) to the complex ratio of its normalised deviation to that of the set
+        point, shape (F,); NaN where a point is missing.
+    std
+        Signal name to the standard deviation of the real and of the imaginary part, shape (F,), where known.
+    operating_point
+        Signal name to the value about which it was normalised, for the record.
+    provenance
+        Where the numbers come from and what was done to them.
+    """
+
+    name: str
+    frequency_hz: Array
+    response: Mapping[str, ComplexArray]
+    std: Mapping[str, Array] = field(default_factory=dict)
+    operating_point: Mapping[str, float] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        frequency = _frozen(self.frequency_hz, np.float64)
+        if frequency.ndim != 1 or frequency.size == 0:
+            raise InputError(f"response {self.name!r}: frequency_hz has shape {frequency.shape}, expected (F,), F > 0")
+        if not (np.isfinite(frequency).all() and (frequency > 0).all()):
+            raise InputError(f"response {self.name!r}: frequency_hz must be finite and positive, found {frequency.min()}")
+        object.__setattr__(self, "frequency_hz", frequency)
+        for attribute, dtype in (("response", np.complex128), ("std", np.float64)):
+            group = {key: _frozen(value, dtype) for key, value in getattr(self, attribute).items()}
+            for key, values in group.items():
+                if values.shape != frequency.shape:
+                    raise InputError(
+                        f"response {self.name!r}: {attribute} of {key!r} has shape {values.shape}, expected "
+                        f"{frequency.shape} as frequency_hz"
+                    )
+            object.__setattr__(self, attribute, MappingProxyType(group))
+        for key, values in self.std.items():
+            if key not in self.response:
+                raise InputError(f"response {self.name!r}: std of {key!r}, which has no response")
+            if not (values > 0).all():
+                raise InputError(f"response {self.name!r}: std of {key!r} must be positive, found {np.min(values)}")
+        if not self.response:
+            raise InputError(f"response {self.name!r}: no output")
+
+    def __len__(self) -> int:
+        return len(self.frequency_hz)
+
+    def select(self, keep: npt.ArrayLike, *, name: str | None = None) -> FrequencyResponse:
+        """Return the points where the boolean mask `keep`, shape (F,), is true."""
+        mask = np.asarray(keep, dtype=bool)
+        if mask.shape != self.frequency_hz.shape:
+            raise InputError(
+                f"response {self.name!r}: mask has shape {mask.shape}, expected {self.frequency_hz.shape}"
+            )
+        return FrequencyResponse(
+            name=name or self.name,
+            frequency_hz=self.frequency_hz[mask],
+            response={key: values[mask] for key, values in self.response.items()},
+            std={key: values[mask] for key, values in self.std.items()},
+            operating_point=self.operating_point,
+            provenance=self.provenance,
+        )
+
+
+def sine_response(
+    output: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
+    set_point: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
+) -> ComplexArray:
+    """Complex response from fitted sines a + b sin(ct + d): (b/a of the output) over (b/a of the set point).
+
+    Parameters
+    ----------
+    output, set_point
+        (offset, amplitude, phase [rad]) of each sine, arrays of one shape. Each channel is normalised by its own
+        offset, the local operating point. The phase of the response is d_out - d_in; appendix E of the thesis
+        prints sin(ct - d), with which its own numbers would have the response lead.
+
+    Returns
+    -------
+    ndarray
+        Complex response, the shape of the inputs.
+    """
+    a_out, b_out, d_out = (np.asarray(part, dtype=np.float64) for part in output)
+    a_in, b_in, d_in = (np.asarray(part, dtype=np.float64) for part in set_point)
+    return np.asarray((b_out / a_out) / (b_in / a_in) * np.exp(1j * (d_out - d_in)), dtype=np.complex128)
+
+
+def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
+    array = np.array(values, dtype=dtype)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,142 @@
+"""What data can tell: numerical rank of the sensitivities, null directions and identifiable combinations by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.fingerprint import Identifiability
+
+Array = npt.NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-7
+"""Singular values below this part of the largest count as zero: the sensitivities are exact to about 1e-10."""
+NULL_PART = 1e-4
+"""A parameter, or the gradient of a combination, is free of a null direction below this part of its length."""
+
+COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] = {
+    "vK_p": ("-", lambda q: q["v"] * q["K_p"]),
+    "vK_i": ("1/s", lambda q: q["v"] * q["K_i"]),
+    "K_p/K_i": ("s", lambda q: q["K_p"] / q["K_i"]),
+    "p-g": ("-", lambda q: q["p"] - q["g"]),
+    "(p-g)/tau_n": ("1/s", lambda q: (q["p"] - q["g"]) / q["tau_n"]),
+    "vK_p/tau_n": ("1/s", lambda q: _product(q, "p") / q["tau_n"]),
+    "vK_i/tau_n": ("1/s2", lambda q: _product(q, "i") / q["tau_n"]),
+    "tau_prop/tau_n": ("-", lambda q: q["tau_prop"] / q["tau_n"]),
+    "(p-g)/(vK_i)": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i")),
+    "(p-g)/(vK_i)+T_set": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"]),
+}
+"""Combinations of the linear structure's parameters that are tried: unit and value. A KeyError means not applicable."""
+
+
+def _product(values: Mapping[str, float], letter: str) -> float:
+    name = f"vK_{letter}"
+    return values[name] if name in values else values["v"] * values[f"K_{letter}"]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Singular value decomposition of the whitened sensitivities, columns scaled to relative changes."""
+
+    names: tuple[str, ...]
+    scale: Array
+    singular: Array
+    right: Array
+
+    @classmethod
+    def of(cls, jacobian: Array, names: Sequence[str], scale: Array) -> Sensitivity:
+        """Decompose a Jacobian of shape (R, P); `scale` (P,) are typical sizes of the parameters."""
+        # The triangular factor has the same singular values and right vectors as the tall matrix.
+        triangle = np.linalg.qr(jacobian * scale, mode="r")
+        _, singular, right = np.linalg.svd(triangle, full_matrices=True)
+        singular = np.concatenate([singular, np.zeros(len(names) - len(singular))])
+        return cls(tuple(names), scale, singular, right)
+
+    @property
+    def rank(self) -> int:
+        """Number of directions that the data tell."""
+        if not self.singular.size or self.singular[0] == 0.0:
+            return 0
+        return int(np.sum(self.singular > RANK_TOLERANCE * self.singular[0]))
+
+    @property
+    def null(self) -> Array:
+        """Orthonormal null directions as relative changes, shape (P - rank, P)."""
+        return self.right[self.rank :]
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; infinite where the rank is not full."""
+        return float(self.singular[0] / self.singular[-1]) if self.rank == len(self.names) else float("inf")
+
+    def covariance(self) -> Array:
+        """Covariance for unit residual variance, on the directions that the data tell, shape (P, P)."""
+        rank = self.rank
+        half = (self.right[:rank].T / self.singular[:rank]) * self.scale[:, None]
+        return np.asarray(half @ half.T)
+
+    def tells(self, gradient: Array) -> bool:
+        """Whether a combination with this gradient (P,) has no part along a null direction."""
+        relative = gradient * self.scale
+        size = float(np.linalg.norm(relative))
+        return size > 0.0 and float(np.linalg.norm(self.null @ relative)) < NULL_PART * size
+
+
+def gradient_of(
+    function: Callable[[Mapping[str, float]], float], values: Mapping[str, float], names: Sequence[str]
+) -> Array:
+    """Central-difference gradient of a combination with respect to `names`, exact to about 1e-9 relative."""
+    gradient = np.empty(len(names))
+    for index, name in enumerate(names):
+        step = 1e-6 * (abs(values[name]) or 1.0)
+        up, down = dict(values), dict(values)
+        up[name] += step
+        down[name] -= step
+        gradient[index] = (function(up) - function(down)) / (2.0 * step)
+    return gradient
+
+
+def describe(sensitivity: Sensitivity) -> Identifiability:
+    """Put rank and null directions into parameter names, and name what extra knowledge would close the gap."""
+    names, null = sensitivity.names, sensitivity.null
+    directions = [_direction(names, row) for row in _sparse_basis(null)]
+    members = [name for index, name in enumerate(names) if np.linalg.norm(null[:, index]) > NULL_PART]
+    missing = len(null)
+    closing: list[str] = []
+    # More than three missing pieces of knowledge would be a list nobody reads.
+    if 0 < missing <= 3:
+        for chosen in combinations(members, missing):
+            columns = null[:, [names.index(name) for name in chosen]]
+            if np.linalg.svd(columns, compute_uv=False)[-1] > 1e-3:
+                closing.append(" and ".join(chosen))
+    return Identifiability(
+        rank=sensitivity.rank,
+        free=len(names),
+        condition=sensitivity.condition,
+        null_space=tuple(directions),
+        closes_gap=tuple(closing),
+    )
+
+
+def _sparse_basis(null: Array) -> Array:
+    """Gauss-Jordan form with full pivoting: each direction has a leading 1 and zeros at the others' leads."""
+    basis = null.copy()
+    for row in range(len(basis)):
+        free_rows = np.abs(basis[row:])
+        pivot_row, pivot = np.unravel_index(np.argmax(free_rows), free_rows.shape)
+        basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
+        basis[row] /= basis[row, pivot]
+        for other in range(len(basis)):
+            if other != row:
+                basis[other] -= basis[other, pivot] * basis[row]
+    return basis
+
+
+def _direction(names: Sequence[str], row: Array) -> dict[str, object]:
+    part = {name: float(change) for name, change in zip(names, row, strict=True) if abs(change) > NULL_PART}
+    text = ", ".join(f"{name} {100 * change / 100:+.3g} %" for name, change in part.items())
+    return {"combination": text, "direction": part}

@@ -1,0 +1,399 @@
+"""`identify`: experiments and a structure to a fingerprint."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import scipy
+from scipy.stats import t as student
+
+from shipfp_rs._core import __version__
+from shipfp_rs.errors import IdentificationError, InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Estimate, Fingerprint, Status
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
+from shipfp_rs.problem import Block, Data, Evaluation
+from shipfp_rs.solver import Minimum, Search, scatter_of, start_vectors
+from shipfp_rs.statistics import information_criteria, nrmse_pct
+from shipfp_rs.structure import Structure
+from shipfp_rs.verdict import verdict
+
+Array = npt.NDArray[np.float64]
+Weighting = Literal["determinant", "variance", "std", "none"]
+NoiseModel = Literal["white", "ar"]
+
+AT_BOUND = 1e-5
+"""A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
+
+
+def identify(
+    data: Data | Sequence[Data],
+    structure: Structure,
+    *,
+    weighting: Weighting = "determinant",
+    noise: NoiseModel | None = None,
+    offsets: bool = True,
+    initial_state: bool = True,
+    starts: int = 1,
+    seed: int | None = 0,
+    max_evaluations: int = 500,
+    tolerance: float = 1e-12,
+    vessel: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Fingerprint:
+    """Fit a structure to experiments and frequency responses, jointly, and say what they can tell.
+
+    Parameters
+    ----------
+    data
+        One `Experiment` or `FrequencyResponse`, or several that are fitted together.
+    structure
+        The model; its free parameters are searched within their bounds, those with a prior pulled to it.
+    weighting
+        "determinant" minimises det(E'E/N), the weights of eq. 4.4 iterated with W = (E'E/N)^-1; "variance" the same
+        with a diagonal W; "std" uses the responses' own standard deviations; "none" is plain least squares (4.2).
+    noise
+        "ar": prewhiten the residuals of each output with a fitted AR(8) and refit, so that the intervals hold for
+        coloured noise; "white": take them as they are. Default: "ar" for experiments, "white" for responses.
+    offsets, initial_state
+        Estimate an offset per output, and the initial state, of every experiment along.
+    starts, seed
+        Number of starts, the first one declared by the structure, the others drawn within the bounds.
+    max_evaluations, tolerance
+        Limits of each search.
+    vessel
+        Name for the record.
+    progress
+        Called with (starts done, starts in all).
+
+    Returns
+    -------
+    Fingerprint
+        Estimates with 95 % intervals. Where the data do not determine a parameter its value is None.
+
+    Raises
+    ------
+    InputError
+        For data or settings that can't be used.
+    IdentificationError
+        If no start leads to a minimum.
+
+    Notes
+    -----
+    Intervals are local: Gauss-Newton covariance of the whitened problem, Student's t. "variance" and "determinant":
+    eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
+    """
+    blocks = _blocks(data, structure, offsets=offsets, initial_state=initial_state)
+    _check(weighting, noise, starts, blocks)
+    if noise is None:
+        noise = "ar" if any(isinstance(block.data, Experiment) for block in blocks) else "white"
+    if weighting != "std":
+        blocks = tuple(
+            Block(b.data, b.structure, b.signals, b.measured, b.nuisance) if b.whitening is not None else b
+            for b in blocks
+        )
+    search = Search(structure, blocks, weighting, noise, max_evaluations, tolerance)
+    if not search.free:
+        raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
+    minima = _minima(search, starts, seed, progress)
+    best = minima[0]
+    return _fingerprint(
+        search,
+        best,
+        minima,
+        vessel=vessel,
+        seed=seed,
+        settings={
+            "weighting": weighting,
+            "noise": noise,
+            "offsets": offsets,
+            "initial_state": initial_state,
+            "starts": starts,
+            "max_evaluations": max_evaluations,
+            "tolerance": tolerance,
+        },
+    )
+
+
+def _blocks(data: Data | Sequence[Data], structure: Structure, *, offsets: bool, initial_state: bool) -> tuple[Block, ...]:
+    items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    if not items:
+        raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
+    for item in items:
+        if not isinstance(item, Experiment | FrequencyResponse):
+            raise InputError(f"identify: data of type {type(item).__name__}, expected Experiment or FrequencyResponse")
+    return tuple(Block.build(item, structure, offsets=offsets, initial_state=initial_state) for item in items)
+
+
+def _check(weighting: str, noise: str | None, starts: int, blocks: Sequence[Block]) -> None:
+    if weighting not in get_args(Weighting):
+        raise InputError(f"weighting {weighting!r}, expected one of {', '.join(get_args(Weighting))}")
+    if noise is not None and noise not in get_args(NoiseModel):
+        raise InputError(f"noise {noise!r}, expected one of {', '.join(get_args(NoiseModel))}")
+    if starts < 1:
+        raise InputError(f"starts is {starts}, expected at least 1")
+    if weighting == "std":
+        for block in blocks:
+            if block.whitening is None:
+                raise InputError(
+                    f"{block.data.name!r}: weighting 'std' needs the standard deviation of every output's response; "
+                    "give FrequencyResponse(std=...) or choose another weighting"
+                )
+
+
+def _minima(
+    search: Search, starts: int, seed: int | None, progress: Callable[[int, int], None] | None
+) -> list[Minimum]:
+    found, failures = [], []
+    for done, start in enumerate(start_vectors(search, starts, seed)):
+        try:
+            found.append(search.minimise(start))
+        except IdentificationError as error:
+            failures.append(str(error))
+        if progress is not None:
+            progress(done + 1, starts)
+    if not found:
+        raise IdentificationError(f"none of {starts} starts led to a minimum; the first: {failures[0]}")
+    return sorted(found, key=lambda minimum: minimum.criterion)
+
+
+def _fingerprint(
+    search: Search, best: Minimum, minima: Sequence[Minimum], *, vessel: str | None, seed: int | None, settings: dict[str, Any]
+) -> Fingerprint:
+    structure, count = search.structure, len(search.free)
+    evaluations, residual, jacobian = search.whitened(best.vector, best.noise)
+    values = search.values(best.vector)
+    for index in range(count):
+        bound = _bound(search, best, index)
+        if bound is not None:
+            values[search.names[index]] = bound
+    on_bound = np.array([_bound(search, best, index) is not None for index in range(count)])
+    scale = np.array([abs(values[p.name]) or p.scale for p in search.free])
+
+    own = _without_nuisance(jacobian, count)
+    everything = Sensitivity.of(own, search.names, scale)
+    inner_names = [name for name, bounded in zip(search.names, on_bound, strict=True) if not bounded]
+    inner = Sensitivity.of(own[:, ~on_bound], inner_names, scale[~on_bound])
+    samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+    rows = samples * len(structure.outputs)
+    freedom = rows - inner.rank - (search.size - count)
+    covariance = _covariance(search, inner, own[:, ~on_bound], evaluations, residual, freedom)
+    quantile = float(student.ppf(0.975, freedom)) if freedom > 0 else float("inf")
+
+    parameters: dict[str, Estimate] = {}
+    for parameter in structure.parameters:
+        if parameter.fixed:
+            parameters[parameter.name] = Estimate(parameter.start, unit=parameter.unit, status="fixed", reason="given")
+            continue
+        name, index = parameter.name, search.names.index(parameter.name)
+        if on_bound[index]:
+            side = "lower" if values[name] == parameter.lower else "upper"
+            parameters[name] = Estimate(
+                values[name], unit=parameter.unit, status="at_bound", reason=f"on its {side} bound {values[name]:g}"
+            )
+            continue
+        place = inner_names.index(name)
+        std = float(np.sqrt(covariance[place, place]))
+        null_part = float(np.linalg.norm(everything.null[:, index])) if len(everything.null) else 0.0
+        reason = _why_unknown(null_part, std, parameter.lower, parameter.upper, search, everything, index)
+        if reason:
+            parameters[name] = Estimate(None, unit=parameter.unit, status="unidentifiable", reason=reason)
+            continue
+        status: Status = "free" if parameter.prior is None else "prior"
+        half = quantile * std
+        interval = (values[name] - half, values[name] + half) if np.isfinite(half) else None
+        parameters[name] = Estimate(values[name], std if np.isfinite(std) else None, interval, parameter.unit, status)
+
+    derived = _derived(parameters, values, everything, inner, covariance, quantile)
+    identifiability = describe(everything)
+    fit = _fit(search, best.vector)
+    data = tuple(_record(block, figures) for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True))
+    unknown = (search.size - count) + inner.rank
+    overall = information_criteria(scatter_of(search.evaluate(best.vector)), samples, unknown)
+    return Fingerprint(
+        parameters=parameters,
+        derived=derived,
+        identifiability=identifiability,
+        fit={**fit, "overall": overall},
+        structure=structure.to_dict(),
+        vessel=vessel,
+        data=data,
+        settings=settings
+        | {
+            "optimum": {name: values[name] for name in structure.names},
+            "criterion": best.criterion,
+            "converged": best.converged,
+            "message": best.message,
+            "minima": [_minimum_row(search, minimum) for minimum in minima],
+        },
+        seed=seed,
+        versions={
+            "shipfp_rs": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+        },
+        verdict=verdict(parameters, derived, identifiability, fit, structure),
+    )
+
+
+def _bound(search: Search, best: Minimum, index: int) -> float | None:
+    parameter, value = search.free[index], float(best.vector[index])
+    for bound in (parameter.lower, parameter.upper):
+        room = AT_BOUND * min(max(abs(bound), abs(value)) or np.inf, parameter.upper - parameter.lower)
+        if np.isfinite(bound) and abs(value - bound) <= room:
+            return bound
+    return None
+
+
+def _without_nuisance(jacobian: Array, count: int) -> Array:
+    """Parts of the parameters' columns that the blocks' own unknowns can't imitate, shape (R, P)."""
+    columns, nuisance = jacobian[:, :count], jacobian[:, count:]
+    if not nuisance.shape[1]:
+        return columns
+    size = np.linalg.norm(nuisance, axis=0)
+    basis, _ = np.linalg.qr(nuisance[:, size > 0] / size[size > 0])
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def _covariance(
+    search: Search, inner: Sensitivity, jacobian: Array, evaluations: Sequence[Evaluation], residual: Array, freedom: int
+) -> Array:
+    """Covariance (P, P) of the inner parameters: Gauss-Newton, each output's residual variance where not weighted."""
+    base = inner.covariance()
+    if search.weighting == "std":
+        return base
+    if freedom <= 0:
+        return np.full_like(base, np.inf)
+    priors = len(residual) - sum(evaluation.residual.size for evaluation in evaluations)
+    if search.weighting == "none" and priors == 0:
+        # Plain least squares over outputs of unequal scatter: the sandwich J+ S J+'.
+        samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+        inflate = samples * len(search.structure.outputs) / freedom
+        spread = np.concatenate(
+            [np.repeat(np.diag(scatter_of(evaluations)), e.residual.shape[1]) for e in evaluations]
+        )
+        middle = jacobian.T @ (jacobian * spread[:, None])
+        return np.asarray(base @ middle @ base * inflate)
+    used = residual[: len(residual) - priors]
+    return np.asarray(base * float(used @ used) / freedom) if priors == 0 else base
+
+
+def _why_unknown(
+    null_part: float, std: float, lower: float, upper: float, search: Search, everything: Sensitivity, index: int
+) -> str:
+    if null_part > NULL_PART:
+        partners = sorted(
+            {
+                other
+                for row in everything.null
+                if abs(row[index]) > NULL_PART
+                for other, part in zip(search.names, row, strict=True)
+                if abs(part) > NULL_PART and other != search.names[index]
+            }
+        )
+        return (
+            "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
+        )
+    if not np.isfinite(std):
+        return "too few samples for an uncertainty"
+    if std > (upper - lower) / np.sqrt(12.0):
+        return f"its standard deviation {std:.3g} says less than its bounds {lower:g} to {upper:g}"
+    return ""
+
+
+def _derived(
+    parameters: Mapping[str, Estimate],
+    values: Mapping[str, float],
+    everything: Sensitivity,
+    inner: Sensitivity,
+    covariance: Array,
+    quantile: float,
+) -> dict[str, Estimate]:
+    """Combinations that the data tell although a member is not known by itself."""
+    derived: dict[str, Estimate] = {}
+    for name, (unit, function) in COMBINATIONS.items():
+        try:
+            value = function(values)
+            gradient = gradient_of(function, values, everything.names)
+        except (KeyError, ZeroDivisionError):
+            continue
+        members = [n for n, slope in zip(everything.names, gradient, strict=True) if slope != 0.0]
+        if all(parameters[member].status in ("free", "prior", "fixed") for member in members):
+            continue
+        if not everything.tells(gradient):
+            continue
+        part = np.array([gradient[everything.names.index(n)] for n in inner.names])
+        if not np.any(part) or not inner.tells(part):
+            continue
+        std = float(np.sqrt(part @ covariance @ part))
+        if not np.isfinite(std) or std > abs(value):
+            continue
+        derived[name] = Estimate(value, std, (value - quantile * std, value + quantile * std), unit)
+    return derived
+
+
+def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
+    plain = Search(
+        search.structure,
+        tuple(Block(b.data, b.structure, b.signals, b.measured, b.nuisance) for b in search.blocks),
+        search.weighting,
+        search.noise,
+        search.max_evaluations,
+        search.tolerance,
+    )
+    rows = []
+    for block, evaluation in zip(plain.blocks, plain.evaluate(vector), strict=True):
+        figures = {}
+        for index, output in enumerate(search.structure.outputs):
+            measured = np.where(evaluation.valid, block.measured[index], np.nan)
+            figures[output] = {"nrmse_pct": nrmse_pct(*_complex(block, measured, evaluation.residual[index]))}
+        rows.append(figures)
+    return rows
+
+
+def _complex(block: Block, measured: Array, residual: Array) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    if isinstance(block.data, Experiment):
+        return measured, residual
+    half = len(measured) // 2
+    return measured[:half] + 1j * measured[half:], residual[:half] + 1j * residual[half:]
+
+
+def _fit(search: Search, vector: Array) -> dict[str, dict[str, float | None]]:
+    by_block = _fit_by_block(search, vector)
+    weights = [int(block.valid.sum()) for block in search.blocks]
+    return {
+        output: {
+            "nrmse_pct": float(np.average([rows[output]["nrmse_pct"] for rows in by_block], weights=weights)),
+        }
+        for output in search.structure.outputs
+    }
+
+
+def _record(block: Block, figures: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    data = block.data
+    record: dict[str, Any] = {
+        "name": data.name,
+        "domain": "time" if isinstance(data, Experiment) else "frequency",
+        "signals": dict(zip(block.structure.outputs, block.signals, strict=True)),
+        "operating_point": dict(data.operating_point),
+        "fit": {output: dict(row) for output, row in figures.items()},
+        "samples": len(data),
+        "used": int(block.valid.sum()) // (1 if isinstance(data, Experiment) else 2),
+    }
+    if isinstance(data, Experiment):
+        record |= {"rate_hz": data.rate_hz, "duration_s": data.duration, "kind": data.kind}
+    return record
+
+
+def _minimum_row(search: Search, minimum: Minimum) -> dict[str, Any]:
+    return {
+        "criterion": minimum.criterion,
+        "converged": minimum.converged,
+        "parameters": dict(zip(search.names, map(float, minimum.vector), strict=False)),
+    }

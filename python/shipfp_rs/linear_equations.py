@@ -1,0 +1,80 @@
+"""The linear drive train's equations, computed by the Rust kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs import _core
+from shipfp_rs.experiment import Experiment
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_INDEX = {name: index for index, name in enumerate(_core.LINEAR_PARAMETERS)}
+# vK_p and vK_i are the kernel's K_p and K_i with v = 1.
+_INDEX |= {"vK_p": _INDEX["K_p"], "vK_i": _INDEX["K_i"]}
+# The initial state follows the parameters in the kernel's numbering.
+_INDEX |= {"initial dn": len(_core.LINEAR_PARAMETERS), "initial dE": len(_core.LINEAR_PARAMETERS) + 1}
+
+
+@dataclass(frozen=True)
+class LinearEquations:
+    """Linear structure with dead times, eq. 3.31, 3.35 and 3.38 generalised; see `Structure.linear`."""
+
+    outputs: tuple[str, ...]
+    gauge: bool
+
+    @property
+    def _kernel_outputs(self) -> list[int]:
+        torque = "dM_g" if self.gauge else "dM_b"
+        return [_core.LINEAR_OUTPUTS.index(torque if output == "dM" else output) for output in self.outputs]
+
+    @staticmethod
+    def _kernel_parameters(values: Mapping[str, float]) -> Array:
+        parameters = np.zeros(len(_core.LINEAR_PARAMETERS))
+        parameters[_INDEX["v"]] = 1.0
+        for name, value in values.items():
+            if not name.startswith("initial"):
+                parameters[_INDEX[name]] = value
+        return parameters
+
+    @staticmethod
+    def _initial(values: Mapping[str, float]) -> Array:
+        return np.array([values.get("initial dn", 0.0), values.get("initial dE", 0.0)])
+
+    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+        """Return the normalised outputs, shape (O, N)."""
+        return _core.simulate_linear(
+            self._kernel_parameters(values),
+            experiment.normalised("n_set"),
+            1.0 / experiment.rate_hz,
+            experiment.hold,
+            self._initial(values),
+            self._kernel_outputs,
+        )
+
+    def sensitivities(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
+    ) -> tuple[Array, Array]:
+        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        return _core.linear_sensitivities(
+            self._kernel_parameters(values),
+            experiment.normalised("n_set"),
+            1.0 / experiment.rate_hz,
+            experiment.hold,
+            self._initial(values),
+            self._kernel_outputs,
+            [_INDEX[name] for name in names],
+        )
+
+    def response(
+        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+        return _core.linear_response_sensitivities(
+            self._kernel_parameters(values), frequency_hz, self._kernel_outputs, [_INDEX[name] for name in names]
+        )

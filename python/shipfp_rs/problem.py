@@ -1,0 +1,139 @@
+"""The least-squares problem of an identification: residuals and sensitivities of all data, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.structure import OUTPUT_SIGNALS, Structure
+
+Array = npt.NDArray[np.float64]
+Data = Experiment | FrequencyResponse
+
+
+@dataclass
+class Evaluation:
+    """Residuals e = measured - model (O, R) and d(model)/d(vector) (Q, O, R), zero where a sample is masked."""
+
+    residual: Array
+    jacobian: Array
+    valid: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One experiment or frequency response with the measured outputs that a structure explains.
+
+    `nuisance` are the block's own unknowns: initial states "initial dn", "initial dE" and "offset <output>".
+    """
+
+    data: Data
+    structure: Structure
+    signals: tuple[str, ...]
+    measured: Array
+    nuisance: tuple[str, ...]
+    whitening: Array | None = field(default=None, compare=False)
+    """1 / standard deviation of every residual where it is known, shape (O, R)."""
+
+    @classmethod
+    def build(cls, data: Data, structure: Structure, *, offsets: bool, initial_state: bool) -> Block:
+        """Pick the measured signal of every output and name the block's own unknowns."""
+        if isinstance(data, FrequencyResponse):
+            signals = tuple(_signal_for(output, data.response, data.name) for output in structure.outputs)
+            parts = [data.response[signal] for signal in signals]
+            measured = np.array([np.concatenate([part.real, part.imag]) for part in parts])
+            whitening = None
+            if all(signal in data.std for signal in signals):
+                whitening = np.array([np.tile(1.0 / data.std[signal], 2) for signal in signals])
+            block = cls(data, structure, signals, measured, (), whitening)
+        else:
+            signals = tuple(_signal_for(output, data.signals, data.name) for output in structure.outputs)
+            measured = np.array([data.normalised(signal) for signal in signals])
+            linear = structure.settings.get("kind") == "linear"
+            nuisance = (("initial dn", "initial dE") if initial_state and linear else ()) + (
+                tuple(f"offset {output}" for output in structure.outputs) if offsets else ()
+            )
+            block = cls(data, structure, signals, measured, nuisance)
+        if not block.valid.any():
+            raise InputError(f"{data.name!r}: every sample of {', '.join(signals)} is masked, nothing to fit")
+        return block
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """True where all outputs were measured, shape (R,)."""
+        return np.asarray(np.isfinite(self.measured).all(axis=0))
+
+    def evaluate(self, values: dict[str, float], names: Sequence[str]) -> Evaluation:
+        """Compute residuals and their model's derivatives with respect to `names` and then the nuisance."""
+        valid = self.valid
+        if isinstance(self.data, FrequencyResponse):
+            model, slopes = self.structure.equations.response(values, self.data.frequency_hz, names)
+            simulated = np.concatenate([model.real, model.imag], axis=1)
+            jacobian = np.concatenate([slopes.real, slopes.imag], axis=2)
+        else:
+            states = [name for name in self.nuisance if name.startswith("initial")]
+            simulated, jacobian = self.structure.equations.sensitivities(values, self.data, [*names, *states])
+            offsets = [name for name in self.nuisance if name.startswith("offset")]
+            if offsets:
+                constant = np.zeros((len(offsets), *simulated.shape))
+                for index, name in enumerate(offsets):
+                    constant[index, index] = 1.0
+                    simulated = simulated.copy() if index == 0 else simulated
+                    simulated[index] += values.get(name, 0.0)
+                jacobian = np.concatenate([jacobian, constant])
+        residual = np.where(valid, self.measured - simulated, 0.0)
+        jacobian = np.where(valid, jacobian, 0.0)
+        if self.whitening is not None:
+            residual = residual * self.whitening
+            jacobian = jacobian * self.whitening
+        return Evaluation(residual, jacobian, valid)
+
+
+def prewhiten(evaluation: Evaluation, models: Sequence[Array]) -> Evaluation:
+    """Filter residuals and sensitivities of a time block with each output's autoregressive model.
+
+    A sample whose filter reaches over a masked one is masked too. `models` holds [1, a1, ..., ap] an output.
+    """
+    order = max(len(model) for model in models) - 1
+    reach = lfilter(np.ones(order + 1), [1.0], np.where(evaluation.valid, 0.0, 1.0))
+    valid = np.asarray(reach < 0.5)
+    valid[:order] = False
+    residual, jacobian = np.empty_like(evaluation.residual), np.empty_like(evaluation.jacobian)
+    for index, model in enumerate(models):
+        residual[index] = lfilter(model, [1.0], evaluation.residual[index])
+        jacobian[:, index] = lfilter(model, [1.0], evaluation.jacobian[:, index], axis=-1)
+    return Evaluation(np.where(valid, residual, 0.0), np.where(valid, jacobian, 0.0), valid)
+
+
+def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]], order: int) -> Array:
+    """Fit [1, a1, ..., ap] to the residuals of one output, gaps left out, by least squares over all blocks."""
+    gram, right = np.zeros((order, order)), np.zeros(order)
+    for values, valid in residuals:
+        if len(values) <= 2 * order:
+            continue
+        lagged = np.lib.stride_tricks.sliding_window_view(values, order + 1)
+        whole = np.lib.stride_tricks.sliding_window_view(valid, order + 1).all(axis=1)
+        rows = lagged[whole]
+        past, now = rows[:, :-1][:, ::-1], rows[:, -1]
+        gram += past.T @ past
+        right += past.T @ now
+    ridge = 1e-12 * np.trace(gram) / order
+    if not ridge > 0.0:
+        return np.concatenate([[1.0], np.zeros(order)])
+    coefficients = np.linalg.solve(gram + ridge * np.eye(order), right)
+    return np.concatenate([[1.0], -coefficients])
+
+
+def _signal_for(output: str, available: object, name: str) -> str:
+    candidates = OUTPUT_SIGNALS[output]
+    for candidate in candidates:
+        if candidate in available:  # type: ignore[operator]
+            return candidate
+    raise InputError(f"{name!r}: no signal for output {output!r}, expected one of {', '.join(candidates)}")

@@ -1,0 +1,282 @@
+"""The search: bounded least squares by SciPy, with output weights and noise models iterated to consistency."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from shipfp_rs.errors import IdentificationError, InputError, SimulationError
+from shipfp_rs.problem import Block, Evaluation, autoregressive_model, prewhiten
+from shipfp_rs.structure import Parameter, Structure
+
+Array = npt.NDArray[np.float64]
+
+AR_ORDER = 8
+AR_ITERATIONS = 2
+WEIGHT_ITERATIONS = 100
+WEIGHT_TOLERANCE = 1e-9
+FAILED_RESIDUAL = 1e6
+"""Stands for every residual of a parameter vector whose simulation diverged, so that the search turns back."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of the residuals: the inverse square root of their covariance, and each output's AR model."""
+
+    root: Array
+    models: tuple[Array, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """One minimum found: the full vector (parameters, then every block's unknowns), its criterion, how it ended."""
+
+    vector: Array
+    criterion: float
+    converged: bool
+    message: str
+    evaluations: int
+    noise: Noise
+    active: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+
+@dataclass(frozen=True)
+class Search:
+    """A structure, its data and the way to weigh them; `minimise` goes from a start vector to a minimum."""
+
+    structure: Structure
+    blocks: tuple[Block, ...]
+    weighting: str
+    noise: str
+    max_evaluations: int
+    tolerance: float
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The parameters searched for."""
+        return self.structure.free
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters searched for."""
+        return tuple(parameter.name for parameter in self.free)
+
+    @property
+    def size(self) -> int:
+        """Length of the full vector."""
+        return len(self.free) + sum(len(block.nuisance) for block in self.blocks)
+
+    def values(self, vector: Array) -> dict[str, float]:
+        """Return every parameter by name, fixed ones included."""
+        values = {parameter.name: parameter.start for parameter in self.structure.parameters}
+        return values | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
+
+    def evaluate(self, vector: Array) -> list[Evaluation]:
+        """Evaluate every block; each Jacobian has the block's own columns last."""
+        values = self.values(vector)
+        evaluations, start = [], len(self.free)
+        for block in self.blocks:
+            own = dict(zip(block.nuisance, map(float, vector[start : start + len(block.nuisance)]), strict=True))
+            evaluations.append(block.evaluate(values | own, self.names))
+            start += len(block.nuisance)
+        return evaluations
+
+    def whitened(self, vector: Array, noise: Noise) -> tuple[list[Evaluation], Array, Array]:
+        """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
+
+        The Jacobian is that of the residual, minus that of the model.
+        """
+        evaluations = self.evaluate(vector)
+        if noise.models is not None:
+            evaluations = [
+                prewhiten(evaluation, noise.models) if block.whitening is None else evaluation
+                for block, evaluation in zip(self.blocks, evaluations, strict=True)
+            ]
+        residuals, jacobians, start = [], [], len(self.free)
+        for block, evaluation in zip(self.blocks, evaluations, strict=True):
+            residuals.append((noise.root @ evaluation.residual).ravel())
+            weighted = np.einsum("po,qor->qpr", noise.root, evaluation.jacobian, optimize=True)
+            weighted = weighted.reshape(len(weighted), -1)
+            jacobian = np.zeros((weighted.shape[1], self.size))
+            jacobian[:, : len(self.free)] = -weighted[: len(self.free)].T
+            jacobian[:, start : start + len(block.nuisance)] = -weighted[len(self.free) :].T
+            jacobians.append(jacobian)
+            start += len(block.nuisance)
+        prior_residual, prior_jacobian = self._priors(vector)
+        return (
+            evaluations,
+            np.concatenate([*residuals, prior_residual]),
+            np.concatenate([*jacobians, prior_jacobian]),
+        )
+
+    def _priors(self, vector: Array) -> tuple[Array, Array]:
+        known = [(i, p.prior) for i, p in enumerate(self.free) if p.prior is not None]
+        residual, jacobian = np.zeros(len(known)), np.zeros((len(known), self.size))
+        for row, (index, (mean, std)) in enumerate(known):
+            residual[row] = (mean - vector[index]) / std
+            jacobian[row, index] = -1.0 / std
+        return residual, jacobian
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of the full vector; a block's own unknowns have none."""
+        open_end = np.full(self.size - len(self.free), np.inf)
+        lower = np.array([parameter.lower for parameter in self.free])
+        upper = np.array([parameter.upper for parameter in self.free])
+        return np.concatenate([lower, -open_end]), np.concatenate([upper, open_end])
+
+    def noise_of(self, evaluations: Sequence[Evaluation], models: tuple[Array, ...] | None) -> Noise:
+        """Weights that fit the residuals: identity, inverse standard deviations, or inverse root covariance."""
+        outputs = len(self.structure.outputs)
+        if self.weighting in ("none", "std"):
+            return Noise(np.eye(outputs), models)
+        scatter = scatter_of(evaluations)
+        if self.weighting == "variance":
+            scatter = np.diag(np.diag(scatter))
+        # A perfect fit leaves no scatter to weigh by; this floor is far below any measurement.
+        floor = 1e-24 + 1e-14 * np.trace(scatter) / outputs
+        factor = np.linalg.cholesky(scatter + floor * np.eye(outputs))
+        return Noise(np.linalg.inv(factor), models)
+
+    def criterion(self, evaluations: Sequence[Evaluation], residual: Array) -> float:
+        """Return what the minima are ranked by: a sum of squares, or N ln det of the scatter."""
+        if self.weighting in ("none", "std"):
+            return float(residual @ residual)
+        scatter = scatter_of(evaluations)
+        if self.weighting == "variance":
+            scatter = np.diag(np.diag(scatter))
+        count = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+        return float(count * np.linalg.slogdet(scatter + 1e-300 * np.eye(len(scatter)))[1])
+
+    def initial_noise(self) -> Noise:
+        """Weights before the first fit: by the spread of each measured output."""
+        outputs = len(self.structure.outputs)
+        if self.weighting in ("none", "std"):
+            return Noise(np.eye(outputs))
+        spread = np.zeros(outputs)
+        for block in self.blocks:
+            spread += np.nanvar(block.measured[:, block.valid], axis=1)
+        return Noise(np.diag(1.0 / np.sqrt(np.maximum(spread / len(self.blocks), 1e-24))))
+
+    def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
+        """Search from `start`; weights, then AR noise models, are refitted until they agree with the residuals."""
+        minimum = self._weighted(start, self.initial_noise(), tick)
+        if self.noise == "ar" and any(block.whitening is None for block in self.blocks):
+            for _ in range(AR_ITERATIONS):
+                minimum = self._weighted(minimum.vector, self._with_models(minimum), tick)
+        return minimum
+
+    def _with_models(self, minimum: Minimum) -> Noise:
+        raw = self.evaluate(minimum.vector)
+        time_blocks = [
+            evaluation for block, evaluation in zip(self.blocks, raw, strict=True) if block.whitening is None
+        ]
+        models = tuple(
+            autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
+            for output in range(len(self.structure.outputs))
+        )
+        evaluations, _, _ = self.whitened(minimum.vector, replace(minimum.noise, models=models))
+        return self.noise_of(evaluations, models)
+
+    def _weighted(self, start: Array, noise: Noise, tick: Callable[[], None] | None) -> Minimum:
+        vector, evaluations_used = start, 0
+        rounds = WEIGHT_ITERATIONS if self.weighting in ("variance", "determinant") else 1
+        for _ in range(rounds):
+            solution = self._solve(vector, noise, tick)
+            evaluations_used += int(solution.nfev)
+            moved = np.max(np.abs(solution.x - vector) / (np.abs(vector) + 1e-9))
+            vector = np.asarray(solution.x)
+            evaluations, residual, _ = self.whitened(vector, noise)
+            criterion = self.criterion(evaluations, residual)
+            if rounds == 1:
+                break
+            updated = self.noise_of(evaluations, noise.models)
+            change = np.max(np.abs(updated.root - noise.root)) / np.max(np.abs(updated.root))
+            noise = updated
+            if change < WEIGHT_TOLERANCE or moved < 1e-12:
+                break
+        return Minimum(
+            vector=vector,
+            criterion=criterion,
+            converged=bool(solution.status > 0),
+            message=str(solution.message),
+            evaluations=evaluations_used,
+            noise=noise,
+            active=np.asarray(solution.active_mask != 0),
+        )
+
+    def _solve(self, start: Array, noise: Noise, tick: Callable[[], None] | None):  # type: ignore[no-untyped-def]
+        lower, upper = self.bounds()
+        cache: dict[bytes, tuple[Array, Array]] = {}
+        shape: list[int] = []
+
+        def both(vector: Array) -> tuple[Array, Array]:
+            key = vector.tobytes()
+            if key not in cache:
+                cache.clear()
+                try:
+                    _, residual, jacobian = self.whitened(vector, noise)
+                except SimulationError:
+                    if not shape:
+                        raise
+                    residual = np.full(shape[0], FAILED_RESIDUAL)
+                    jacobian = np.zeros((shape[0], self.size))
+                shape[:] = [len(residual)]
+                cache[key] = residual, jacobian
+            if tick is not None:
+                tick()
+            return cache[key]
+
+        # trf wants the start strictly inside; a start on a bound is a fair wish, so nudge it.
+        inside = np.clip(start, lower + 1e-10 * _width(lower, upper), upper - 1e-10 * _width(lower, upper))
+        try:
+            return least_squares(
+                lambda vector: both(vector)[0],
+                inside,
+                jac=lambda vector: both(vector)[1],
+                bounds=(lower, upper),
+                method="trf",
+                x_scale="jac",
+                ftol=self.tolerance,
+                xtol=self.tolerance,
+                gtol=self.tolerance,
+                max_nfev=self.max_evaluations,
+            )
+        except SimulationError as error:
+            raise IdentificationError(f"the start vector can't be simulated: {error}") from error
+        except np.linalg.LinAlgError as error:
+            raise IdentificationError(f"the search broke off: {error}; try another start or tighter bounds") from error
+
+
+def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
+    """Mean outer product of the residuals over all valid samples, shape (O, O)."""
+    count = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+    if count == 0:
+        raise InputError("no valid sample is left to fit; widen the window or repair the log")
+    return np.asarray(sum(evaluation.residual @ evaluation.residual.T for evaluation in evaluations) / count)
+
+
+def _width(lower: Array, upper: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+
+
+def start_vectors(search: Search, count: int, seed: int | None) -> list[Array]:
+    """Return the declared start and `count` - 1 random ones, logarithmic over bounds that span decades."""
+    rest = np.zeros(search.size - len(search.free))
+    vectors = [np.concatenate([[parameter.start for parameter in search.free], rest])]
+    random = np.random.default_rng(seed)
+    for _ in range(count - 1):
+        drawn = []
+        for parameter in search.free:
+            if parameter.lower > 0 and parameter.upper / parameter.lower > 100:
+                drawn.append(np.exp(random.uniform(np.log(parameter.lower), np.log(parameter.upper))))
+            elif np.isfinite(parameter.lower) and np.isfinite(parameter.upper):
+                drawn.append(random.uniform(parameter.lower, parameter.upper))
+            else:
+                drawn.append(parameter.start * (1.0 + random.normal()))
+        vectors.append(np.concatenate([drawn, rest]))
+    return vectors

@@ -1,0 +1,251 @@
+"""Structures: parametric models of the drive train, declared once as parameters, outputs and equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Torque = Literal["brake", "gauge"]
+
+OUTPUT_SIGNALS: Mapping[str, tuple[str, ...]] = {
+    "dn": ("n_e", "n_s"),
+    "dM": ("M_g", "M_s", "M_b"),
+    "dE": ("E_n",),
+    "dX": ("X_f",),
+}
+"""Output of a structure to the measured signals that can stand for it, the first one present being taken."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: name, unit, start, bounds; fixed at its start, or with a prior (mean, standard deviation)."""
+
+    name: str
+    unit: str
+    start: float
+    lower: float
+    upper: float
+    fixed: bool = False
+    prior: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.start):
+            raise InputError(f"parameter {self.name}: start is {self.start}, expected a finite number")
+        if self.fixed:
+            return
+        if not self.lower < self.upper:
+            raise InputError(f"parameter {self.name}: bounds {self.lower:g} to {self.upper:g} hold no value between them")
+        if not self.lower <= self.start <= self.upper:
+            raise InputError(
+                f"parameter {self.name}: start {self.start:g} is outside its bounds {self.lower:g} to {self.upper:g}; "
+                "widen the bounds or move the start"
+            )
+        if self.prior is not None and not (np.isfinite(self.prior[0]) and self.prior[1] > 0):
+            raise InputError(
+                f"parameter {self.name}: prior {self.prior}, expected a finite mean and a positive standard deviation"
+            )
+
+    @property
+    def scale(self) -> float:
+        """A typical size, by which sensitivities are made comparable."""
+        return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
+
+
+class Equations(Protocol):
+    """What a structure computes. `response` is only needed for frequency data."""
+
+    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+        """Return the normalised outputs, shape (O, N)."""
+
+    def sensitivities(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
+    ) -> tuple[Array, Array]:
+        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+
+    def response(
+        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A parametric model: parameters with unit, bounds and start, outputs, equations.
+
+    `Structure.linear` declares the linear drive train; the other constructors hang a user's own equations in.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    outputs: tuple[str, ...]
+    equations: Equations
+    settings: Mapping[str, Any]
+
+    @classmethod
+    def linear(
+        cls,
+        *,
+        torque: Torque = "brake",
+        products: bool = False,
+        free_exponent: bool = False,
+        dead_time_loop: bool = False,
+        dead_time_set_point: bool = False,
+        outputs: Sequence[str] = ("dn", "dM"),
+        name: str | None = None,
+    ) -> Structure:
+        """Declare the linear drive train about an operating point, eq. 3.14 to 3.54 generalised.
+
+        Parameters
+        ----------
+        torque
+            "brake": the torque is the engine's, M_b* = p n* + tau_n dn*/dt (the thesis's structure, eq. 3.38);
+            "gauge": it is read by a strain gauge with only part of the inertia behind it,
+            M_g* = p n* + tau_prop dn*/dt.
+        products
+            Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
+        free_exponent
+            Free the propeller torque exponent p; otherwise it is 2 as in the thesis.
+        dead_time_loop, dead_time_set_point
+            Add the dead time T_d in the fuel path, T_set in the set-point path.
+        outputs
+            Of "dn", "dM", "dE", "dX".
+
+        Raises
+        ------
+        InputError
+            For an unknown output or torque.
+
+        Examples
+        --------
+        >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
+        ['tau_n', 'g', 'v', 'K_p', 'K_i']
+        """
+        from shipfp_rs.linear_equations import LinearEquations
+
+        if torque not in ("brake", "gauge"):
+            raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
+        for output in outputs:
+            if output not in OUTPUT_SIGNALS:
+                raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUT_SIGNALS)}")
+        if not outputs or len(set(outputs)) != len(outputs):
+            raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+        gauge = torque == "gauge" and "dM" in outputs
+        governor = (
+            (Parameter("vK_p", "-", 5.0, 1e-4, 1e3), Parameter("vK_i", "1/s", 5.0, 1e-4, 1e3))
+            if products
+            else (
+                Parameter("v", "-", 1.5, 0.01, 10.0),
+                Parameter("K_p", "-", 5.0, 1e-4, 1e3),
+                Parameter("K_i", "1/s", 5.0, 1e-4, 1e3),
+            )
+        )
+        parameters = (
+            Parameter("tau_n", "s", 1.2, 0.01, 10.0),
+            Parameter("g", "-", -0.5, -10.0, 1.0),
+            *governor,
+            Parameter("p", "-", 2.0, 1.0, 4.0, fixed=not free_exponent),
+            *((Parameter("tau_prop", "s", 0.5, 1e-3, 10.0),) if gauge else ()),
+            *((Parameter("T_d", "s", 0.05, 0.0, 1.0),) if dead_time_loop else ()),
+            *((Parameter("T_set", "s", 0.05, 0.0, 2.0),) if dead_time_set_point else ()),
+        )
+        extras = [
+            text
+            for present, text in (
+                (gauge, "gauge-side torque"),
+                (free_exponent, "free exponent"),
+                (dead_time_loop, "dead time in the loop"),
+                (dead_time_set_point, "dead time of the set point"),
+            )
+            if present
+        ]
+        return cls(
+            name=name or ("linear" + (": " + ", ".join(extras) if extras else "")),
+            parameters=parameters,
+            outputs=tuple(outputs),
+            equations=LinearEquations(tuple(outputs), gauge=gauge),
+            settings={
+                "kind": "linear",
+                "torque": torque,
+                "products": products,
+                "free_exponent": free_exponent,
+                "dead_time_loop": dead_time_loop,
+                "dead_time_set_point": dead_time_set_point,
+            },
+        )
+
+    def __getitem__(self, name: str) -> Parameter:
+        """Return a parameter by name."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise InputError(f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The parameters that are estimated, those with a prior included."""
+        return tuple(parameter for parameter in self.parameters if not parameter.fixed)
+
+    def _with(self, name: str, **changes: Any) -> Structure:
+        changed = replace(self[name], **changes)
+        return replace(
+            self, parameters=tuple(changed if parameter.name == name else parameter for parameter in self.parameters)
+        )
+
+    def with_fixed(self, **values: float) -> Structure:
+        """Return a copy with parameters held at the given values."""
+        structure = self
+        for name, value in values.items():
+            structure = structure._with(name, start=float(value), fixed=True, prior=None)
+        return structure
+
+    def with_prior(self, **priors: tuple[float, float]) -> Structure:
+        """Return a copy with Gaussian priors, each (mean, standard deviation)."""
+        structure = self
+        for name, (mean, std) in priors.items():
+            structure = structure._with(name, start=float(mean), fixed=False, prior=(float(mean), float(std)))
+        return structure
+
+    def with_start(self, **values: float) -> Structure:
+        """Return a copy with other start values."""
+        structure = self
+        for name, value in values.items():
+            structure = structure._with(name, start=float(value))
+        return structure
+
+    def with_bounds(self, **bounds: tuple[float, float]) -> Structure:
+        """Return a copy with other bounds, each (lower, upper); a start outside them is an error."""
+        structure = self
+        for name, (lower, upper) in bounds.items():
+            structure = structure._with(name, lower=float(lower), upper=float(upper), fixed=False)
+        return structure
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form kept in a fingerprint."""
+        return {
+            "name": self.name,
+            **dict(self.settings),
+            "outputs": list(self.outputs),
+            "parameters": {
+                parameter.name: {
+                    "start": parameter.start,
+                    "bounds": None if parameter.fixed else [parameter.lower, parameter.upper],
+                    "fixed": parameter.fixed,
+                    "prior": None if parameter.prior is None else list(parameter.prior),
+                }
+                for parameter in self.parameters
+            },
+        }

@@ -1,0 +1,60 @@
+"""Plain words: what a fit tells, what it doesn't, and what would settle it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from shipfp_rs.fingerprint import Estimate, Identifiability
+from shipfp_rs.structure import Structure
+
+
+def verdict(
+    parameters: Mapping[str, Estimate],
+    derived: Mapping[str, Estimate],
+    identifiability: Identifiability,
+    fit: Mapping[str, Mapping[str, float | None]],
+    structure: Structure,
+) -> tuple[str, ...]:
+    """Return the sentences of the verdict, most important first."""
+    lines = []
+    known = [_shown(name, e) for name, e in parameters.items() if e.status in ("free", "prior") and e.value is not None]
+    if known:
+        lines.append("Known: " + "; ".join(known) + ".")
+    together = [_shown(name, estimate) for name, estimate in derived.items()]
+    if together:
+        lines.append("Known only together: " + "; ".join(together) + ".")
+    for name, estimate in parameters.items():
+        if estimate.status == "unidentifiable":
+            lines.append(f"Not identifiable from these data: {name} ({estimate.reason}).")
+    bounded = [f"{name} ({e.reason})" for name, e in parameters.items() if e.status == "at_bound"]
+    if bounded:
+        lines.append(
+            "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: "
+            + ", ".join(bounded)
+            + "."
+        )
+    if identifiability.rank < identifiability.free:
+        lines.append(
+            f"The data tell {identifiability.rank} of {identifiability.free} free parameters apart; the response stays "
+            "the same along: " + " / ".join(str(entry["combination"]) for entry in identifiability.null_space) + "."
+        )
+    if identifiability.closes_gap:
+        lines.append(
+            "Any of these, known from elsewhere (torsional calculation, factory test), would settle the rest: "
+            + "; ".join(identifiability.closes_gap)
+            + "."
+        )
+    poor = [f"{output} {row['nrmse_pct']:.1f} %" for output, row in fit.items() if (row["nrmse_pct"] or 0.0) < 60.0]
+    if poor:
+        lines.append(
+            f"The structure {structure.name!r} explains the data poorly (fit of " + ", ".join(poor) + "): its intervals "
+            "hold for the structure, not for the ship."
+        )
+    return tuple(lines)
+
+
+def _shown(name: str, estimate: Estimate) -> str:
+    assert estimate.value is not None
+    spread = "" if estimate.ci95 is None else f" ({estimate.ci95[0]:.4g} to {estimate.ci95[1]:.4g})"
+    unit = "" if estimate.unit == "-" else f" {estimate.unit}"
+    return f"{name} = {estimate.value:.4g}{spread}{unit}"
