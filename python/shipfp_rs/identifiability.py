@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linprog
 
 from shipfp_rs.fingerprint import Identifiability
 
@@ -78,6 +79,29 @@ class Sensitivity:
         rank = self.rank
         half = (self.right[:rank].T / self.singular[:rank]) * self.scale[:, None]
         return np.asarray(half @ half.T)
+
+    def held_by_bounds(self, inward: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
+        """Tell which parameters a bound really holds, shape (P,).
+
+        `inward` is +1 or -1 for a parameter on a bound, towards the inside, and 0 elsewhere. Where a null direction
+        leads inside without pushing another parameter over its bound, the data do not press against the bound:
+        the search just happened to stop there.
+        """
+        held = inward != 0
+        if not held.any() or not len(self.null):
+            return np.asarray(held)
+        # Directions d = null' z with every bounded parameter moving inward or staying.
+        constraint = -(inward[held, None] * self.null.T[held])
+        for index in np.flatnonzero(held):
+            goal = linprog(
+                -inward[index] * self.null[:, index],
+                A_ub=constraint,
+                b_ub=np.full(len(constraint), 1e-9),
+                bounds=(-1.0, 1.0),
+            )
+            if goal.success and -goal.fun > NULL_PART:
+                held[index] = False
+        return np.asarray(held)
 
     def tells(self, gradient: Array) -> bool:
         """Whether a combination with this gradient (P,) has no part along a null direction."""

@@ -172,11 +172,10 @@ def _fingerprint(
         bound = _bound(search, best, index)
         if bound is not None:
             values[search.names[index]] = bound
-    on_bound = np.array([_bound(search, best, index) is not None for index in range(count)])
     scale = np.array([abs(values[p.name]) or p.scale for p in search.free])
-
     own = _without_nuisance(jacobian, count)
     everything = Sensitivity.of(own, search.names, scale)
+    on_bound = everything.held_by_bounds(np.array([_inward(search, values, index) for index in range(count)]))
     inner_names = [name for name, bounded in zip(search.names, on_bound, strict=True) if not bounded]
     inner = Sensitivity.of(own[:, ~on_bound], inner_names, scale[~on_bound])
     samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
@@ -206,8 +205,9 @@ def _fingerprint(
             continue
         status: Status = "free" if parameter.prior is None else "prior"
         half = quantile * std
-        interval = (values[name] - half, values[name] + half) if np.isfinite(half) else None
-        parameters[name] = Estimate(values[name], std if np.isfinite(std) else None, interval, parameter.unit, status)
+        # Outside its bounds a parameter has no meaning, so neither has that part of the interval.
+        interval = (max(values[name] - half, parameter.lower), min(values[name] + half, parameter.upper))
+        parameters[name] = Estimate(values[name], std, interval, parameter.unit, status)
 
     derived = _derived(parameters, values, everything, inner, covariance, quantile)
     identifiability = describe(everything)
@@ -245,10 +245,16 @@ def _fingerprint(
 def _bound(search: Search, best: Minimum, index: int) -> float | None:
     parameter, value = search.free[index], float(best.vector[index])
     for bound in (parameter.lower, parameter.upper):
-        room = AT_BOUND * min(max(abs(bound), abs(value)) or np.inf, parameter.upper - parameter.lower)
+        room = AT_BOUND * min(abs(bound) or np.inf, parameter.upper - parameter.lower)
         if np.isfinite(bound) and abs(value - bound) <= room:
             return bound
     return None
+
+
+def _inward(search: Search, values: Mapping[str, float], index: int) -> int:
+    """+1 on the lower bound, -1 on the upper one, 0 between them."""
+    parameter = search.free[index]
+    return int(values[parameter.name] == parameter.lower) - int(values[parameter.name] == parameter.upper)
 
 
 def _without_nuisance(jacobian: Array, count: int) -> Array:
