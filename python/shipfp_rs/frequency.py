@@ -29,8 +29,10 @@ class FrequencyResponse:
     response
         Signal name ("n_e", "M_g", ...) to the complex ratio of its normalised deviation to that of the set
         point, shape (F,); NaN where a point is missing.
-    std
-        Signal name to the standard deviation of the real and of the imaginary part, shape (F,), where known.
+    amplitude_std, phase_std
+        Signal name to the relative standard deviation of the amplitude [-] and to that of the phase [rad], shape
+        (F,), where known. They differ: a sine fit's phase suffers from an error of its frequency, its amplitude
+        does not.
     operating_point
         Signal name to the value about which it was normalised, for the record.
     provenance
@@ -40,7 +42,8 @@ class FrequencyResponse:
     name: str
     frequency_hz: Array
     response: Mapping[str, ComplexArray]
-    std: Mapping[str, Array] = field(default_factory=dict)
+    amplitude_std: Mapping[str, Array] = field(default_factory=dict)
+    phase_std: Mapping[str, Array] = field(default_factory=dict)
     operating_point: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -51,7 +54,11 @@ class FrequencyResponse:
         if not (np.isfinite(frequency).all() and (frequency > 0).all()):
             raise InputError(f"response {self.name!r}: frequency_hz must be finite and positive, found {frequency.min()}")
         object.__setattr__(self, "frequency_hz", frequency)
-        for attribute, dtype in (("response", np.complex128), ("std", np.float64)):
+        for attribute, dtype in (
+            ("response", np.complex128),
+            ("amplitude_std", np.float64),
+            ("phase_std", np.float64),
+        ):
             group = {key: _frozen(value, dtype) for key, value in getattr(self, attribute).items()}
             for key, values in group.items():
                 if values.shape != frequency.shape:
@@ -60,11 +67,19 @@ class FrequencyResponse:
                         f"{frequency.shape} as frequency_hz"
                     )
             object.__setattr__(self, attribute, MappingProxyType(group))
-        for key, values in self.std.items():
-            if key not in self.response:
-                raise InputError(f"response {self.name!r}: std of {key!r}, which has no response")
-            if not (values > 0).all():
-                raise InputError(f"response {self.name!r}: std of {key!r} must be positive, found {np.min(values)}")
+        if set(self.amplitude_std) != set(self.phase_std):
+            raise InputError(
+                f"response {self.name!r}: amplitude_std of {sorted(self.amplitude_std)} but phase_std of "
+                f"{sorted(self.phase_std)}; give both of the same outputs"
+            )
+        for attribute in ("amplitude_std", "phase_std"):
+            for key, values in getattr(self, attribute).items():
+                if key not in self.response:
+                    raise InputError(f"response {self.name!r}: {attribute} of {key!r}, which has no response")
+                if not (values > 0).all():
+                    raise InputError(
+                        f"response {self.name!r}: {attribute} of {key!r} must be positive, found {np.min(values)}"
+                    )
         if not self.response:
             raise InputError(f"response {self.name!r}: no output")
 
@@ -82,7 +97,8 @@ class FrequencyResponse:
             name=name or self.name,
             frequency_hz=self.frequency_hz[mask],
             response={key: values[mask] for key, values in self.response.items()},
-            std={key: values[mask] for key, values in self.std.items()},
+            amplitude_std={key: values[mask] for key, values in self.amplitude_std.items()},
+            phase_std={key: values[mask] for key, values in self.phase_std.items()},
             operating_point=self.operating_point,
             provenance=self.provenance,
         )

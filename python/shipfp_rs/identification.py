@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -88,15 +89,10 @@ def identify(
     Intervals are local: Gauss-Newton covariance of the whitened problem, Student's t. "variance" and "determinant":
     eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
     """
-    blocks = _blocks(data, structure, offsets=offsets, initial_state=initial_state)
-    _check(weighting, noise, starts, blocks)
+    _check(weighting, noise, starts)
+    blocks = _blocks(data, structure, offsets=offsets, initial_state=initial_state, weigh=weighting == "std")
     if noise is None:
         noise = "ar" if any(isinstance(block.data, Experiment) for block in blocks) else "white"
-    if weighting != "std":
-        blocks = tuple(
-            Block(b.data, b.structure, b.signals, b.measured, b.nuisance) if b.whitening is not None else b
-            for b in blocks
-        )
     search = Search(structure, blocks, weighting, noise, max_evaluations, tolerance)
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
@@ -120,30 +116,29 @@ def identify(
     )
 
 
-def _blocks(data: Data | Sequence[Data], structure: Structure, *, offsets: bool, initial_state: bool) -> tuple[Block, ...]:
+def _blocks(
+    data: Data | Sequence[Data], structure: Structure, *, offsets: bool, initial_state: bool, weigh: bool
+) -> tuple[Block, ...]:
     items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     if not items:
         raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
     for item in items:
         if not isinstance(item, Experiment | FrequencyResponse):
             raise InputError(f"identify: data of type {type(item).__name__}, expected Experiment or FrequencyResponse")
-    return tuple(Block.build(item, structure, offsets=offsets, initial_state=initial_state) for item in items)
+        if weigh and isinstance(item, Experiment):
+            raise InputError(f"{item.name!r}: weighting 'std' is for frequency responses, an experiment has no deviations")
+    return tuple(
+        Block.build(item, structure, offsets=offsets, initial_state=initial_state, weigh=weigh) for item in items
+    )
 
 
-def _check(weighting: str, noise: str | None, starts: int, blocks: Sequence[Block]) -> None:
+def _check(weighting: str, noise: str | None, starts: int) -> None:
     if weighting not in get_args(Weighting):
         raise InputError(f"weighting {weighting!r}, expected one of {', '.join(get_args(Weighting))}")
     if noise is not None and noise not in get_args(NoiseModel):
         raise InputError(f"noise {noise!r}, expected one of {', '.join(get_args(NoiseModel))}")
     if starts < 1:
         raise InputError(f"starts is {starts}, expected at least 1")
-    if weighting == "std":
-        for block in blocks:
-            if block.whitening is None:
-                raise InputError(
-                    f"{block.data.name!r}: weighting 'std' needs the standard deviation of every output's response; "
-                    "give FrequencyResponse(std=...) or choose another weighting"
-                )
 
 
 def _minima(
@@ -214,7 +209,9 @@ def _fingerprint(
     fit = _fit(search, best.vector)
     data = tuple(_record(block, figures) for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True))
     unknown = (search.size - count) + inner.rank
-    overall = information_criteria(scatter_of(search.evaluate(best.vector)), samples, unknown)
+    overall = information_criteria(scatter_of(evaluations), samples, unknown)
+    if search.weighting == "std":
+        overall |= {"chi_squared": best.criterion, "degrees_of_freedom": float(freedom)}
     return Fingerprint(
         parameters=parameters,
         derived=derived,
@@ -345,14 +342,7 @@ def _derived(
 
 
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
-    plain = Search(
-        search.structure,
-        tuple(Block(b.data, b.structure, b.signals, b.measured, b.nuisance) for b in search.blocks),
-        search.weighting,
-        search.noise,
-        search.max_evaluations,
-        search.tolerance,
-    )
+    plain = replace(search, blocks=tuple(replace(block, weigh=False) for block in search.blocks))
     rows = []
     for block, evaluation in zip(plain.blocks, plain.evaluate(vector), strict=True):
         figures = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.structure import OUTPUT_SIGNALS, Structure
 
 Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
 Data = Experiment | FrequencyResponse
 
 
@@ -39,20 +40,22 @@ class Block:
     signals: tuple[str, ...]
     measured: Array
     nuisance: tuple[str, ...]
-    whitening: Array | None = field(default=None, compare=False)
-    """1 / standard deviation of every residual where it is known, shape (O, R)."""
+    weigh: bool = False
+    """Divide the residuals of a frequency response by its own standard deviations, in amplitude and in phase."""
 
     @classmethod
-    def build(cls, data: Data, structure: Structure, *, offsets: bool, initial_state: bool) -> Block:
+    def build(cls, data: Data, structure: Structure, *, offsets: bool, initial_state: bool, weigh: bool) -> Block:
         """Pick the measured signal of every output and name the block's own unknowns."""
         if isinstance(data, FrequencyResponse):
             signals = tuple(_signal_for(output, data.response, data.name) for output in structure.outputs)
-            parts = [data.response[signal] for signal in signals]
-            measured = np.array([np.concatenate([part.real, part.imag]) for part in parts])
-            whitening = None
-            if all(signal in data.std for signal in signals):
-                whitening = np.array([np.tile(1.0 / data.std[signal], 2) for signal in signals])
-            block = cls(data, structure, signals, measured, (), whitening)
+            measured = _split(np.array([data.response[signal] for signal in signals]))
+            for signal in signals if weigh else ():
+                if signal not in data.phase_std:
+                    raise InputError(
+                        f"{data.name!r}: weighting 'std' needs the standard deviations of {signal!r}; give "
+                        "FrequencyResponse(amplitude_std=..., phase_std=...) or choose another weighting"
+                    )
+            block = cls(data, structure, signals, measured, (), weigh)
         else:
             signals = tuple(_signal_for(output, data.signals, data.name) for output in structure.outputs)
             measured = np.array([data.normalised(signal) for signal in signals])
@@ -75,8 +78,9 @@ class Block:
         valid = self.valid
         if isinstance(self.data, FrequencyResponse):
             model, slopes = self.structure.equations.response(values, self.data.frequency_hz, names)
-            simulated = np.concatenate([model.real, model.imag], axis=1)
-            jacobian = np.concatenate([slopes.real, slopes.imag], axis=2)
+            if self.weigh:
+                return self._weighed(model, slopes)
+            simulated, jacobian = _split(model), _split(slopes)
         else:
             states = [name for name in self.nuisance if name.startswith("initial")]
             simulated, jacobian = self.structure.equations.sensitivities(values, self.data, [*names, *states])
@@ -90,10 +94,23 @@ class Block:
                 jacobian = np.concatenate([jacobian, constant])
         residual = np.where(valid, self.measured - simulated, 0.0)
         jacobian = np.where(valid, jacobian, 0.0)
-        if self.whitening is not None:
-            residual = residual * self.whitening
-            jacobian = jacobian * self.whitening
         return Evaluation(residual, jacobian, valid)
+
+    def _weighed(self, model: ComplexArray, slopes: ComplexArray) -> Evaluation:
+        """Residuals of log amplitude and of phase over their deviations: a turned phase is no error of amplitude."""
+        assert isinstance(self.data, FrequencyResponse)
+        amplitude = np.array([self.data.amplitude_std[signal] for signal in self.signals])
+        phase = np.array([self.data.phase_std[signal] for signal in self.signals])
+        ratio = np.array([self.data.response[signal] for signal in self.signals]) / model
+        residual = np.concatenate([np.log(np.abs(ratio)) / amplitude, np.angle(ratio) / phase], axis=-1)
+        relative = slopes / model
+        jacobian = np.concatenate([relative.real / amplitude, relative.imag / phase], axis=-1)
+        valid = self.valid
+        return Evaluation(np.where(valid, residual, 0.0), np.where(valid, jacobian, 0.0), valid)
+
+
+def _split(response: ComplexArray) -> Array:
+    return np.concatenate([response.real, response.imag], axis=-1)
 
 
 def prewhiten(evaluation: Evaluation, models: Sequence[Array]) -> Evaluation:

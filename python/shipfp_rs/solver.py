@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
+from shipfp_rs.experiment import Experiment
 from shipfp_rs.problem import Block, Evaluation, autoregressive_model, prewhiten
 from shipfp_rs.structure import Parameter, Structure
 
@@ -93,7 +94,7 @@ class Search:
         evaluations = self.evaluate(vector)
         if noise.models is not None:
             evaluations = [
-                prewhiten(evaluation, noise.models) if block.whitening is None else evaluation
+                prewhiten(evaluation, noise.models) if isinstance(block.data, Experiment) else evaluation
                 for block, evaluation in zip(self.blocks, evaluations, strict=True)
             ]
         residuals, jacobians, start = [], [], len(self.free)
@@ -164,7 +165,7 @@ class Search:
     def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
         """Search from `start`; weights, then AR noise models, are refitted until they agree with the residuals."""
         minimum = self._weighted(start, self.initial_noise(), tick)
-        if self.noise == "ar" and any(block.whitening is None for block in self.blocks):
+        if self.noise == "ar" and any(isinstance(block.data, Experiment) for block in self.blocks):
             for _ in range(AR_ITERATIONS):
                 minimum = self._weighted(minimum.vector, self._with_models(minimum), tick)
         return minimum
@@ -172,7 +173,7 @@ class Search:
     def _with_models(self, minimum: Minimum) -> Noise:
         raw = self.evaluate(minimum.vector)
         time_blocks = [
-            evaluation for block, evaluation in zip(self.blocks, raw, strict=True) if block.whitening is None
+            evaluation for block, evaluation in zip(self.blocks, raw, strict=True) if isinstance(block.data, Experiment)
         ]
         models = tuple(
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)

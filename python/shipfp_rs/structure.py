@@ -154,7 +154,7 @@ class Structure:
             *governor,
             Parameter("p", "-", 2.0, 1.0, 4.0, fixed=not free_exponent),
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 10.0),) if gauge else ()),
-            *((Parameter("T_d", "s", 0.05, 0.0, 1.0),) if dead_time_loop else ()),
+            *((Parameter("T_d", "s", 0.05, 0.0, 0.5),) if dead_time_loop else ()),
             *((Parameter("T_set", "s", 0.05, 0.0, 2.0),) if dead_time_set_point else ()),
         )
         extras = [

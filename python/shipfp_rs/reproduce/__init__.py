@@ -1,0 +1,65 @@
+"""The thesis's tables, printed beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from shipfp_rs.fingerprint import Fingerprint
+
+Way = Literal["printed", "thesis", "ours"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a reproduced table; `way` tells whether it was printed, refitted as the thesis did, or ours."""
+
+    table: str
+    case: str
+    way: Way
+    structure: str
+    parameters: Mapping[str, float | None]
+    fit: Mapping[str, float | None]
+    notes: str = ""
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "table": self.table,
+            "case": self.case,
+            "way": self.way,
+            "structure": self.structure,
+            "parameters": dict(self.parameters),
+            "fit": dict(self.fit),
+            "notes": self.notes,
+            "intervals": {name: list(interval) for name, interval in self.intervals.items()},
+        }
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Rows of the tables, plain words on them, and the fingerprints behind our rows."""
+
+    title: str
+    rows: tuple[Row, ...]
+    verdict: tuple[str, ...]
+    fingerprints: Mapping[str, Fingerprint]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, {"rows": [...], "verdict": [...]}."""
+        return {"rows": [row.to_dict() for row in self.rows], "verdict": list(self.verdict)}
+
+
+def row_of(
+    fingerprint: Fingerprint, *, table: str, case: str, way: Way, structure: str, notes: str, optimum: bool = False
+) -> Row:
+    """Make a row of a fingerprint; with `optimum` unknowable values are shown as the search left them."""
+    estimates = {**fingerprint.parameters, **fingerprint.derived}
+    parameters = {name: estimate.value for name, estimate in estimates.items()}
+    if optimum:
+        parameters |= fingerprint.settings["optimum"]
+    intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
+    fit = {output: figures["nrmse_pct"] for output, figures in fingerprint.fit.items() if output != "overall"}
+    return Row(table, case, way, structure, parameters, fit, notes, intervals)
