@@ -62,13 +62,17 @@ class Experiment:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise InputError(f"experiment {self.name!r}: rate_hz is {self.rate_hz}, expected a positive number")
+            raise InputError(
+                f"experiment {self.name!r}: rate_hz is {self.rate_hz}, expected a positive number"
+            )
         if "n_set" not in self.signals:
             raise InputError(f"experiment {self.name!r}: no signal 'n_set'; found {sorted(self.signals)}")
         frozen: dict[str, Array] = {}
         length = len(self.signals["n_set"])
         if length < 2:
-            raise InputError(f"experiment {self.name!r}: {length} samples, expected at least 2; check its window")
+            raise InputError(
+                f"experiment {self.name!r}: {length} samples, expected at least 2; check its window"
+            )
         for name, samples in self.signals.items():
             if name not in UNITS:
                 raise InputError(
@@ -113,7 +117,7 @@ class Experiment:
         return len(self) / self.rate_hz
 
     def normalised(self, name: str) -> Array:
-        """Deviation of a signal from its operating point divided by it (the starred quantities of eq. 3.14 on), shape (N,)."""
+        """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,)."""
         if name not in self.signals:
             raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
         if name not in self.operating_point:

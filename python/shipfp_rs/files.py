@@ -18,7 +18,9 @@ def replacing(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
-        raise InputError(f"{path}: can't be written, {error.strerror or error}; choose another folder") from error
+        raise InputError(
+            f"{path}: can't be written, {error.strerror or error}; choose another folder"
+        ) from error
     os.close(handle)
     temporary = Path(name)
     try:

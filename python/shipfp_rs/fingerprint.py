@@ -154,7 +154,9 @@ class Fingerprint:
         except OSError as error:
             raise InputError(f"{path}: {error.strerror or error}") from error
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise InputError(f"{path}: not a JSON file ({error}); expected one written by Fingerprint.save") from error
+            raise InputError(
+                f"{path}: not a JSON file ({error}); expected one written by Fingerprint.save"
+            ) from error
         try:
             return cls._from_dict(content)
         except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -50,9 +50,13 @@ class FrequencyResponse:
     def __post_init__(self) -> None:
         frequency = _frozen(self.frequency_hz, np.float64)
         if frequency.ndim != 1 or frequency.size == 0:
-            raise InputError(f"response {self.name!r}: frequency_hz has shape {frequency.shape}, expected (F,), F > 0")
+            raise InputError(
+                f"response {self.name!r}: frequency_hz has shape {frequency.shape}, expected (F,), F > 0"
+            )
         if not (np.isfinite(frequency).all() and (frequency > 0).all()):
-            raise InputError(f"response {self.name!r}: frequency_hz must be finite and positive, found {frequency.min()}")
+            raise InputError(
+                f"response {self.name!r}: frequency_hz must be finite and positive, found {frequency.min()}"
+            )
         object.__setattr__(self, "frequency_hz", frequency)
         for attribute, dtype in (
             ("response", np.complex128),
@@ -128,6 +132,6 @@ def sine_response(
 
 
 def _frozen(values: npt.ArrayLike, dtype: type) -> npt.NDArray[Any]:
-    array = np.array(values, dtype=dtype)
+    array: npt.NDArray[Any] = np.array(values, dtype=dtype)
     array.flags.writeable = False
     return array

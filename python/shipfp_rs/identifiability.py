@@ -134,7 +134,7 @@ def describe(sensitivity: Sensitivity) -> Identifiability:
     # More than three missing pieces of knowledge would be a list nobody reads.
     if 0 < missing <= 3:
         for chosen in combinations(members, missing):
-            columns = null[:, [names.index(name) for name in chosen]]
+            columns = null[:, np.array([names.index(name) for name in chosen])]
             if np.linalg.svd(columns, compute_uv=False)[-1] > 1e-3:
                 closing.append(" and ".join(chosen))
     return Identifiability(
@@ -151,7 +151,7 @@ def _sparse_basis(null: Array) -> Array:
     basis = null.copy()
     for row in range(len(basis)):
         free_rows = np.abs(basis[row:])
-        pivot_row, pivot = np.unravel_index(np.argmax(free_rows), free_rows.shape)
+        pivot_row, pivot = divmod(int(np.argmax(free_rows)), basis.shape[1])
         basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
         basis[row] /= basis[row, pivot]
         for other in range(len(basis)):

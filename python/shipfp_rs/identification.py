@@ -124,11 +124,16 @@ def _blocks(
         raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
     for item in items:
         if not isinstance(item, Experiment | FrequencyResponse):
-            raise InputError(f"identify: data of type {type(item).__name__}, expected Experiment or FrequencyResponse")
+            raise InputError(
+                f"identify: data of type {type(item).__name__}, expected Experiment or FrequencyResponse"
+            )
         if weigh and isinstance(item, Experiment):
-            raise InputError(f"{item.name!r}: weighting 'std' is for frequency responses, an experiment has no deviations")
+            raise InputError(
+                f"{item.name!r}: weighting 'std' is for frequency responses, an experiment has no deviations"
+            )
     return tuple(
-        Block.build(item, structure, offsets=offsets, initial_state=initial_state, weigh=weigh) for item in items
+        Block.build(item, structure, offsets=offsets, initial_state=initial_state, weigh=weigh)
+        for item in items
     )
 
 
@@ -158,7 +163,13 @@ def _minima(
 
 
 def _fingerprint(
-    search: Search, best: Minimum, minima: Sequence[Minimum], *, vessel: str | None, seed: int | None, settings: dict[str, Any]
+    search: Search,
+    best: Minimum,
+    minima: Sequence[Minimum],
+    *,
+    vessel: str | None,
+    seed: int | None,
+    settings: dict[str, Any],
 ) -> Fingerprint:
     structure, count = search.structure, len(search.free)
     evaluations, residual, jacobian = search.whitened(best.vector, best.noise)
@@ -182,13 +193,18 @@ def _fingerprint(
     parameters: dict[str, Estimate] = {}
     for parameter in structure.parameters:
         if parameter.fixed:
-            parameters[parameter.name] = Estimate(parameter.start, unit=parameter.unit, status="fixed", reason="given")
+            parameters[parameter.name] = Estimate(
+                parameter.start, unit=parameter.unit, status="fixed", reason="given"
+            )
             continue
         name, index = parameter.name, search.names.index(parameter.name)
         if on_bound[index]:
             side = "lower" if values[name] == parameter.lower else "upper"
             parameters[name] = Estimate(
-                values[name], unit=parameter.unit, status="at_bound", reason=f"on its {side} bound {values[name]:g}"
+                values[name],
+                unit=parameter.unit,
+                status="at_bound",
+                reason=f"on its {side} bound {values[name]:g}",
             )
             continue
         place = inner_names.index(name)
@@ -207,7 +223,10 @@ def _fingerprint(
     derived = _derived(parameters, values, everything, inner, covariance, quantile)
     identifiability = describe(everything)
     fit = _fit(search, best.vector)
-    data = tuple(_record(block, figures) for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True))
+    data = tuple(
+        _record(block, figures)
+        for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True)
+    )
     unknown = (search.size - count) + inner.rank
     overall = information_criteria(scatter_of(evaluations), samples, unknown)
     if search.weighting == "std":
@@ -265,7 +284,12 @@ def _without_nuisance(jacobian: Array, count: int) -> Array:
 
 
 def _covariance(
-    search: Search, inner: Sensitivity, jacobian: Array, evaluations: Sequence[Evaluation], residual: Array, freedom: int
+    search: Search,
+    inner: Sensitivity,
+    jacobian: Array,
+    evaluations: Sequence[Evaluation],
+    residual: Array,
+    freedom: int,
 ) -> Array:
     """Covariance (P, P) of the inner parameters: Gauss-Newton, each output's residual variance where not weighted."""
     base = inner.covariance()
@@ -288,7 +312,13 @@ def _covariance(
 
 
 def _why_unknown(
-    null_part: float, std: float, lower: float, upper: float, search: Search, everything: Sensitivity, index: int
+    null_part: float,
+    std: float,
+    lower: float,
+    upper: float,
+    search: Search,
+    everything: Sensitivity,
+    index: int,
 ) -> str:
     if null_part > NULL_PART:
         partners = sorted(

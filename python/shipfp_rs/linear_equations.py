@@ -76,5 +76,8 @@ class LinearEquations:
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
         return _core.linear_response_sensitivities(
-            self._kernel_parameters(values), frequency_hz, self._kernel_outputs, [_INDEX[name] for name in names]
+            self._kernel_parameters(values),
+            frequency_hz,
+            self._kernel_outputs,
+            [_INDEX[name] for name in names],
         )

@@ -44,7 +44,9 @@ class Block:
     """Divide the residuals of a frequency response by its own standard deviations, in amplitude and in phase."""
 
     @classmethod
-    def build(cls, data: Data, structure: Structure, *, offsets: bool, initial_state: bool, weigh: bool) -> Block:
+    def build(
+        cls, data: Data, structure: Structure, *, offsets: bool, initial_state: bool, weigh: bool
+    ) -> Block:
         """Pick the measured signal of every output and name the block's own unknowns."""
         if isinstance(data, FrequencyResponse):
             signals = tuple(_signal_for(output, data.response, data.name) for output in structure.outputs)

@@ -81,7 +81,9 @@ class Search:
         values = self.values(vector)
         evaluations, start = [], len(self.free)
         for block in self.blocks:
-            own = dict(zip(block.nuisance, map(float, vector[start : start + len(block.nuisance)]), strict=True))
+            own = dict(
+                zip(block.nuisance, map(float, vector[start : start + len(block.nuisance)]), strict=True)
+            )
             evaluations.append(block.evaluate(values | own, self.names))
             start += len(block.nuisance)
         return evaluations
@@ -173,7 +175,9 @@ class Search:
     def _with_models(self, minimum: Minimum) -> Noise:
         raw = self.evaluate(minimum.vector)
         time_blocks = [
-            evaluation for block, evaluation in zip(self.blocks, raw, strict=True) if isinstance(block.data, Experiment)
+            evaluation
+            for block, evaluation in zip(self.blocks, raw, strict=True)
+            if isinstance(block.data, Experiment)
         ]
         models = tuple(
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
@@ -249,7 +253,9 @@ class Search:
         except SimulationError as error:
             raise IdentificationError(f"the start vector can't be simulated: {error}") from error
         except np.linalg.LinAlgError as error:
-            raise IdentificationError(f"the search broke off: {error}; try another start or tighter bounds") from error
+            raise IdentificationError(
+                f"the search broke off: {error}; try another start or tighter bounds"
+            ) from error
 
 
 def scatter_of(evaluations: Sequence[Evaluation]) -> Array:

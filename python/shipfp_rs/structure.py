@@ -43,7 +43,9 @@ class Parameter:
         if self.fixed:
             return
         if not self.lower < self.upper:
-            raise InputError(f"parameter {self.name}: bounds {self.lower:g} to {self.upper:g} hold no value between them")
+            raise InputError(
+                f"parameter {self.name}: bounds {self.lower:g} to {self.upper:g} hold no value between them"
+            )
         if not self.lower <= self.start <= self.upper:
             raise InputError(
                 f"parameter {self.name}: start {self.start:g} is outside its bounds {self.lower:g} to {self.upper:g}; "
@@ -202,7 +204,10 @@ class Structure:
     def _with(self, name: str, **changes: Any) -> Structure:
         changed = replace(self[name], **changes)
         return replace(
-            self, parameters=tuple(changed if parameter.name == name else parameter for parameter in self.parameters)
+            self,
+            parameters=tuple(
+                changed if parameter.name == name else parameter for parameter in self.parameters
+            ),
         )
 
     def with_fixed(self, **values: float) -> Structure:
@@ -226,11 +231,18 @@ class Structure:
             structure = structure._with(name, start=float(value))
         return structure
 
-    def with_bounds(self, **bounds: tuple[float, float]) -> Structure:
-        """Return a copy with other bounds, each (lower, upper); a start outside them is an error."""
+    def with_bounds(self, **bounds: tuple[float, ...]) -> Structure:
+        """Return a copy with other bounds, each (lower, upper) or (lower, start, upper); they must hold the start."""
         structure = self
-        for name, (lower, upper) in bounds.items():
-            structure = structure._with(name, lower=float(lower), upper=float(upper), fixed=False)
+        for name, limits in bounds.items():
+            if len(limits) not in (2, 3):
+                raise InputError(
+                    f"bounds of {name}: {limits}, expected (lower, upper) or (lower, start, upper)"
+                )
+            start = {"start": float(limits[1])} if len(limits) == 3 else {}
+            structure = structure._with(
+                name, lower=float(limits[0]), upper=float(limits[-1]), fixed=False, **start
+            )
         return structure
 
     def to_dict(self) -> dict[str, Any]:

@@ -17,7 +17,11 @@ def verdict(
 ) -> tuple[str, ...]:
     """Return the sentences of the verdict, most important first."""
     lines = []
-    known = [_shown(name, e) for name, e in parameters.items() if e.status in ("free", "prior") and e.value is not None]
+    known = [
+        _shown(name, e)
+        for name, e in parameters.items()
+        if e.status in ("free", "prior") and e.value is not None
+    ]
     if known:
         lines.append("Known: " + "; ".join(known) + ".")
     together = [_shown(name, estimate) for name, estimate in derived.items()]
@@ -36,7 +40,9 @@ def verdict(
     if identifiability.rank < identifiability.free:
         lines.append(
             f"The data tell {identifiability.rank} of {identifiability.free} free parameters apart; the response stays "
-            "the same along: " + " / ".join(str(entry["combination"]) for entry in identifiability.null_space) + "."
+            "the same along: "
+            + " / ".join(str(entry["combination"]) for entry in identifiability.null_space)
+            + "."
         )
     if identifiability.closes_gap:
         lines.append(
@@ -44,10 +50,16 @@ def verdict(
             + "; ".join(identifiability.closes_gap)
             + "."
         )
-    poor = [f"{output} {row['nrmse_pct']:.1f} %" for output, row in fit.items() if (row["nrmse_pct"] or 0.0) < 60.0]
+    poor = [
+        f"{output} {row['nrmse_pct']:.1f} %"
+        for output, row in fit.items()
+        if (row["nrmse_pct"] or 0.0) < 60.0
+    ]
     if poor:
         lines.append(
-            f"The structure {structure.name!r} explains the data poorly (fit of " + ", ".join(poor) + "): its intervals "
+            f"The structure {structure.name!r} explains the data poorly (fit of "
+            + ", ".join(poor)
+            + "): its intervals "
             "hold for the structure, not for the ship."
         )
     return tuple(lines)

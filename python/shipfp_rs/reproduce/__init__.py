@@ -53,7 +53,14 @@ class Reproduction:
 
 
 def row_of(
-    fingerprint: Fingerprint, *, table: str, case: str, way: Way, structure: str, notes: str, optimum: bool = False
+    fingerprint: Fingerprint,
+    *,
+    table: str,
+    case: str,
+    way: Way,
+    structure: str,
+    notes: str,
+    optimum: bool = False,
 ) -> Row:
     """Make a row of a fingerprint; with `optimum` unknowable values are shown as the search left them."""
     estimates = {**fingerprint.parameters, **fingerprint.derived}

@@ -27,7 +27,9 @@ AMPLITUDE_STD = 0.01
 """Scatter of the amplitude ratios about a smooth curve; the printed digits alone give half of it."""
 INCONSISTENT_HZ = (0.11, 0.1778)
 """Phases that no structure can follow: a frequency error of 1e-5 Hz explains them."""
-CORRECTIONS = "set point 76 rpm, shaft-speed frequency 3.433 Hz and torque 320 Nm at 3.433 Hz as in section 7.3"
+CORRECTIONS = (
+    "set point 76 rpm, shaft-speed frequency 3.433 Hz and torque 320 Nm at 3.433 Hz as in section 7.3"
+)
 STARTS = 8
 
 
@@ -73,14 +75,23 @@ def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
         },
         amplitude_std={"n_e": amplitude, "M_g": amplitude},
         phase_std={"n_e": phase, "M_g": np.hypot(phase, TORQUE_PHASE_STD)},
-        provenance={"source": "Tables E.1 to E.3, normalised by each sine's own offset", "corrections": CORRECTIONS},
+        provenance={
+            "source": "Tables E.1 to E.3, normalised by each sine's own offset",
+            "corrections": CORRECTIONS,
+        },
     )
 
 
 def thesis_structure() -> Structure:
     """Return the structure of section 7.2: exponent 2, torque of the engine; start and bounds of eq. 7.3 to 7.8."""
     start = {"tau_n": 1.2, "g": -0.5, "v": 1.0, "K_p": 10.0, "K_i": 3.0}
-    bounds = {"tau_n": (0.01, 5.0), "g": (-3.0, -0.01), "v": (0.01, 5.0), "K_p": (0.01, 15.0), "K_i": (0.01, 10.0)}
+    bounds = {
+        "tau_n": (0.01, 5.0),
+        "g": (-3.0, -0.01),
+        "v": (0.01, 5.0),
+        "K_p": (0.01, 15.0),
+        "K_i": (0.01, 10.0),
+    }
     return Structure.linear(torque="brake", name="thesis").with_start(**start).with_bounds(**bounds)
 
 
@@ -104,12 +115,33 @@ def _jobs() -> tuple[_Job, ...]:
     ten = "S2-S13 less 0.11 and 0.1778 Hz, whose phases are inconsistent; plain least squares"
     weighted = "S2-S13, each point weighted in amplitude and phase"
     return (
-        _Job("ii", everything, thesis_structure(), "determinant", "thesis", f"S2-S14, determinant; {CORRECTIONS}"),
-        _Job("ii", usable, extended_structure(), "determinant", "ours", "S2-S13, determinant; 3.433 Hz is unusable"),
+        _Job(
+            "ii",
+            everything,
+            thesis_structure(),
+            "determinant",
+            "thesis",
+            f"S2-S14, determinant; {CORRECTIONS}",
+        ),
+        _Job(
+            "ii",
+            usable,
+            extended_structure(),
+            "determinant",
+            "ours",
+            "S2-S13, determinant; 3.433 Hz is unusable",
+        ),
         _Job("ii, ten points", sound, thesis_structure(), "none", "thesis", ten),
         _Job("ii, ten points", sound, extended_structure(), "none", "ours", ten),
         *(
-            _Job("ii, weighted", usable, extended_structure(loop=loop, set_point=set_point), "std", "ours", weighted)
+            _Job(
+                "ii, weighted",
+                usable,
+                extended_structure(loop=loop, set_point=set_point),
+                "std",
+                "ours",
+                weighted,
+            )
             for loop, set_point in ((False, False), (True, False), (False, True), (True, True))
         ),
     )
@@ -150,7 +182,12 @@ def _printed(result: published.Result) -> Row:
         case=result.case,
         way="printed",
         structure="thesis",
-        parameters={"tau_n": result.tau_n_s, "g": result.g, "K_p/K_i": result.kp_over_ki_s, "vK_p": result.v_kp},
+        parameters={
+            "tau_n": result.tau_n_s,
+            "g": result.g,
+            "K_p/K_i": result.kp_over_ki_s,
+            "vK_p": result.v_kp,
+        },
         fit={"dn": result.fit_n_pct, "dM": result.fit_m_pct},
         notes=result.signal,
     )
