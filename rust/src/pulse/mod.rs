@@ -1,1 +1,9 @@
 //! Pulse trains to crossing times, streaming over chunks.
+
+mod crossings;
+mod levels;
+mod sample;
+
+pub use crossings::PulseCrossings;
+pub use levels::pulse_levels;
+pub use sample::Sample;

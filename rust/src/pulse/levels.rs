@@ -1,0 +1,125 @@
+//! The two state levels of a pulse train, from histograms.
+
+use super::sample::Sample;
+use crate::error::{Error, Result};
+use crate::stop::{CHECK_EVERY, Stop};
+
+const BINS: usize = 100;
+/// Samples in each tail that may be disturbances: rarer than a pulse, more frequent than radio interference.
+const TAIL: f64 = 1e-3;
+/// Each round narrows the range at least by two, and a hundredfold where one level holds everything.
+const ROUNDS: usize = 12;
+
+/// Low and high state level: the modes of the lower and the upper half of a histogram of the finite samples.
+///
+/// The histogram has 100 bins, as MATLAB's `statelevels` has. It is taken again over the bins that hold all but a
+/// thousandth of the samples at either end while these are less than half of the range, so that rare high peaks do not
+/// push both states into one bin.
+///
+/// # Errors
+/// If no sample is finite, or on a stop.
+pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)> {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    let mut count = 0_usize;
+    for part in samples.chunks(CHECK_EVERY) {
+        stop.check()?;
+        for x in part.iter().map(|&x| x.into()).filter(|x: &f64| x.is_finite()) {
+            low = low.min(x);
+            high = high.max(x);
+            count += 1;
+        }
+    }
+    if count == 0 {
+        let found = samples.len();
+        return Err(Error::Invalid(format!("no finite sample among {found}; a pulse train needs some to find its levels")));
+    }
+    let tail = count as f64 * TAIL;
+    for _ in 0..ROUNDS {
+        let width = (high - low) / BINS as f64;
+        if width <= 0.0 {
+            break;
+        }
+        let bins = histogram(samples, low, width, stop)?;
+        let first = past_tail(bins.iter(), tail);
+        let last = BINS - 1 - past_tail(bins.iter().rev(), tail);
+        if last - first >= BINS / 2 {
+            let (lower, upper) = bins.split_at(BINS / 2);
+            let centre = |bin: usize| low + width * (bin as f64 + 0.5);
+            return Ok((centre(mode(lower)), centre(BINS / 2 + mode(upper))));
+        }
+        (low, high) = (low + width * first as f64, low + width * (last + 1) as f64);
+    }
+    Ok((low, high))
+}
+
+/// Counts in bins of `width` from `low` on; what lies outside is counted at the ends.
+fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Result<[u64; BINS]> {
+    let mut bins = [0; BINS];
+    for part in samples.chunks(CHECK_EVERY) {
+        stop.check()?;
+        for x in part.iter().map(|&x| x.into()).filter(|x: &f64| x.is_finite()) {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // saturates as wanted
+            let bin = ((x - low) / width) as usize;
+            bins[bin.min(BINS - 1)] += 1;
+        }
+    }
+    Ok(bins)
+}
+
+/// The first bin that does not lie wholly within the tail.
+fn past_tail<'a>(bins: impl Iterator<Item = &'a u64>, tail: f64) -> usize {
+    let mut sum = 0;
+    bins.take_while(|&&count| {
+        sum += count;
+        sum as f64 <= tail
+    })
+    .count()
+}
+
+/// The fullest bin, the first of equals.
+fn mode(bins: &[u64]) -> usize {
+    (0..bins.len()).rev().max_by_key(|&bin| bins[bin]).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn levels<T: Sample>(samples: &[T]) -> (f64, f64) {
+        pulse_levels(samples, &Stop::new()).unwrap()
+    }
+
+    #[test]
+    fn a_clean_train_gives_its_levels_within_half_a_bin() {
+        let train: Vec<f32> = (0..10_000).map(|k| if k % 97 < 30 { 4.5 } else { 0.25 }).collect();
+        let (low, high) = levels(&train);
+        assert!((low - 0.25).abs() < 0.022 && (high - 4.5).abs() < 0.022, "{low} {high}");
+        let counts: Vec<i16> = (0..10_000).map(|k| if k % 97 < 30 { 3000 } else { -3000 }).collect();
+        let (low, high) = levels(&counts);
+        assert!((low + 3000.0).abs() <= 30.0 && (high - 3000.0).abs() <= 30.0, "{low} {high}");
+    }
+
+    #[test]
+    fn rare_high_peaks_and_missing_samples_do_not_move_the_levels() {
+        let train: Vec<f64> = (0..20_000)
+            .map(|k| match k {
+                _ if k % 2500 == 7 => 1e4,
+                _ if k % 331 == 0 => f64::NAN,
+                _ if k % 333 == 0 => f64::INFINITY,
+                _ => [0.5, 5.5][usize::from(k % 97 < 30)] + 0.1 * (k as f64).sin(),
+            })
+            .collect();
+        let (low, high) = levels(&train);
+        assert!((low - 0.5).abs() < 0.2 && (high - 5.5).abs() < 0.2, "{low} {high}");
+    }
+
+    #[test]
+    fn a_constant_train_has_one_level_and_an_empty_one_none() {
+        assert_eq!(levels(&[2.5_f32; 100]), (2.5, 2.5));
+        let mut glitch = [2.5; 5000];
+        glitch[77] = 80.0;
+        let (low, high) = levels(&glitch);
+        assert!((low - 2.5).abs() < 1e-9 && (high - 2.5).abs() < 1e-9, "{low} {high}");
+        assert!(pulse_levels(&[f64::NAN], &Stop::new()).unwrap_err().to_string().contains("no finite sample"));
+    }
+}

@@ -1,0 +1,157 @@
+//! The sample types of raw logs, and their comparison with two thresholds into bit masks.
+
+/// Samples compared at a time: one bit of a word each.
+pub(super) const BLOCK: usize = u64::BITS as usize;
+
+/// A type in which loggers store samples.
+pub trait Sample: Copy + PartialOrd + Into<f64> + Send + Sync {
+    /// The type's name, for messages.
+    const NAME: &str;
+    /// The least value at or above `level`, so that `x >= value` decides exactly as `x >= level` would.
+    fn at_or_above(level: f64) -> Option<Self>;
+    /// The greatest value at or below `level`.
+    fn at_or_below(level: f64) -> Option<Self>;
+    /// Whether the sample is missing.
+    fn is_gap(self) -> bool;
+}
+
+impl Sample for f64 {
+    const NAME: &str = "float64";
+    fn at_or_above(level: f64) -> Option<Self> {
+        Some(level)
+    }
+    fn at_or_below(level: f64) -> Option<Self> {
+        Some(level)
+    }
+    #[inline]
+    fn is_gap(self) -> bool {
+        self.is_nan()
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // the rounding is put right
+impl Sample for f32 {
+    const NAME: &str = "float32";
+    fn at_or_above(level: f64) -> Option<Self> {
+        let nearest = level as Self;
+        Some(if f64::from(nearest) < level { nearest.next_up() } else { nearest })
+    }
+    fn at_or_below(level: f64) -> Option<Self> {
+        let nearest = level as Self;
+        Some(if f64::from(nearest) > level { nearest.next_down() } else { nearest })
+    }
+    #[inline]
+    fn is_gap(self) -> bool {
+        self.is_nan()
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // the range is checked
+impl Sample for i16 {
+    const NAME: &str = "int16";
+    fn at_or_above(level: f64) -> Option<Self> {
+        let whole = level.ceil();
+        (f64::from(Self::MIN)..=f64::from(Self::MAX)).contains(&whole).then_some(whole as Self)
+    }
+    fn at_or_below(level: f64) -> Option<Self> {
+        let whole = level.floor();
+        (f64::from(Self::MIN)..=f64::from(Self::MAX)).contains(&whole).then_some(whole as Self)
+    }
+    #[inline]
+    fn is_gap(self) -> bool {
+        false
+    }
+}
+
+/// Bit k of each word tells of sample k of a block.
+#[derive(Clone, Copy)]
+pub(super) struct Masks {
+    /// At or below the low threshold.
+    pub low: u64,
+    /// At or above the high threshold.
+    pub high: u64,
+    /// Missing.
+    pub gap: u64,
+}
+
+impl Masks {
+    /// Compare a block with both thresholds.
+    ///
+    /// Two ways to the same words. With mask registers (AVX-512) the compiler turns shifts of single bits into
+    /// compares alone; without them it does not, and bytes gathered by a multiplication are twice as fast.
+    #[allow(clippy::inline_always)] // takes part in the caller's choice of instruction set
+    #[inline(always)]
+    pub fn of<T: Sample, const MASK_REGISTERS: bool>(block: &[T; BLOCK], low: T, high: T) -> Self {
+        let bits: [u64; 3] = if MASK_REGISTERS {
+            [shifted(block, |x| x <= low), shifted(block, |x| x >= high), shifted(block, T::is_gap)]
+        } else {
+            [gathered(block, |x| x <= low), gathered(block, |x| x >= high), gathered(block, T::is_gap)]
+        };
+        Self { low: bits[0], high: bits[1], gap: bits[2] }
+    }
+
+    /// The first `count` samples only.
+    pub fn first(self, count: usize) -> Self {
+        let valid = (1_u64 << count) - 1;
+        Self { low: self.low & valid, high: self.high & valid, gap: self.gap & valid }
+    }
+}
+
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn shifted<T: Sample>(block: &[T; BLOCK], test: impl Fn(T) -> bool) -> u64 {
+    let mut word = 0;
+    for (k, &x) in block.iter().enumerate() {
+        word |= u64::from(test(x)) << k;
+    }
+    word
+}
+
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn gathered<T: Sample>(block: &[T; BLOCK], test: impl Fn(T) -> bool) -> u64 {
+    let mut bytes = [0_u8; BLOCK];
+    for (byte, &x) in bytes.iter_mut().zip(block) {
+        *byte = u8::from(test(x));
+    }
+    let mut word = 0;
+    for (k, eight) in bytes.as_chunks::<8>().0.iter().enumerate() {
+        // Each factor bit moves one byte's lowest bit to its place in the top byte; no two of them meet.
+        word |= (u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
+    }
+    word
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_decide_in_the_sample_type_as_they_would_in_f64() {
+        let level = 0.1;
+        for x in [0.1_f32, 0.1_f32.next_up(), 0.1_f32.next_down()] {
+            assert_eq!(x >= f32::at_or_above(level).unwrap(), f64::from(x) >= level);
+            assert_eq!(x <= f32::at_or_below(level).unwrap(), f64::from(x) <= level);
+        }
+        assert_eq!(i16::at_or_above(0.5), Some(1));
+        assert_eq!(i16::at_or_below(-0.5), Some(-1));
+        assert_eq!(i16::at_or_above(32_767.5), None);
+        assert_eq!(i16::at_or_below(-32_768.5), None);
+    }
+
+    #[test]
+    fn both_ways_to_the_masks_agree() {
+        let block: [f64; BLOCK] = std::array::from_fn(|k| match k % 7 {
+            0 => f64::NAN,
+            1 => f64::INFINITY,
+            2 => f64::NEG_INFINITY,
+            r => r as f64,
+        });
+        let one = Masks::of::<f64, true>(&block, 3.0, 5.0);
+        let other = Masks::of::<f64, false>(&block, 3.0, 5.0);
+        assert_eq!((one.low, one.high, one.gap), (other.low, other.high, other.gap));
+        assert_eq!(one.gap & 0xff, 0b1000_0001);
+        assert_eq!(one.high & 0x7f, 0b110_0010);
+        assert_eq!(one.low & 0x7f, 0b000_1100);
+    }
+}
