@@ -43,7 +43,9 @@ impl PulseCrossings {
     /// Unless `low < middle < high`, all finite.
     pub fn new(low: f64, high: f64, middle: f64) -> Result<Self> {
         require(low.is_finite() && high.is_finite() && low < middle && middle < high, || {
-            format!("levels must be finite with low < middle < high, got low {low}, middle {middle}, high {high}")
+            format!(
+                "levels must be finite with low < middle < high, got low {low}, middle {middle}, high {high}"
+            )
         })?;
         let cursor = Cursor { seen: 0, armed: false, previous: f64::NAN, pending: f64::NAN, gap_start: None };
         Ok(Self { low, high, middle, cursor, gaps: Vec::new() })
@@ -67,11 +69,15 @@ impl PulseCrossings {
     /// If the sample type can't hold a threshold, or on a stop; the detector is then as it was before.
     pub fn feed<T: Sample>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<f64>> {
         let outside = |name: &str, level: f64| {
-            Error::Invalid(format!("{name} = {level} is outside the range of {} samples; give levels in their unit", T::NAME))
+            Error::Invalid(format!(
+                "{name} = {level} is outside the range of {} samples; give levels in their unit",
+                T::NAME
+            ))
         };
         let low = T::at_or_below(self.low).ok_or_else(|| outside("low", self.low))?;
         let high = T::at_or_above(self.high).ok_or_else(|| outside("high", self.high))?;
-        let mut scan = Scan { chunk, middle: self.middle, cursor: self.cursor, times: Vec::new(), gaps: Vec::new() };
+        let mut scan =
+            Scan { chunk, middle: self.middle, cursor: self.cursor, times: Vec::new(), gaps: Vec::new() };
         advance(&mut scan, low, high, stop)?;
         scan.close();
         self.cursor = scan.cursor;
@@ -268,7 +274,9 @@ mod tests {
         assert!(PulseCrossings::new(2.0, 1.0, 1.5).unwrap_err().to_string().contains("low < middle < high"));
         assert!(PulseCrossings::new(f64::NAN, 1.0, 0.5).is_err());
         let mut volts = PulseCrossings::new(0.0, 40_000.0, 5.0).unwrap();
-        assert!(volts.feed(&[0_i16], &Stop::new()).unwrap_err().to_string().contains("high = 40000 is outside"));
+        assert!(
+            volts.feed(&[0_i16], &Stop::new()).unwrap_err().to_string().contains("high = 40000 is outside")
+        );
     }
 
     #[test]

@@ -31,7 +31,9 @@ pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)>
     }
     if count == 0 {
         let found = samples.len();
-        return Err(Error::Invalid(format!("no finite sample among {found}; a pulse train needs some to find its levels")));
+        return Err(Error::Invalid(format!(
+            "no finite sample among {found}; a pulse train needs some to find its levels"
+        )));
     }
     let tail = count as f64 * TAIL;
     for _ in 0..ROUNDS {
@@ -120,6 +122,8 @@ mod tests {
         glitch[77] = 80.0;
         let (low, high) = levels(&glitch);
         assert!((low - 2.5).abs() < 1e-9 && (high - 2.5).abs() < 1e-9, "{low} {high}");
-        assert!(pulse_levels(&[f64::NAN], &Stop::new()).unwrap_err().to_string().contains("no finite sample"));
+        assert!(
+            pulse_levels(&[f64::NAN], &Stop::new()).unwrap_err().to_string().contains("no finite sample")
+        );
     }
 }

@@ -1,17 +1,108 @@
 //! Bindings of the pulse kernels.
 
-use numpy::{AsSliceError, Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
-use numpy::{PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 
+use super::arrays::{borrow, hand_back};
 use super::guard;
 use crate::error::{Error, Result};
-use crate::pulse::{self, Sample};
+use crate::pulse;
 use crate::stop::Stop;
 
-/// Samples of any accepted type, borrowed.
+/// Samples of any type that loggers store, borrowed.
 enum Samples<'py> {
     Float32(PyReadonlyArray1<'py, f32>),
     Float64(PyReadonlyArray1<'py, f64>),
     Int16(PyReadonlyArray1<'py, i16>),
+}
+
+impl<'py> Samples<'py> {
+    fn borrow(array: &Bound<'py, PyAny>) -> PyResult<Self> {
+        if array.cast::<PyArray1<f32>>().is_ok() {
+            Ok(Self::Float32(borrow("samples", array)?))
+        } else if array.cast::<PyArray1<i16>>().is_ok() {
+            Ok(Self::Int16(borrow("samples", array)?))
+        } else if array.cast::<PyArray1<f64>>().is_ok() {
+            Ok(Self::Float64(borrow("samples", array)?))
+        } else {
+            let found = array.get_type();
+            let found = match (array.getattr("dtype"), array.getattr("shape")) {
+                (Ok(dtype), Ok(shape)) => format!("{dtype} of shape {shape}"),
+                _ => found.to_string(),
+            };
+            let expected = "expected one axis of float32, float64 or int16";
+            Err(Error::Invalid(format!("samples: found {found}, {expected}")).into())
+        }
+    }
+}
+
+/// Call the generic `$kernel(samples, stop)` for the sample type at hand, guarded.
+macro_rules! run_on {
+    ($py:expr, $samples:expr, $kernel:expr) => {
+        match &$samples {
+            Samples::Float32(array) => run_slice($py, array.as_slice()?, $kernel),
+            Samples::Float64(array) => run_slice($py, array.as_slice()?, $kernel),
+            Samples::Int16(array) => run_slice($py, array.as_slice()?, $kernel),
+        }
+    };
+}
+
+fn run_slice<T: Sync, R: Send>(
+    py: Python<'_>,
+    samples: &[T],
+    kernel: impl FnOnce(&[T], &Stop) -> Result<R> + Send,
+) -> PyResult<R> {
+    guard::run(py, samples.len(), |stop| kernel(samples, stop))
+}
+
+/// Rising crossings of `middle` in a pulse train that comes in chunks; see ARCHITECTURE.md.
+#[pyclass(module = "shipfp_rs._core")]
+struct PulseCrossings(pulse::PulseCrossings);
+
+#[pymethods]
+impl PulseCrossings {
+    #[new]
+    fn new(low: f64, high: f64, middle: f64) -> PyResult<Self> {
+        Ok(Self(pulse::PulseCrossings::new(low, high, middle)?))
+    }
+
+    /// Times of the rising crossings in the next chunk, in samples since the very first.
+    fn feed<'py>(
+        &mut self,
+        py: Python<'py>,
+        samples: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let samples = Samples::borrow(samples)?;
+        let detector = &mut self.0;
+        let times = run_on!(py, samples, |slice, stop| detector.feed(slice, stop))?;
+        Ok(times.into_pyarray(py))
+    }
+
+    /// Samples seen so far.
+    #[getter]
+    const fn seen(&self) -> u64 {
+        self.0.seen()
+    }
+
+    /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
+    #[getter]
+    fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        let flat: Vec<i64> =
+            self.0.gaps().flat_map(|(start, stop)| [start, stop]).map(u64::cast_signed).collect();
+        let count = flat.len() / 2;
+        hand_back(py, flat, [count, 2])
+    }
+}
+
+/// Low and high state level of a pulse train, from histograms of its finite samples.
+#[pyfunction]
+fn pulse_levels(py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<(f64, f64)> {
+    let samples = Samples::borrow(samples)?;
+    run_on!(py, samples, |slice, stop| pulse::pulse_levels(slice, stop))
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PulseCrossings>()?;
+    module.add_function(wrap_pyfunction!(pulse_levels, module)?)?;
+    Ok(())
 }
