@@ -108,7 +108,7 @@ mod tests {
                 _ if k % 2500 == 7 => 1e4,
                 _ if k % 331 == 0 => f64::NAN,
                 _ if k % 333 == 0 => f64::INFINITY,
-                _ => [0.5, 5.5][usize::from(k % 97 < 30)] + 0.1 * (k as f64).sin(),
+                _ => [0.5, 5.5][usize::from(k % 97 < 30)] + 0.1 * f64::from(k).sin(),
             })
             .collect();
         let (low, high) = levels(&train);
@@ -118,7 +118,7 @@ mod tests {
     #[test]
     fn a_constant_train_has_one_level_and_an_empty_one_none() {
         assert_eq!(levels(&[2.5_f32; 100]), (2.5, 2.5));
-        let mut glitch = [2.5; 5000];
+        let mut glitch = vec![2.5; 5000];
         glitch[77] = 80.0;
         let (low, high) = levels(&glitch);
         assert!((low - 2.5).abs() < 1e-9 && (high - 2.5).abs() < 1e-9, "{low} {high}");

@@ -98,7 +98,7 @@ impl PulseCrossings {
 #[pyfunction]
 fn pulse_levels(py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<(f64, f64)> {
     let samples = Samples::borrow(samples)?;
-    run_on!(py, samples, |slice, stop| pulse::pulse_levels(slice, stop))
+    run_on!(py, samples, pulse::pulse_levels)
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
