@@ -1,5 +1,80 @@
-"""Ship fingerprinting: the dynamic parameters of a propulsion drive train from a raw trial log."""
+"""Ship fingerprinting: the dynamic parameters of a propulsion drive train from a raw trial log.
+
+    Vessel + Excitation --simulate--> Experiment
+    Log --process--> Experiment --identify(Structure)--> Fingerprint --> report
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from shipfp_rs._core import __version__
+from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
 
-__all__ = ["__version__"]
+if TYPE_CHECKING:
+    from shipfp_rs import frequency, plot, published, signals, tacho
+    from shipfp_rs.experiment import Experiment
+    from shipfp_rs.fingerprint import Fingerprint
+    from shipfp_rs.frequency import FrequencyResponse
+    from shipfp_rs.identification import identify
+    from shipfp_rs.linearise import linearise
+    from shipfp_rs.log import Log
+    from shipfp_rs.processing import process
+    from shipfp_rs.simulation import simulate
+    from shipfp_rs.structure import Structure
+    from shipfp_rs.trial import Trial
+    from shipfp_rs.vessel import Vessel
+
+_WHERE = {
+    "Experiment": "experiment",
+    "Fingerprint": "fingerprint",
+    "FrequencyResponse": "frequency",
+    "Log": "log",
+    "Structure": "structure",
+    "Trial": "trial",
+    "Vessel": "vessel",
+    "identify": "identification",
+    "linearise": "linearise",
+    "process": "processing",
+    "simulate": "simulation",
+}
+_MODULES = ("frequency", "plot", "published", "signals", "tacho")
+
+__all__ = [
+    "Experiment",
+    "Fingerprint",
+    "FrequencyResponse",
+    "IdentificationError",
+    "InputError",
+    "InternalError",
+    "Log",
+    "ShipfpError",
+    "SimulationError",
+    "Structure",
+    "Trial",
+    "Vessel",
+    "__version__",
+    "frequency",
+    "identify",
+    "linearise",
+    "plot",
+    "process",
+    "published",
+    "signals",
+    "simulate",
+    "tacho",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded on first use: importing the package costs no SciPy, pydantic or pyarrow.
+    if name in _MODULES:
+        return import_module(f"shipfp_rs.{name}")
+    if name in _WHERE:
+        return getattr(import_module(f"shipfp_rs.{_WHERE[name]}"), name)
+    raise AttributeError(f"module 'shipfp_rs' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
