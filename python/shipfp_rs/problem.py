@@ -61,8 +61,7 @@ class Block:
         else:
             signals = tuple(_signal_for(output, data.signals, data.name) for output in structure.outputs)
             measured = np.array([data.normalised(signal) for signal in signals])
-            linear = structure.settings.get("kind") == "linear"
-            nuisance = (("initial dn", "initial dE") if initial_state and linear else ()) + (
+            nuisance = (structure.equations.states if initial_state else ()) + (
                 tuple(f"offset {output}" for output in structure.outputs) if offsets else ()
             )
             block = cls(data, structure, signals, measured, nuisance)

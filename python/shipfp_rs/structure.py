@@ -63,7 +63,13 @@ class Parameter:
 
 
 class Equations(Protocol):
-    """What a structure computes. `response` is only needed for frequency data."""
+    """What a structure computes. `response` is only needed for frequency data.
+
+    `states` names the initial states that may be estimated with an experiment; they are zero unless a value of that
+    name is given. Each name starts with "initial".
+    """
+
+    states: tuple[str, ...]
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
