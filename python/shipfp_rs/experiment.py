@@ -117,7 +117,11 @@ class Experiment:
         return len(self) / self.rate_hz
 
     def normalised(self, name: str) -> Array:
-        """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,)."""
+        """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,).
+
+        The integrated error E_n counts from zero there and is divided by the engine speed in rev/s, which
+        `operating_point["E_n"]` holds, so that d(dE)/dt = dn_set - dn (eq. 3.15).
+        """
         if name not in self.signals:
             raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
         if name not in self.operating_point:
@@ -125,7 +129,7 @@ class Experiment:
                 f"experiment {self.name!r}: no operating point for {name!r}; give operating_point[{name!r}]"
             )
         value = self.operating_point[name]
-        return np.asarray(self.signals[name] / value - 1.0)
+        return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
 
     def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
         """Return the samples from `start_s` up to, not including, `stop_s`."""

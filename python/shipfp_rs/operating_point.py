@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.vessel import Vessel
 
@@ -99,6 +100,13 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
         M_p=propeller_torque,
         thrust=_thrust_coefficient(vessel) * n_s**2,
     )
+
+
+def plant_about(vessel: Vessel, point: OperatingPoint) -> Array:
+    """Return the plant's parameters with the governor's integral zero at `point`, shape (12,)."""
+    plant = vessel.plant_parameters()
+    plant[_core.PLANT_PARAMETERS.index("X_0")] = point.X_f
+    return plant
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,239 @@
+"""Linear models of a vessel about a steady state (eq. 3.14-3.54), analytically and from the plant itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+Output = Literal["dn", "dE", "dM_b", "dM_g", "dX"]
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Parameters of the linear structure; its outputs are deviations divided by the operating point.
+
+    Parameters
+    ----------
+    tau_n
+        Integration time of the shaft [s], 2 pi I_p n_s0 / M_s0 (eq. 3.23).
+    g, v
+        Relative slopes of the brake torque over speed and over fuel rack (eq. 3.24, 3.25).
+    K_p, K_i
+        Gains of the governor [-], [1/s], normalised with the operating point.
+    p
+        Exponent of the propeller torque; 2 in eq. 3.20.
+    tau_prop
+        Share of tau_n on the propeller's side of the torque gauge [s].
+    T_d, T_set
+        Dead times in the loop and in the set-point path [s].
+
+    Notes
+    -----
+    With C(s) = K_p + K_i/s and without dead times, dn/dn_set = v C / (tau_n s + p - g + v C) (eq. 3.31),
+    d(dE)/dt = dn_set - dn (eq. 3.15), dM_b = (p + tau_n s) dn (eq. 3.38) and, for the torque at a gauge
+    between the two inertias, dM_g = (p + tau_prop s) dn.
+    """
+
+    tau_n: float
+    g: float
+    v: float
+    K_p: float
+    K_i: float
+    p: float
+    tau_prop: float
+    T_d: float = 0.0
+    T_set: float = 0.0
+
+    def kernel_parameters(self) -> Array:
+        """Return the parameters in the order of `_core.LINEAR_PARAMETERS`, shape (9,)."""
+        return np.array(dataclasses.astuple(self))
+
+    @property
+    def poles(self) -> npt.NDArray[np.complex128]:
+        """Poles of the closed loop [rad/s], shape (2,)."""
+        self._require_no_dead_time()
+        return np.roots(self._denominator()).astype(np.complex128)
+
+    def zeros(self, output: Output) -> npt.NDArray[np.complex128]:
+        """Zeros of `output` over the set point [rad/s]."""
+        self._require_no_dead_time()
+        return np.roots(self._numerator(output)).astype(np.complex128)
+
+    def dc_gain(self, output: Output) -> float:
+        """Gain of `output` over a slow set point: dn 1, dE (p - g)/(v K_i), torques p (Table 3.4)."""
+        return float(self._numerator(output)[-1] / self._denominator()[-1])
+
+    def high_frequency_gain(self, output: Output) -> float:
+        """Gain of `output` over the set point far above the corner: v K_p for the brake torque (eq. 3.40)."""
+        numerator, denominator = self._numerator(output), self._denominator()
+        return float(numerator[0] / denominator[0]) if len(numerator) == len(denominator) else 0.0
+
+    def transfer_function(self, output: Output) -> signal.TransferFunction:
+        """Return `output` over the set point as a rational function of s.
+
+        Raises
+        ------
+        InputError
+            Where the model has a dead time, which is not rational; use `_core.linear_response` there.
+        """
+        self._require_no_dead_time()
+        return signal.TransferFunction(self._numerator(output), self._denominator())
+
+    def state_space(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> signal.StateSpace:
+        """Return the state space with state (dn, dE), input dn_set and the given outputs (eq. 3.46-3.54).
+
+        Raises
+        ------
+        InputError
+            Where the model has a dead time, or no output is given.
+        """
+        self._require_no_dead_time()
+        if not outputs:
+            raise InputError(f"outputs is empty, expected at least one of {', '.join(get_args(Output))}")
+        A = (
+            np.array([[self.g - self.p - self.v * self.K_p, self.v * self.K_i], [-self.tau_n, 0.0]])
+            / self.tau_n
+        )
+        B = np.array([[self.v * self.K_p / self.tau_n], [1.0]])
+        rack = np.array([-self.K_p, self.K_i, self.K_p])
+        speed = np.array([1.0, 0.0, 0.0])
+        acceleration = np.hstack([A[0], B[0]])
+        rows = {
+            "dn": speed,
+            "dE": np.array([0.0, 1.0, 0.0]),
+            "dM_b": self.g * speed + self.v * rack,
+            "dM_g": self.p * speed + self.tau_prop * acceleration,
+            "dX": rack,
+        }
+        CD = np.array([rows[_known(output)] for output in outputs])
+        return signal.StateSpace(A, B, CD[:, :2], CD[:, 2:])
+
+    def _denominator(self) -> Array:
+        return np.array([self.tau_n, self.p - self.g + self.v * self.K_p, self.v * self.K_i])
+
+    def _numerator(self, output: Output) -> Array:
+        governor = np.array([self.K_p, self.K_i])
+        shaft = np.array([self.tau_n, self.p - self.g])
+        numerators = {
+            "dn": self.v * governor,
+            "dE": shaft,
+            "dM_b": np.polymul(self.v * governor, [self.tau_n, self.p]),
+            "dM_g": np.polymul(self.v * governor, [self.tau_prop, self.p]),
+            "dX": np.polymul(governor, shaft),
+        }
+        return numerators[_known(output)]
+
+    def _require_no_dead_time(self) -> None:
+        if self.T_d or self.T_set:
+            raise InputError(
+                f"linear model: found dead times T_d {self.T_d:g} s, T_set {self.T_set:g} s, expected none; "
+                "a dead time is no rational function, use the frequency response"
+            )
+
+
+def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
+    """Linearise a vessel analytically about the steady state at a set point.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    n_e_rpm
+        Set point [rpm]; None: the ship's own operating point.
+
+    Raises
+    ------
+    InputError
+        Where the engine can't hold the set point.
+
+    Examples
+    --------
+    >>> model = linearise(Vessel.load("stan-launch-804"))
+    >>> round(model.tau_n, 3), round(model.g, 3), round(model.v * model.K_p, 2)
+    (1.514, -0.583, 15.83)
+    """
+    point = steady_state(vessel, n_e_rpm)
+    plant = dict(zip(_core.PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
+    time_per_inertia = 2.0 * math.pi * point.n_s / point.M_s
+    return LinearModel(
+        tau_n=time_per_inertia * vessel.shaft.inertia_kg_m2,
+        g=plant["A2"] * point.n_e / point.M_b,
+        v=plant["A1"] * point.X_f / point.M_b,
+        K_p=plant["Kp_abs"] * point.n_e / point.X_f,
+        K_i=plant["Ki_abs"] * point.n_e / point.X_f,
+        p=vessel.propeller.torque_exponent,
+        tau_prop=time_per_inertia * vessel.shaft.propeller_side_inertia_kg_m2,
+    )
+
+
+def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step: float = 1e-5) -> LinearModel:
+    """Linearise the nonlinear plant by central differences of its right-hand side: a check on `linearise`.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    n_e_rpm
+        Set point [rpm]; None: the ship's own operating point.
+    step
+        Half-width of the differences, relative to the operating point; the error falls with its square.
+
+    Raises
+    ------
+    InputError
+        Where the engine can't hold the set point.
+    """
+    point = steady_state(vessel, n_e_rpm)
+    # Columns: derivatives of (dn', dX, dM_b, dM_g) by dn, dE and dn_set.
+    by_n, by_E, by_n_set = (
+        (_right_hand_side(vessel, point, step * axis) - _right_hand_side(vessel, point, -step * axis))
+        / (2.0 * step)
+        for axis in np.eye(3)
+    )
+    K_p, K_i = by_n_set[1], by_E[1]
+    v = by_E[2] / K_i
+    g = by_n[2] + v * K_p
+    tau_n = v * K_i / by_E[0]
+    return LinearModel(
+        tau_n=float(tau_n),
+        g=float(g),
+        v=float(v),
+        K_p=float(K_p),
+        K_i=float(K_i),
+        p=float(g - v * K_p - tau_n * by_n[0]),
+        tau_prop=float(by_n_set[3] / by_n_set[0]),
+    )
+
+
+def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) -> Array:
+    """Plant (dn/dt, X, M_b, M_g) over the steady state at relative deviations of (n, E, n_set) from it."""
+    dn, dE, dn_set = deviation
+    plant, state = plant_about(vessel, point), np.array([point.n_s * (1.0 + dn), point.n_e * dE])
+    set_point = np.full(2, point.n_e * (1.0 + dn_set))
+    # One Euler step of one second is the right-hand side, to rounding.
+    rows = _core.simulate_plant(plant, *vessel.envelope(), set_point, 1.0, 1, "euler", "zero", state)
+    n_s, _, X_f, M_b = rows
+    acceleration = (n_s[1] - n_s[0]) / point.n_s
+    M_p = vessel.torque_coefficient * n_s[0] ** vessel.propeller.torque_exponent
+    M_s = M_b[0] * vessel.gearbox.ratio * vessel.gearbox.efficiency
+    M_g = M_p + vessel.shaft.propeller_side_inertia_kg_m2 / vessel.shaft.inertia_kg_m2 * (M_s - M_p)
+    return np.array([acceleration, X_f[0] / point.X_f, M_b[0] / point.M_b, M_g / point.M_s])
+
+
+def _known(output: str) -> str:
+    if output not in get_args(Output):
+        raise InputError(f"output is {output!r}, expected one of {', '.join(get_args(Output))}")
+    return output

@@ -1,0 +1,167 @@
+"""Virtual experiments: the nonlinear plant of a vessel under an excitation, with or without sensor noise."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs.linearise import linearise
+from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
+from shipfp_rs.signals import Excitation
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+Method = Literal["rk4", "heun", "euler"]
+Noise = Mapping[str, float | tuple[float, float]]
+
+_LARGEST_STEP = 0.025
+"""Step of RK4 times the fastest pole: its error, a few (0.025)^4 / 120, is below 1e-8 of the deviation."""
+
+
+def simulate(
+    vessel: Vessel,
+    excitation: Excitation,
+    *,
+    n_e_rpm: float | None = None,
+    method: Method = "rk4",
+    limits: bool = True,
+    substeps: int | None = None,
+    noise: Noise | None = None,
+    seed: int | None = None,
+) -> Experiment:
+    """Simulate a trial in bollard pull, from the steady state at the operating point.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    excitation
+        Deviations of the set point.
+    n_e_rpm
+        Operating point [rpm]; None: the ship's own.
+    method
+        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation.
+    limits
+        Whether the engine's torque limit acts.
+    substeps
+        Integration steps for each sample. None: for "rk4" so many that the error stays below 1e-8 of the
+        deviation as long as no torque limit acts (its kinks cost accuracy), else one.
+    noise
+        Output to the standard deviation of its noise, relative to that of the clean signal; or to a pair of
+        that and the correlation of successive samples (first-order autoregression).
+    seed
+        Seed of the noise; None draws one, which the provenance then holds.
+
+    Returns
+    -------
+    Experiment
+        n_set, n_e [rpm], n_s [rev/s], M_b, M_s, M_g [Nm], X_f [mm], E_n [rev, zero at the operating point].
+        M_g is the torque at a gauge between the two inertias, M_p + J_2/I_p (M_s - M_p).
+
+    Raises
+    ------
+    InputError
+        Where the operating point is out of reach or an argument is out of its range.
+    SimulationError
+        Where the integration diverges.
+
+    Examples
+    --------
+    >>> from shipfp_rs import signals
+    >>> experiment = simulate(Vessel.load("stan-launch-804"), signals.steps([65.0], 60.0))
+    >>> round(experiment.signals["n_e"][-1])
+    1365
+    """
+    if method not in get_args(Method):
+        raise InputError(f"method is {method!r}, expected one of {', '.join(get_args(Method))}")
+    if substeps is not None and substeps < 1:
+        raise InputError(f"substeps is {substeps}, expected 1 or more")
+    point = steady_state(vessel, n_e_rpm)
+    steps = substeps or (_substeps(vessel, point, excitation.rate_hz) if method == "rk4" else 1)
+    envelope = vessel.envelope() if limits else (np.empty(0), np.empty(0))
+    set_point = point.n_e + excitation.samples / 60.0
+    n_s, E_n, X_f, M_b = _core.simulate_plant(
+        plant_about(vessel, point),
+        *envelope,
+        set_point,
+        1.0 / excitation.rate_hz,
+        steps,
+        method,
+        excitation.hold,
+        np.array([point.n_s, 0.0]),
+    )
+    M_s = M_b * vessel.gearbox.ratio * vessel.gearbox.efficiency
+    M_p = vessel.torque_coefficient * n_s * np.abs(n_s) ** (vessel.propeller.torque_exponent - 1.0)
+    propeller_side = vessel.shaft.propeller_side_inertia_kg_m2 / vessel.shaft.inertia_kg_m2
+    clean = {
+        "n_set": 60.0 * set_point,
+        "n_e": 60.0 * vessel.gearbox.ratio * n_s,
+        "n_s": n_s,
+        "M_b": M_b,
+        "M_s": M_s,
+        "M_g": M_p + propeller_side * (M_s - M_p),
+        "X_f": X_f,
+        "E_n": E_n,
+    }
+    if seed is None:
+        seed = int(np.random.default_rng().integers(2**32))
+    return Experiment(
+        name=excitation.name,
+        rate_hz=excitation.rate_hz,
+        signals=clean
+        | {output: _noisy(clean, output, level, seed) for output, level in (noise or {}).items()},
+        operating_point={
+            "n_set": point.n_e_rpm,
+            "n_e": point.n_e_rpm,
+            "n_s": point.n_s,
+            "M_b": point.M_b,
+            "M_s": point.M_s,
+            "M_g": point.M_s,
+            "X_f": point.X_f,
+            "E_n": point.n_e,
+        },
+        hold=excitation.hold,
+        kind=excitation.kind,
+        provenance={
+            "source": "simulation",
+            "vessel": vessel.name,
+            "method": method,
+            "step_s": 1.0 / (excitation.rate_hz * steps),
+            "limits": limits,
+            "noise": dict(noise or {}),
+            "seed": seed if noise else None,
+            "segments": [dataclasses.asdict(segment) for segment in excitation.segments],
+        },
+    )
+
+
+def _substeps(vessel: Vessel, point: OperatingPoint, rate_hz: float) -> int:
+    fastest = float(np.abs(linearise(vessel, point.n_e_rpm).poles).max())
+    return max(1, math.ceil(fastest / (rate_hz * _LARGEST_STEP)))
+
+
+def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, float], seed: int) -> Array:
+    if output not in clean or output == "n_set":
+        known = ", ".join(name for name in clean if name != "n_set")
+        raise InputError(f"noise: found {output!r}, expected outputs among {known}")
+    relative, correlation = level if isinstance(level, tuple) else (level, 0.0)
+    if not (math.isfinite(relative) and relative >= 0.0):
+        raise InputError(f"noise[{output!r}] is {relative}, expected zero or more")
+    if not abs(correlation) < 1.0:
+        raise InputError(f"noise[{output!r}] has correlation {correlation}, expected between -1 and 1")
+    # A stream of its own for each signal: asking for noise on one leaves the noise of the others as it was.
+    generator = np.random.default_rng([list(UNITS).index(output), seed])
+    draws = generator.standard_normal(len(clean[output]))
+    # The first sample comes from the stationary distribution, so there is no start-up.
+    draws[1:] *= math.sqrt(1.0 - correlation**2)
+    coloured = signal.lfilter([1.0], [1.0, -correlation], draws)
+    return np.asarray(clean[output] + relative * np.std(clean[output]) * coloured)
