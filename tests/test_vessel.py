@@ -89,8 +89,18 @@ BAD_FILES = {
         "inertia_kg_m2 = 21.2\ninerta = 1",
         "shaft.inerta: found an unknown key, ",
     ),
-    "misspelt section": ("[gearbox]", "[gear_box]", "gearbox: found nothing, expected this key to be given"),
-    "misspelt key": ("diameter_m", "diameter_mm", "propeller.diameter_m: found nothing, expected this key"),
+    "misspelt section": (
+        "[gearbox]",
+        "[gear_box]",
+        "gear_box: found an unknown key, did you mean 'gearbox'?",
+    ),
+    "misspelt key": (
+        "diameter_m",
+        "diameter_mm",
+        "propeller.diameter_mm: found an unknown key, did you mean 'diameter_m'?",
+    ),
+    "key left out": ("ratio = 3.0", "", "gearbox.ratio: found nothing, expected this key to be given"),
+    "number for a table": ("[water]\ndensity_kg_m3", "water", "water: found 1000.0, expected a table"),
     "text for a number": (
         "ratio = 3.0",
         'ratio = "3.0"',

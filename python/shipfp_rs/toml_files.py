@@ -64,7 +64,9 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"{source}: {_one_line(error.errors()[0], model)}") from error
+        # A misspelt key is also a missing one: its own spelling helps more.
+        first = min(error.errors(), key=lambda entry: entry["type"] != "extra_forbidden")
+        raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
@@ -87,7 +89,10 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
             return f"{'.'.join(location)}: found an unknown key, {suggestion(location[-1], known)}"
         case "missing":
             return f"{'.'.join(location)}: found nothing, expected this key to be given"
-    expected = error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        case "model_type" | "dict_type":
+            expected = "a table"
+        case _:
+            expected = error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return f"{'.'.join(location)}: found {_shown(error['input'])}, expected {expected}"
 
 
