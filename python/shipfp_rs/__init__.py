@@ -1,7 +1,7 @@
 """Ship fingerprinting: the dynamic parameters of a propulsion drive train from a raw trial log.
 
-    Vessel + Excitation --simulate--> Experiment
-    Log --process--> Experiment --identify(Structure)--> Fingerprint --> report
+Vessel + Excitation --simulate--> Experiment
+Log --process--> Experiment --identify(Structure)--> Fingerprint --> report
 """
 
 from __future__ import annotations

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
+
+if TYPE_CHECKING:
+    from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -63,13 +66,11 @@ class Parameter:
 
 
 class Equations(Protocol):
-    """What a structure computes. `response` is only needed for frequency data.
+    """What a structure computes. `response` is only needed for frequency data."""
 
-    `states` names the initial states that may be estimated with an experiment; they are zero unless a value of that
-    name is given. Each name starts with "initial".
-    """
-
-    states: tuple[str, ...]
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Initial states that may be estimated with an experiment, zero if not given; names start with "initial"."""
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -187,6 +188,48 @@ class Structure:
                 "free_exponent": free_exponent,
                 "dead_time_loop": dead_time_loop,
                 "dead_time_set_point": dead_time_set_point,
+            },
+        )
+
+    @classmethod
+    def plant(
+        cls,
+        vessel: Vessel,
+        *,
+        torque: Torque = "brake",
+        free_exponent: bool = False,
+        free_limit: bool = False,
+        outputs: Sequence[str] = ("dn", "dM"),
+        name: str | None = None,
+    ) -> Structure:
+        """Declare the nonlinear plant of a vessel, its torque envelope included (eq. 3.1 to 3.11).
+
+        The parameters are those of `linear` with `products`, at the vessel's operating point; where the data cross the
+        engine's limit or bend with the propeller curve, they are not biased by it as the linear structure's are.
+
+        Parameters
+        ----------
+        vessel
+            Gives what is not searched for: operating point, gearbox, envelope.
+        torque, free_exponent, outputs
+            As for `linear`.
+        free_limit
+            Free the factor `limit` on the vessel's torque envelope.
+        """
+        from shipfp_rs.plant_equations import PlantEquations
+
+        linear = cls.linear(torque=torque, products=True, free_exponent=free_exponent, outputs=outputs)
+        limit = Parameter("limit", "-", 1.0, 0.5, 2.0, fixed=not free_limit)
+        return cls(
+            name=name or f"plant of {vessel.name}",
+            parameters=(*linear.parameters, limit),
+            outputs=linear.outputs,
+            equations=PlantEquations(vessel, linear.outputs, gauge="tau_prop" in linear.names),
+            settings={
+                "kind": "plant",
+                "vessel": vessel.name,
+                "torque": torque,
+                "free_exponent": free_exponent,
             },
         )
 
