@@ -19,7 +19,7 @@ from shipfp_rs.fingerprint import Estimate, Fingerprint, Status
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
 from shipfp_rs.problem import Block, Data, Evaluation
-from shipfp_rs.solver import Minimum, Search, scatter_of, start_vectors
+from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
 from shipfp_rs.statistics import information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
 from shipfp_rs.verdict import verdict
@@ -38,12 +38,16 @@ def identify(
     *,
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
+    huber: float | None = None,
+    ridge: Mapping[str, tuple[float, float]] | None = None,
     offsets: bool = True,
-    initial_state: bool = True,
+    initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
+    random_search: int = 0,
     starts: int = 1,
     seed: int | None = 0,
     max_evaluations: int = 500,
     tolerance: float = 1e-12,
+    time_limit_s: float | None = None,
     vessel: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fingerprint:
@@ -61,11 +65,20 @@ def identify(
     noise
         "ar": prewhiten the residuals of each output with a fitted AR(8) and refit, so that the intervals hold for
         coloured noise; "white": take them as they are. Default: "ar" for experiments, "white" for responses.
-    offsets, initial_state
-        Estimate an offset per output, and the initial state, of every experiment along.
+    huber
+        Threshold in robust standard deviations above which a residual counts linearly (eq. 4.7); None: never.
+    ridge
+        Parameter to (nominal value, weight): adds weight (value - nominal)^2 to the cost of the whitened residuals
+        (eq. 4.6 with lambda R = weight).
+    offsets
+        Estimate an offset per output of every experiment along.
+    initial_state
+        "estimated" along with every experiment, "zero", or given values such as {"initial dn": 0.01}.
+    random_search
+        Start from the best of this many vectors drawn within the bounds.
     starts, seed
         Number of starts, the first one declared by the structure, the others drawn within the bounds.
-    max_evaluations, tolerance
+    max_evaluations, tolerance, time_limit_s
         Limits of each search.
     vessel
         Name for the record.
@@ -90,13 +103,31 @@ def identify(
     eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
     """
     _check(weighting, noise, starts)
-    blocks = _blocks(data, structure, offsets=offsets, initial_state=initial_state, weigh=weighting == "std")
+    given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
+    _check_names(structure, ridge or {}, given)
+    blocks = _blocks(
+        data, structure, offsets=offsets, initial_state=initial_state == "estimated", weigh=weighting == "std"
+    )
     if noise is None:
         noise = "ar" if any(isinstance(block.data, Experiment) for block in blocks) else "white"
-    search = Search(structure, blocks, weighting, noise, max_evaluations, tolerance)
+    search = Search(
+        structure,
+        blocks,
+        weighting,
+        noise,
+        max_evaluations,
+        tolerance,
+        huber=huber,
+        ridge=dict(ridge or {}),
+        initial=given,
+        time_limit_s=time_limit_s,
+    )
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
-    minima = _minima(search, starts, seed, progress)
+    vectors = start_vectors(search, starts, seed)
+    if random_search:
+        vectors[0] = best_of_random(search, random_search, seed)
+    minima = _minima(search, vectors, progress)
     best = minima[0]
     return _fingerprint(
         search,
@@ -108,10 +139,14 @@ def identify(
             "weighting": weighting,
             "noise": noise,
             "offsets": offsets,
-            "initial_state": initial_state,
+            "initial_state": initial_state if isinstance(initial_state, str) else given,
+            "huber": huber,
+            "ridge": {name: list(pair) for name, pair in (ridge or {}).items()},
+            "random_search": random_search,
             "starts": starts,
             "max_evaluations": max_evaluations,
             "tolerance": tolerance,
+            "time_limit_s": time_limit_s,
         },
     )
 
@@ -146,19 +181,38 @@ def _check(weighting: str, noise: str | None, starts: int) -> None:
         raise InputError(f"starts is {starts}, expected at least 1")
 
 
+def _check_names(
+    structure: Structure, ridge: Mapping[str, tuple[float, float]], initial: Mapping[str, float]
+) -> None:
+    free = [parameter.name for parameter in structure.free]
+    for name, (nominal, weight) in ridge.items():
+        if name not in free:
+            raise InputError(f"ridge: no free parameter {name!r}; free are {', '.join(free)}")
+        if not (np.isfinite(nominal) and np.isfinite(weight) and weight >= 0):
+            raise InputError(
+                f"ridge of {name}: ({nominal}, {weight}), expected a finite value and a weight from 0 up"
+            )
+    for name in initial:
+        if name not in structure.equations.states:
+            known = ", ".join(structure.equations.states) or "none"
+            raise InputError(
+                f"initial_state: no state {name!r} in structure {structure.name!r}; it has {known}"
+            )
+
+
 def _minima(
-    search: Search, starts: int, seed: int | None, progress: Callable[[int, int], None] | None
+    search: Search, vectors: Sequence[Array], progress: Callable[[int, int], None] | None
 ) -> list[Minimum]:
     found, failures = [], []
-    for done, start in enumerate(start_vectors(search, starts, seed)):
+    for done, start in enumerate(vectors):
         try:
             found.append(search.minimise(start))
         except IdentificationError as error:
             failures.append(str(error))
         if progress is not None:
-            progress(done + 1, starts)
+            progress(done + 1, len(vectors))
     if not found:
-        raise IdentificationError(f"none of {starts} starts led to a minimum; the first: {failures[0]}")
+        raise IdentificationError(f"none of {len(vectors)} starts led to a minimum; the first: {failures[0]}")
     return sorted(found, key=lambda minimum: minimum.criterion)
 
 

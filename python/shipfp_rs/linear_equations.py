@@ -47,6 +47,23 @@ class LinearEquations:
     def _initial(values: Mapping[str, float]) -> Array:
         return np.array([values.get("initial dn", 0.0), values.get("initial dE", 0.0)])
 
+    def stable(self, values: Mapping[str, float]) -> bool:
+        """Whether the closed loop is stable: exact without dead time, with the loop's T_d as its [5/6] Pade form."""
+        q = dict(zip(_core.LINEAR_PARAMETERS, self._kernel_parameters(values), strict=True))
+        damping, vK_p, vK_i = q["p"] - q["g"], q["v"] * q["K_p"], q["v"] * q["K_i"]
+        if q["T_d"] < 1e-9:
+            return bool(damping + vK_p > 0.0 and vK_i > 0.0)
+        # States n, E and the delay line of z = K_i E - K_p n (Legendre delay network, 10.1162/neco_a_01046).
+        order = np.arange(6)
+        sign = np.where(order[:, None] < order, -1.0, (-1.0) ** (order[:, None] - order + 1))
+        odd = 2.0 * order + 1.0
+        system = np.zeros((8, 8))
+        system[0, 0], system[0, 2:], system[1, 0] = -damping / q["tau_n"], 1.0 / q["tau_n"], -1.0
+        system[2:, 2:] = odd[:, None] * sign / q["T_d"]
+        system[2:, 0] = -vK_p * odd * (-1.0) ** order / q["T_d"]
+        system[2:, 1] = vK_i * odd * (-1.0) ** order / q["T_d"]
+        return bool(np.linalg.eigvals(system).real.max() < 0.0)
+
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return _core.simulate_linear(

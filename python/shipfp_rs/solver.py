@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -55,6 +56,10 @@ class Search:
     noise: str
     max_evaluations: int
     tolerance: float
+    huber: float | None = None
+    ridge: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    initial: Mapping[str, float] = field(default_factory=dict)
+    time_limit_s: float | None = None
 
     @property
     def free(self) -> tuple[Parameter, ...]:
@@ -74,7 +79,11 @@ class Search:
     def values(self, vector: Array) -> dict[str, float]:
         """Return every parameter by name, fixed ones included."""
         values = {parameter.name: parameter.start for parameter in self.structure.parameters}
-        return values | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
+        return (
+            values
+            | dict(self.initial)
+            | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
+        )
 
     def evaluate(self, vector: Array) -> list[Evaluation]:
         """Evaluate every block; each Jacobian has the block's own columns last."""
@@ -117,11 +126,15 @@ class Search:
         )
 
     def _priors(self, vector: Array) -> tuple[Array, Array]:
-        known = [(i, p.prior) for i, p in enumerate(self.free) if p.prior is not None]
-        residual, jacobian = np.zeros(len(known)), np.zeros((len(known), self.size))
-        for row, (index, (mean, std)) in enumerate(known):
-            residual[row] = (mean - vector[index]) / std
-            jacobian[row, index] = -1.0 / std
+        """Rows of the priors, (mean - value) / std, and of the ridge, sqrt(weight) (nominal - value), eq. 4.6."""
+        rows = [(i, p.prior[0], 1.0 / p.prior[1]) for i, p in enumerate(self.free) if p.prior is not None]
+        rows += [
+            (self.names.index(name), nominal, weight**0.5) for name, (nominal, weight) in self.ridge.items()
+        ]
+        residual, jacobian = np.zeros(len(rows)), np.zeros((len(rows), self.size))
+        for row, (index, nominal, factor) in enumerate(rows):
+            residual[row] = (nominal - vector[index]) * factor
+            jacobian[row, index] = -factor
         return residual, jacobian
 
     def bounds(self) -> tuple[Array, Array]:
@@ -137,7 +150,9 @@ class Search:
         if self.weighting in ("none", "std"):
             return Noise(np.eye(outputs), models)
         scatter = scatter_of(evaluations)
-        if self.weighting == "variance":
+        if self.huber is not None:
+            scatter = np.diag(_robust_variance(evaluations))
+        elif self.weighting == "variance":
             scatter = np.diag(np.diag(scatter))
         # A perfect fit leaves no scatter to weigh by; this floor is far below any measurement.
         floor = 1e-24 + 1e-14 * np.trace(scatter) / outputs
@@ -213,16 +228,25 @@ class Search:
             active=np.asarray(solution.active_mask != 0),
         )
 
+    def _require_stable(self, vector: Array) -> None:
+        stable = getattr(self.structure.equations, "stable", None)
+        if stable is not None and not stable(self.values(vector)):
+            raise SimulationError("the closed loop is unstable, a ship that was measured is not")
+
     def _solve(self, start: Array, noise: Noise, tick: Callable[[], None] | None):  # type: ignore[no-untyped-def]
         lower, upper = self.bounds()
+        deadline = None if self.time_limit_s is None else time.monotonic() + self.time_limit_s
         cache: dict[bytes, tuple[Array, Array]] = {}
         shape: list[int] = []
 
         def both(vector: Array) -> tuple[Array, Array]:
+            if deadline is not None and time.monotonic() > deadline:
+                raise TimeoutError
             key = vector.tobytes()
             if key not in cache:
                 cache.clear()
                 try:
+                    self._require_stable(vector)
                     _, residual, jacobian = self.whitened(vector, noise)
                 except SimulationError:
                     if not shape:
@@ -249,7 +273,15 @@ class Search:
                 xtol=self.tolerance,
                 gtol=self.tolerance,
                 max_nfev=self.max_evaluations,
+                # Quadratic up to the threshold, linear with the same value and slope from there on (eq. 4.7; 4.8 as
+                # printed jumps).
+                loss="linear" if self.huber is None else "huber",
+                f_scale=self.huber or 1.0,
             )
+        except TimeoutError:
+            raise IdentificationError(
+                f"no minimum within {self.time_limit_s:g} s; raise time_limit_s, or use fewer samples"
+            ) from None
         except SimulationError as error:
             raise IdentificationError(f"the start vector can't be simulated: {error}") from error
         except np.linalg.LinAlgError as error:
@@ -264,6 +296,13 @@ def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
     if count == 0:
         raise InputError("no valid sample is left to fit; widen the window or repair the log")
     return np.asarray(sum(evaluation.residual @ evaluation.residual.T for evaluation in evaluations) / count)
+
+
+def _robust_variance(evaluations: Sequence[Evaluation]) -> Array:
+    """Variance of each output from the median absolute deviation, which outliers leave alone, shape (O,)."""
+    joined = np.concatenate([evaluation.residual[:, evaluation.valid] for evaluation in evaluations], axis=1)
+    spread = np.median(np.abs(joined - np.median(joined, axis=1, keepdims=True)), axis=1)
+    return np.asarray((1.4826 * spread) ** 2)
 
 
 def _width(lower: Array, upper: Array) -> Array:
@@ -287,3 +326,19 @@ def start_vectors(search: Search, count: int, seed: int | None) -> list[Array]:
                 drawn.append(parameter.start * (1.0 + random.normal()))
         vectors.append(np.concatenate([drawn, rest]))
     return vectors
+
+
+def best_of_random(search: Search, count: int, seed: int | None) -> Array:
+    """Draw `count` vectors within the bounds and return the one with the least cost, the declared start included."""
+    noise, best, least = search.initial_noise(), None, np.inf
+    for vector in start_vectors(search, count + 1, seed):
+        try:
+            _, residual, _ = search.whitened(vector, noise)
+        except SimulationError:
+            continue
+        cost = float(residual @ residual)
+        if cost < least:
+            best, least = vector, cost
+    if best is None:
+        raise IdentificationError(f"none of {count + 1} random vectors can be simulated; tighten the bounds")
+    return best
