@@ -1,11 +1,12 @@
-"""Writing files so that each appears whole or not at all."""
+"""Writing files and folders so that each appears whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
@@ -13,7 +14,7 @@ from shipfp_rs.errors import InputError
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside `path`; on leaving without an error it becomes `path`, else it is removed."""
+    """Give a temporary name beside `path`; left without an error it becomes `path`, else it is removed."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -26,9 +27,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         # mkstemp makes private files; a result should be as readable as any other file the user makes.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
+        temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -40,3 +39,68 @@ def write_text_atomically(path: Path, text: str) -> Path:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
+
+
+@contextlib.contextmanager
+def replacing_folder(
+    path: Path, *, marker: str, others: Collection[str] = (), force: bool = False
+) -> Iterator[Path]:
+    """Give a temporary folder beside `path`; on leaving without an error its files come to stand in `path`.
+
+    A new folder appears in one rename. In a folder that exists each file is replaced in one rename, and no
+    other file is touched.
+
+    Parameters
+    ----------
+    path
+        The folder.
+    marker, others
+        Names of the files that are about to be written; a folder that holds `marker`, and nothing but these,
+        is a previous result and may be replaced.
+    force
+        Write into a folder that holds other files, too.
+
+    Raises
+    ------
+    InputError
+        Where `path` can't be made, is a file, or holds other files.
+    """
+    _check_replaceable(path, {marker, *others}, marker, force)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise InputError(
+            f"{path}: can't be written, {error.strerror or error}; choose another folder"
+        ) from error
+    try:
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())  # mkdtemp makes private folders
+        if path.exists():
+            for file in sorted(temporary.iterdir()):
+                file.replace(path / file.name)
+        else:
+            temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _check_replaceable(path: Path, names: Collection[str], marker: str, force: bool) -> None:
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise InputError(f"{path}: is a file, expected a folder or a new name")
+    found = {entry.name for entry in path.iterdir()}
+    if force or not found or (marker in found and found <= set(names)):
+        return
+    what = ", ".join(sorted(found - set(names))[:3]) or f"no {marker}"
+    raise InputError(
+        f"{path}: the folder is not empty and not a previous result (found {what}); choose another folder, "
+        "or --force to write into this one"
+    )
+
+
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask

@@ -1,0 +1,116 @@
+"""The command `shipfp`: its frame, its exit statuses, and errors of one line."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Annotated, Any, TextIO
+
+import typer
+
+from shipfp_rs.cli.init import init
+from shipfp_rs.cli.reproduce import reproduce
+from shipfp_rs.errors import InputError, InternalError, ShipfpError
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    name="shipfp",
+    help="Find the dynamic parameters of a ship's propulsion drive train, its fingerprint, from a trial log.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+for command in (init,):
+    app.command()(command)
+app.add_typer(reproduce, name="reproduce")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from shipfp_rs import __version__
+
+        typer.echo(f"shipfp {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _frame(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `shipfp` and return its exit status: 0 done, 2 bad input, 130 interrupted, 1 anything else.
+
+    Whatever goes wrong costs one line on stderr; SHIPFP_TRACEBACK=1 shows where it came from.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(
+                errors="backslashreplace"
+            )  # a terminal without Greek letters is no reason to fail
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        try:
+            status = app(arguments, prog_name="shipfp", standalone_mode=False)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # The reader of the pipe has left; keep the interpreter from flushing into it once more.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return FAILED
+        except (KeyboardInterrupt, typer.Abort):
+            status = INTERRUPTED
+        except Exception as error:  # the last line of defence: no traceback reaches the user
+            return _fail(error)
+    if status == INTERRUPTED:
+        _line("interrupted")
+    return status or DONE
+
+
+def _fail(error: Exception) -> int:
+    if os.environ.get("SHIPFP_TRACEBACK"):
+        traceback.print_exception(error)
+    # typer brought click's exceptions along before it had its own; both kinds answer to format_message.
+    usage = getattr(error, "format_message", None)
+    if usage is not None:
+        _line(f"error: {usage().rstrip('.')}; see shipfp --help")
+        return BAD_INPUT
+    if isinstance(error, InputError):
+        _line(f"error: {error}")
+        return BAD_INPUT
+    if isinstance(error, ShipfpError) and not isinstance(error, InternalError):
+        _line(f"error: {error}")
+    elif isinstance(error, OSError):
+        _line(f"error: {error.filename or 'system'}: {error.strerror or error}")
+    elif isinstance(error, MemoryError):
+        _line("error: out of memory; use a shorter window or a lower sample rate")
+    else:
+        _line(
+            f"internal error: {type(error).__name__}: {error}; run with SHIPFP_TRACEBACK=1 for the traceback"
+        )
+    return FAILED
+
+
+def _line(text: str) -> None:
+    print("shipfp:", " ".join(text.split()), file=sys.stderr)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: Any = None,
+) -> None:
+    _line(f"warning: {message}")

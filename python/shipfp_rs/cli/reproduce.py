@@ -1,0 +1,100 @@
+"""`shipfp reproduce`: the thesis's tables, ours beside the printed ones."""
+
+from __future__ import annotations
+
+import json as json_format
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+
+if TYPE_CHECKING:
+    from shipfp_rs.reproduce import Reproduction
+
+reproduce = typer.Typer(
+    help="Reproduce the thesis's tables, ours beside the printed ones.", no_args_is_help=True
+)
+
+COLUMNS = (
+    "tau_n",
+    "g",
+    "vK_p",
+    "K_p/K_i",
+    "p",
+    "tau_prop",
+    "T_d",
+    "T_set",
+    "vK_p/tau_n",
+    "(p-g)/(vK_i)+T_set",
+)
+FITS = {"dn": "fit n [%]", "dM": "fit M [%]"}
+
+
+@reproduce.command()
+def fullscale(
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for fullscale.json and response.svg.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Refit the tug's published sine fits (Table 7.1) the thesis's way and with structures that suit the ship."""
+    from shipfp_rs.files import replacing_folder, write_text_atomically
+    from shipfp_rs.reproduce import fullscale as table
+
+    folder_of_its_own = (
+        nullcontext()
+        if out is None
+        else replacing_folder(out, marker="fullscale.json", others=["response.svg"])
+    )
+    with folder_of_its_own as folder, progress() as notify:
+        found = table.reproduce(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
+        content = found.to_dict()
+        if folder is not None:
+            write_text_atomically(folder / "fullscale.json", json_format.dumps(content, indent=2) + "\n")
+            _draw(found, folder / "response.svg")
+    if json:
+        print_json(content)
+        return
+    print_reproduction(found)
+    if out is not None:
+        print_text(f"wrote {out}")
+
+
+def print_reproduction(found: Reproduction) -> None:
+    """Print the rows as a table, then the verdict."""
+    print_table(
+        found.title,
+        ["case, way, structure", *COLUMNS, *FITS.values()],
+        [
+            [
+                f"{row.case}, {row.way}, {row.structure}",
+                *(_shown(row.parameters.get(name)) for name in COLUMNS),
+                *(_shown(row.fit.get(output)) for output in FITS),
+            ]
+            for row in found.rows
+        ],
+    )
+    print_text(*found.verdict)
+
+
+def _shown(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _draw(found: Reproduction, path: Path) -> None:
+    """Draw the measured response and the model of the last, most complete structure."""
+    from matplotlib.figure import Figure
+
+    from shipfp_rs import plot
+    from shipfp_rs.prediction import predict_response
+    from shipfp_rs.reproduce.fullscale import measured_response
+
+    figure = Figure(figsize=(8.0, 5.4), layout="constrained")
+    measured = measured_response()
+    model = predict_response([*found.fingerprints.values()][-1], measured)
+    plot.bode(measured, model, [*figure.subplots(2, 1, sharex=True)])
+    figure.savefig(path)

@@ -1,0 +1,113 @@
+"""What a fingerprint's model makes of an experiment, its own or another one (cross-validation)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Array, Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.structure import OUTPUT_SIGNALS, Structure
+
+INITIAL_STATE = ("initial dn", "initial dE")
+
+
+def predict(
+    fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None
+) -> Mapping[str, Array]:
+    """Simulate the fitted model with an experiment's set point.
+
+    Parameters
+    ----------
+    fingerprint
+        Its parameters are taken as the search left them; where the data leave some open, any choice along the
+        open directions gives the same outputs.
+    experiment
+        The set point; where it holds the measured outputs too, the initial state and a constant offset of each
+        output are fitted to them by least squares, else they are zero.
+    structure
+        The fingerprint's; None rebuilds a linear one.
+
+    Returns
+    -------
+    dict
+        Signal name to normalised deviation, shape (N,).
+
+    Raises
+    ------
+    InputError
+        Where the structure is not linear and not given, or the experiment lacks an output.
+    """
+    structure = structure or structure_of(fingerprint)
+    values = dict(fingerprint.settings["optimum"])
+    signals = tuple(_signal(output, experiment.signals, experiment.name) for output in structure.outputs)
+    measured = np.array([experiment.normalised(signal) for signal in signals])
+    own = INITIAL_STATE if structure.settings.get("kind") == "linear" else ()
+    model, slopes = structure.equations.sensitivities(values, experiment, own)
+    # The model is linear in its initial state: one least-squares solution is exact.
+    offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
+    basis = np.concatenate([slopes, offsets])
+    valid = np.isfinite(measured).all(axis=0)
+    error = (measured - model)[:, valid]
+    weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
+    left = (basis[:, :, valid] * weight).reshape(len(basis), -1).T
+    fitted, *_ = np.linalg.lstsq(left, (error * weight).ravel(), rcond=None)
+    return dict(zip(signals, model + np.tensordot(fitted, basis, axes=1), strict=True))
+
+
+def predict_response(
+    fingerprint: Fingerprint,
+    measured: FrequencyResponse,
+    points: int = 200,
+    structure: Structure | None = None,
+) -> FrequencyResponse:
+    """Return the fitted model's response over the range of measured frequencies, at `points` of them.
+
+    Raises
+    ------
+    InputError
+        As `predict`.
+    """
+    structure = structure or structure_of(fingerprint)
+    signals = tuple(_signal(output, measured.response, measured.name) for output in structure.outputs)
+    frequency = np.geomspace(0.8 * measured.frequency_hz.min(), 1.25 * measured.frequency_hz.max(), points)
+    response, _ = structure.equations.response(fingerprint.settings["optimum"], frequency, ())
+    return FrequencyResponse(structure.name, frequency, dict(zip(signals, response, strict=True)))
+
+
+def structure_of(fingerprint: Fingerprint) -> Structure:
+    """Rebuild the structure that a fingerprint was fitted with, with its equations but with default bounds.
+
+    Raises
+    ------
+    InputError
+        Where it is not a linear one: a file can't hold the equations of others.
+    """
+    declared = dict(fingerprint.structure)
+    if declared.get("kind") != "linear":
+        raise InputError(
+            f"structure {declared.get('name')!r} of the fingerprint is not linear, and a file can't hold its "
+            "equations; give structure=..."
+        )
+    options = (
+        "torque",
+        "products",
+        "free_exponent",
+        "dead_time_loop",
+        "dead_time_set_point",
+        "outputs",
+        "name",
+    )
+    return Structure.linear(**{key: declared[key] for key in options if key in declared})
+
+
+def _signal(output: str, available: Mapping[str, object], name: str) -> str:
+    for candidate in OUTPUT_SIGNALS[output]:
+        if candidate in available:
+            return candidate
+    raise InputError(
+        f"{name!r}: no signal for output {output!r}, expected one of {', '.join(OUTPUT_SIGNALS[output])}"
+    )

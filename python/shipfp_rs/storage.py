@@ -1,0 +1,114 @@
+"""Experiments in one Parquet file: a row a sample, a row group an experiment."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs.files import replacing
+
+METADATA_KEY = b"shipfp_experiments"
+
+
+def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Path:
+    """Write experiments to a Parquet file for any Parquet reader; it appears whole or not at all.
+
+    Columns are `experiment`, `time_s` and the signals, with units in the field metadata; a masked sample is
+    NaN, a signal that an experiment lacks is null. Rate, operating point, hold, kind and provenance stand in
+    the metadata of the file as JSON.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    experiments
+        At least one, with names that differ.
+
+    Raises
+    ------
+    InputError
+        Where there is no experiment, two share a name, or the file can't be written.
+    """
+    path = Path(path)
+    names = [experiment.name for experiment in experiments]
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"{path}: experiments named {names}, expected at least one and each name once")
+    signals = [name for name in UNITS if any(name in experiment.signals for experiment in experiments)]
+    schema = pa.schema(
+        [
+            pa.field("experiment", pa.dictionary(pa.int32(), pa.string())),
+            pa.field("time_s", pa.float64(), metadata={"unit": "s"}),
+            *(pa.field(name, pa.float64(), metadata={"unit": UNITS[name]}) for name in signals),
+        ],
+        metadata={METADATA_KEY: json.dumps([_attributes(experiment) for experiment in experiments])},
+    )
+    with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+        for experiment in experiments:
+            length = len(experiment)
+            columns = [
+                pa.DictionaryArray.from_arrays(np.zeros(length, dtype=np.int32), [experiment.name]),
+                pa.array(experiment.time),
+                *(
+                    pa.array(experiment.signals[name])
+                    if name in experiment.signals
+                    else pa.nulls(length, pa.float64())
+                    for name in signals
+                ),
+            ]
+            writer.write_table(pa.table(columns, schema=schema), row_group_size=length)
+    return path
+
+
+def read_experiments(path: str | Path) -> tuple[Experiment, ...]:
+    """Read the experiments that `write_experiments` wrote.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing or was not written by `write_experiments`.
+    """
+    path = Path(path)
+    try:
+        with pq.ParquetFile(path) as file:
+            attributes = json.loads((file.schema_arrow.metadata or {})[METADATA_KEY])
+            return tuple(
+                _experiment(file.read_row_group(index), facts) for index, facts in enumerate(attributes)
+            )
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{path}: can't be read as Parquet, {error}") from error
+    except KeyError as error:
+        raise InputError(
+            f"{path}: holds no experiments; expected a file written by write_experiments"
+        ) from error
+
+
+def _attributes(experiment: Experiment) -> dict[str, Any]:
+    return {
+        "name": experiment.name,
+        "rate_hz": experiment.rate_hz,
+        "signals": list(experiment.signals),
+        "operating_point": dict(experiment.operating_point),
+        "hold": experiment.hold,
+        "kind": experiment.kind,
+        "provenance": dict(experiment.provenance),
+    }
+
+
+def _experiment(table: pa.Table, attributes: Mapping[str, Any]) -> Experiment:
+    return Experiment(
+        name=attributes["name"],
+        rate_hz=attributes["rate_hz"],
+        signals={name: table[name].to_numpy() for name in attributes["signals"]},
+        operating_point=attributes["operating_point"],
+        hold=attributes["hold"],
+        kind=attributes["kind"],
+        provenance=attributes["provenance"],
+    )

@@ -1,0 +1,96 @@
+"""A fingerprint in words and rounded figures, the same on the terminal and in the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from shipfp_rs.fingerprint import Estimate, Identifiability
+
+MEANINGS: Mapping[str, str] = {
+    "tau_n": "time constant of the drive train's whole inertia, 2π I n_s0 / M_s0",
+    "tau_prop": "time constant of the inertia on the propeller's side of the gauge",
+    "g": "slope of engine torque with speed at a held fuel rack, normalised",
+    "v": "slope of engine torque with fuel rack at a held speed, normalised",
+    "K_p": "proportional gain of the governor, normalised",
+    "K_i": "integral gain of the governor, normalised",
+    "vK_p": "loop gain, proportional",
+    "vK_i": "loop gain, integral",
+    "p": "exponent of propeller torque with speed",
+    "T_d": "dead time in the fuel path, inside the loop",
+    "T_set": "dead time in the set-point path, before the governor",
+}
+OUTPUTS: Mapping[str, str] = {
+    "dn": "speed",
+    "dM": "torque",
+    "dE": "integrated speed error",
+    "dX": "fuel rack",
+    "overall": "all outputs",
+}
+STATUS: Mapping[str, str] = {
+    "free": "estimated",
+    "fixed": "given",
+    "prior": "estimated, with prior",
+    "at_bound": "on its bound",
+    "unidentifiable": "not identifiable",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
+
+    name: str
+    value: str
+    std: str
+    low: str
+    high: str
+    unit: str
+    status: str
+    reason: str
+    truth: str = ""
+    holds_truth: bool | None = None
+
+
+def rows(estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None) -> Iterator[Row]:
+    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
+    for name, estimate in estimates.items():
+        decimals = _decimals(estimate)
+        real = (truth or {}).get(name)
+        low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
+        yield Row(
+            name=name,
+            value=_rounded(estimate.value, decimals),
+            std=_rounded(estimate.std, decimals),
+            low=_rounded(low, decimals),
+            high=_rounded(high, decimals),
+            unit=estimate.unit,
+            status=STATUS[estimate.status],
+            reason=estimate.reason,
+            truth=_rounded(real, decimals),
+            holds_truth=None if real is None or low is None or high is None else low <= real <= high,
+        )
+
+
+def rank(found: Identifiability) -> str:
+    """Say how many of the free parameters the data tell apart."""
+    if found.rank == found.free:
+        return (
+            f"The data tell all {found.free} free parameters apart (condition number of the scaled "
+            f"sensitivities {found.condition:.3g})."
+        )
+    return f"The data tell {found.rank} of {found.free} free parameters apart."
+
+
+def _decimals(estimate: Estimate) -> int | None:
+    """Digits behind the point that leave two significant ones of the standard deviation."""
+    if not estimate.std or not math.isfinite(estimate.std):
+        return None
+    return min(max(1 - math.floor(math.log10(estimate.std)), 0), 9)
+
+
+def _rounded(value: float | None, decimals: int | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if decimals is None else f"{value:.{decimals}f}"

@@ -1,0 +1,163 @@
+"""Pictures name what they show with its unit, and keep what matters when they thin a signal."""
+
+from __future__ import annotations
+
+import re
+
+import matplotlib
+import numpy as np
+import pytest
+
+matplotlib.use("Agg")
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from shipfp_rs import plot
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.tacho import PulseTimes, ReflectorAngles
+
+UNIT = re.compile(r"\[(rpm|Nm|rev|rev/s|mm|s|Hz|deg|-|%)\]$")
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    pyplot.close("all")
+
+
+@pytest.fixture
+def trial() -> Experiment:
+    time = np.arange(0.0, 100.0, 0.02)
+    wave = np.sin(0.5 * time)
+    torque = 1725.0 + 200.0 * wave
+    torque[100] = np.nan
+    torque[1000:1500] = np.nan
+    return Experiment(
+        name="S2 $100",  # a lone dollar sign is not the start of a formula
+        rate_hz=50.0,
+        signals={"n_set": 1183.8 + 76.0 * wave, "n_e": 1183.8 + 70.0 * wave, "M_g": torque},
+        operating_point={"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0},
+    )
+
+
+@pytest.fixture
+def fingerprint() -> Fingerprint:
+    return Fingerprint(
+        parameters={
+            "tau_n": Estimate(1.17, 0.02, (1.13, 1.21), "s"),
+            "p": Estimate(2.17, 0.005, (2.16, 2.18)),
+            "v": Estimate(None, status="unidentifiable"),
+            "T_set": Estimate(0.3, unit="s", status="fixed"),
+        },
+        derived={"vK_p": Estimate(10.0, 0.1, (9.8, 10.2))},
+        identifiability=Identifiability(3, 4, np.inf),
+        fit={},
+        structure={},
+    )
+
+
+def labels_have_units(axes) -> bool:
+    return all(UNIT.search(label) for ax in axes for label in (ax.get_xlabel(), ax.get_ylabel()) if label)
+
+
+def legend(ax) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_signals_of_one_unit_share_a_panel_and_masked_samples_are_counted(trial) -> None:
+    speed, torque = plot.time_series(trial)
+    assert labels_have_units([speed, torque])
+    assert legend(speed) == ["set point $n_{set}$", "engine speed $n_e$"]
+    assert legend(torque) == ["gauge torque $M_g$", "masked (10 %)"]
+    speed.figure.canvas.draw()
+
+
+def test_the_fit_is_drawn_in_the_unit_of_the_measurement(trial) -> None:
+    panels = plot.fit(trial, {"n_e": trial.normalised("n_e"), "M_g": trial.normalised("n_set")})
+    assert labels_have_units(panels)
+    measured, model = panels[0].get_lines()
+    np.testing.assert_allclose(model.get_ydata(), measured.get_ydata(), rtol=1e-12)
+
+
+def test_intervals_are_drawn_in_per_cent_of_the_truth_and_a_miss_is_red(fingerprint) -> None:
+    ax = plot.intervals(fingerprint, {"tau_n": 1.3, "p": 2.17, "vK_p": 10.0})
+    assert labels_have_units([ax])
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["vK_p = 10", "p = 2.17", "tau_n = 1.17 s"]
+    bars = [line for line in ax.get_lines() if len(line.get_xdata()) == 2 and line.get_linewidth() == 2.0]
+    assert [line.get_color() for line in bars] == [plot.BLUE, plot.BLUE, plot.RED]
+    np.testing.assert_allclose(bars[2].get_xdata(), [100.0 * (1.13 / 1.3 - 1.0), 100.0 * (1.21 / 1.3 - 1.0)])
+
+
+def test_without_a_truth_intervals_surround_the_estimate(fingerprint) -> None:
+    ax = plot.intervals(fingerprint)
+    assert "from the estimate" in ax.get_xlabel()
+    assert len(ax.get_yticklabels()) == 3
+
+
+def test_axes_that_are_given_are_used_and_their_number_is_checked(trial) -> None:
+    axes = Figure().subplots(2, 1)
+    assert plot.time_series(trial, [*axes])[0] is axes[0]
+    assert not pyplot.get_fignums()
+    with pytest.raises(InputError, match="3 axes given, expected 2"):
+        plot.time_series(trial, [axes[0]] * 3)
+
+
+def test_thinning_keeps_every_extreme_and_every_long_gap() -> None:
+    time = np.arange(100_000.0)
+    samples = np.sin(time / 1000.0)
+    samples[54_321] = 9.0
+    samples[77] = -9.0
+    samples[20_000:40_000] = np.nan
+    samples[60_000] = np.nan
+    thin_time, thin = plot.envelope(time, samples, bins=500)
+    assert thin.size == thin_time.size == 1000
+    assert np.nanmax(thin) == 9.0
+    assert np.nanmin(thin) == -9.0
+    assert thin_time[np.nanargmax(thin)] == 54_321
+    gap = (thin_time >= 20_000) & (thin_time < 40_000)
+    assert np.isnan(thin[gap]).all()
+    assert np.isfinite(thin[~gap]).all()
+    assert (np.diff(thin_time) >= 0).all()
+
+
+def test_a_short_signal_is_drawn_as_it_is() -> None:
+    time, samples = np.arange(10.0), np.arange(10.0)
+    assert plot.envelope(time, samples)[1] is samples
+
+
+def test_a_response_is_drawn_with_bars_of_two_standard_deviations_and_on_the_model_s_turn() -> None:
+    frequency = np.geomspace(0.01, 3.0, 9)
+    model = FrequencyResponse("model", frequency, {"n_e": np.exp(-1j * 2.0 * np.pi * frequency)})
+    # The same response measured one turn on: a phase is known up to whole turns only.
+    measured = FrequencyResponse(
+        "S2 to S14",
+        frequency[-2:],
+        {"n_e": model.response["n_e"][-2:]},
+        amplitude_std={"n_e": np.array([0.1, 0.2])},
+        phase_std={"n_e": np.array([0.01, 3.0])},
+    )
+    amplitude, phase = plot.bode(measured, model)
+    assert labels_have_units([amplitude, phase])
+    points, curve = phase.containers[0], phase.get_lines()[0]
+    np.testing.assert_allclose(points.lines[0].get_ydata(), curve.get_ydata()[-2:])
+    (bars,) = points.lines[2]
+    heights = [np.ptp(segment[:, 1]) for segment in bars.get_segments()]
+    np.testing.assert_allclose(heights, [np.degrees(0.04), 360.0])  # a lost phase is anywhere on the circle
+    (bars,) = amplitude.containers[0].lines[2]
+    np.testing.assert_allclose([np.ptp(segment[:, 1]) for segment in bars.get_segments()], [0.4, 0.8])
+
+
+def test_intervals_between_pulses_lie_on_one_line_for_each_reflector() -> None:
+    fractions = np.array([0.26, 0.24, 0.255, 0.245])
+    times = np.concatenate([[0.0], np.cumsum(np.tile(fractions, 100) / 5.0)])
+    pulses = PulseTimes(times, np.empty((0, 2)), 1.0, 2.0, 3.0, 2000.0)
+    ax = plot.pulse_intervals(pulses, 4, ReflectorAngles(fractions, np.full(4, 1e-4), True))
+    assert labels_have_units([ax])
+    for reflector, share in enumerate(fractions):
+        dots = next(line for line in ax.get_lines() if line.get_label() == f"interval {reflector + 1} of 4")
+        np.testing.assert_allclose(dots.get_ydata(), 400.0 * share - 100.0, atol=1e-9)
+    with pytest.raises(InputError, match="3 pulses, expected more than the 4"):
+        plot.pulse_intervals(PulseTimes(times[:3], np.empty((0, 2)), 1.0, 2.0, 3.0, 2000.0), 4)
