@@ -57,7 +57,7 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[channels.set_point]", "[channels.setpoint]", r"channels\.setpoint: found an unknown key, did you mean 'set_point'"),
+        ("[channels.set_point]", "[channels.setpoint]", r"channels\.set_point: found nothing"),
         ('location = "gauge"', 'location = "gague"', r"channels\.torque\.location: found 'gague'"),
         ('column = "U_torque"', "", r"channels\.torque\.column: found nothing"),
         ("scale = 1059.0, offset", "offset", r"channels\.torque\.calibration\.scale: found neither or both"),

@@ -64,8 +64,11 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        # A misspelt key is also a missing one: its own spelling helps more.
-        first = min(error.errors(), key=lambda entry: entry["type"] != "extra_forbidden")
+        first, *others = error.errors()
+        if first["type"] == "missing":
+            # Where its section also holds an unknown key, the missing one is likely misspelt.
+            unknown = [other for other in others if other["type"] == "extra_forbidden"]
+            first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
         raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 
