@@ -6,7 +6,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -94,6 +94,8 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
             return f"{'.'.join(location)}: found nothing, expected this key to be given"
         case "model_type" | "dict_type":
             expected = "a table"
+        case "tuple_type" | "list_type":
+            expected = "a list"
         case _:
             expected = error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return f"{'.'.join(location)}: found {_shown(error['input'])}, expected {expected}"
@@ -108,14 +110,15 @@ def _models_at(model: type[BaseModel], location: Sequence[int | str]) -> set[typ
     """Return the models that may stand at `location`; list indices and tags of unions lead nowhere new."""
     found = {model}
     for part in location:
-        inner = {
-            nested
-            for owner in found
-            if part in owner.model_fields
-            for nested in _models_in(owner.model_fields[str(part)].annotation)
-        }
+        inner = {nested for owner in found for nested in _models_in(_annotation(owner, str(part)))}
         found = inner or found
     return found
+
+
+def _annotation(owner: type[BaseModel], key: str) -> Any:
+    """Type of a key, or of any table under a name of the user's own where the model takes such."""
+    field = owner.model_fields.get(key)
+    return field.annotation if field else get_type_hints(owner).get("__pydantic_extra__")
 
 
 def _models_in(annotation: Any) -> set[type[BaseModel]]:
