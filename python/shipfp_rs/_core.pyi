@@ -49,6 +49,23 @@ def linear_response_sensitivities(
     outputs: Sequence[int],
     wrt: Sequence[int],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]: ...
+def simulate_linear(
+    parameters: NDArray[np.float64],
+    dn_set: NDArray[np.float64],
+    dt: float,
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+    outputs: Sequence[int],
+) -> NDArray[np.float64]: ...
+def linear_sensitivities(
+    parameters: NDArray[np.float64],
+    dn_set: NDArray[np.float64],
+    dt: float,
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+    outputs: Sequence[int],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 

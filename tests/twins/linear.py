@@ -1,6 +1,11 @@
 """NumPy reference of the linear structure: from the equations, sharing nothing with the kernels."""
 
+import functools
+import math
+from itertools import pairwise
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from shipfp_rs._core import LINEAR_PARAMETERS
@@ -44,4 +49,109 @@ def response(parameters: Array, frequency_hz: Array) -> NDArray[np.complex128]:
         )
         n, E, X, w = np.linalg.solve(equations, np.array([0, u, K_p * u, 0]))
         rows.append([n, E, g * n + w, p * n + tau_prop * s * n, X])
+    return np.array(rows).T
+
+
+def set_point(
+    dn_set: Array, dt: float, hold: str, delay: float, start: float, end: float
+) -> tuple[float, float]:
+    """Value just after `start` and just before `end` of the delayed set point, linear between the two."""
+    first, last = (start - delay) / dt, (end - delay) / dt
+    sample = math.floor((first + last) / 2)
+    left, right = (float(dn_set[min(max(index, 0), dn_set.size - 1)]) for index in (sample, sample + 1))
+    if hold == "zero" or sample < 0:
+        return left, left
+    return left + (first - sample) * (right - left), left + (last - sample) * (right - left)
+
+
+def corners(samples: int, dt: float, *delays: float) -> Array:
+    """All sample times and all times at which a delayed set point has a corner."""
+    grid = np.arange(samples) * dt
+    times = np.sort(np.concatenate([grid, *(grid + delay for delay in delays)]))
+    times = times[times <= grid[-1] + 1e-12]
+    return times[np.concatenate([[True], np.diff(times) > 1e-12])]
+
+
+def outputs(parameters: Array, n: Array, E: Array, slope: Array, u: Array) -> Array:
+    tau_n, _, _, K_p, K_i, p, tau_prop, _, _ = parameters
+    return np.array([n, E, p * n + tau_n * slope, p * n + tau_prop * slope, K_p * (u - n) + K_i * E])
+
+
+def simulate(parameters: Array, dn_set: Array, dt: float, hold: str, initial: Array) -> Array:
+    """No dead time in the loop: the matrix exponential from corner to corner of the set point; [5, N]."""
+    tau_n, g, v, K_p, K_i, p, _, T_d, T_set = parameters
+    assert T_d == 0
+    a, b, c = (p - g) / tau_n, v * K_p / tau_n, v * K_i / tau_n
+    # n, E, u, u'
+    system = np.array([[-a - b, c, b, 0], [-1, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]])
+    advance = functools.cache(lambda duration: scipy.linalg.expm(system * duration))
+    times = corners(dn_set.size + 1, dt, T_set)
+    state = np.array([*initial, 0.0, 0.0])
+    rows = []
+    for start, end in pairwise(times):
+        state[2], u_end = set_point(dn_set, dt, hold, T_set, start, end)
+        state[3] = (u_end - state[2]) / (end - start)
+        if abs(start / dt - round(start / dt)) < 1e-9:
+            n, E, u, _ = state
+            rows.append(outputs(parameters, n, E, (system @ state)[0], u))
+        state = advance(round(end - start, 15)) @ state
+    return np.array(rows).T
+
+
+def simulate_delayed(
+    parameters: Array, dn_set: Array, dt: float, hold: str, initial: Array, substeps: int
+) -> Array:
+    """A dead time in the loop by the method of steps: RK4 with `substeps` a sample, cubic Hermite between.
+
+    Both dead times must be whole numbers of the small step, so that corners fall on its ends.
+    """
+    tau_n, g, v, K_p, K_i, p, _, T_d, T_set = parameters
+    h = dt / substeps
+    assert T_d >= h
+    for dead_time in (T_d, T_set):
+        assert abs(dead_time / h - round(dead_time / h)) < 1e-6
+    lag = round(T_d / h)
+    steps = (dn_set.size - 1) * substeps
+    # z and its slopes at both sides of every step's start: z' jumps where u does.
+    z, slope_after, slope_before = np.zeros((3, steps + 1))
+
+    def late_z(step: int, fraction: float) -> float:
+        index = step - lag
+        if index < 0:
+            return float(z[0])
+        t = fraction
+        return float(
+            (1 + 2 * t) * (1 - t) ** 2 * z[index]
+            + t * (1 - t) ** 2 * h * slope_after[index]
+            + t**2 * (3 - 2 * t) * z[index + 1]
+            + t**2 * (t - 1) * h * slope_before[index + 1]
+        )
+
+    state = np.array(initial, dtype=float)
+    z[0] = K_i * state[1] - K_p * state[0]
+    rows = []
+    for step in range(steps + 1):
+        start, end = step * h, (step + 1) * h
+        u1 = set_point(dn_set, dt, hold, T_set, start, end)
+        u2 = set_point(dn_set, dt, hold, T_set + T_d, start, end)
+
+        def rate(state: Array, fraction: float, step: int = step, u1=u1, u2=u2) -> Array:
+            n = state[0]
+            early, late = (u[0] + fraction * (u[1] - u[0]) for u in (u1, u2))
+            w = v * (K_p * late + late_z(step, fraction))
+            return np.array([(-(p - g) * n + w) / tau_n, early - n])
+
+        first = rate(state, 0)
+        slope_after[step] = K_i * first[1] - K_p * first[0]
+        if step % substeps == 0:
+            rows.append(outputs(parameters, *state, first[0], u1[0]))
+        if step == steps:
+            break
+        second = rate(state + h / 2 * first, 0.5)
+        third = rate(state + h / 2 * second, 0.5)
+        fourth = rate(state + h * third, 1)
+        state = state + h / 6 * (first + 2 * second + 2 * third + fourth)
+        z[step + 1] = K_i * state[1] - K_p * state[0]
+        last = rate(state, 1)
+        slope_before[step + 1] = K_i * last[1] - K_p * last[0]
     return np.array(rows).T

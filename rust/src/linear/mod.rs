@@ -10,8 +10,15 @@
 //! Outputs: `dn = n`, `dE = E`, `dM_b = g n + w = p n + tau_n n'` (engine), `dM_g = p n + tau_prop n'` (strain gauge between
 //! the inertias), `dX = X` (rack position as commanded, before the dead time).
 
+mod basis;
+mod discrete;
+mod jet;
 mod parameters;
 mod response;
+mod simulate;
+mod walk;
 
-pub use parameters::{INITIAL_E, INITIAL_N, OUTPUTS, Output, PARAMETERS, Parameters, WRT};
+pub use parameters::{By, OUTPUTS, Output, PARAMETERS, Parameters};
 pub use response::{Response, response};
+pub use simulate::simulate;
+pub use walk::Drive;

@@ -7,13 +7,6 @@ pub const PARAMETERS: [&str; 9] = ["tau_n", "g", "v", "K_p", "K_i", "p", "tau_pr
 /// Names of the outputs, in the order of their indices.
 pub const OUTPUTS: [&str; 5] = ["dn", "dE", "dM_b", "dM_g", "dX"];
 
-/// Number of things that a simulation can be differentiated by: the parameters, then the initial dn and dE.
-pub const WRT: usize = PARAMETERS.len() + 2;
-/// Index of the initial dn among the things to differentiate by.
-pub const INITIAL_N: usize = 9;
-/// Index of the initial dE among the things to differentiate by.
-pub const INITIAL_E: usize = 10;
-
 /// What a simulation or a frequency response can give.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Output {
@@ -54,17 +47,64 @@ impl Output {
     }
 }
 
-/// Refuse a list of things to differentiate by that holds an index of `count` or more.
-///
-/// # Errors
-/// [`Error::Invalid`] naming the index.
-pub fn check_wrt(wrt: &[usize], count: usize) -> Result<()> {
-    wrt.iter().try_for_each(|&index| {
-        require(index < count, || {
-            let initial = if count > PARAMETERS.len() { ", 9 and 10 the initial dn and dE" } else { "" };
-            format!("wrt: found index {index}, expected 0 to 8, one of {PARAMETERS:?}{initial}")
-        })
-    })
+/// What a simulation can be differentiated by: a parameter or an initial value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)] // the parameters' own names, see `Parameters`
+pub enum By {
+    TauN,
+    G,
+    V,
+    KP,
+    KI,
+    P,
+    TauProp,
+    TD,
+    TSet,
+    InitialN,
+    InitialE,
+}
+
+impl By {
+    const ALL: [Self; 11] = [
+        Self::TauN,
+        Self::G,
+        Self::V,
+        Self::KP,
+        Self::KI,
+        Self::P,
+        Self::TauProp,
+        Self::TD,
+        Self::TSet,
+        Self::InitialN,
+        Self::InitialE,
+    ];
+
+    /// Look up a list by index: into [`PARAMETERS`], then 9 and 10 for the initial dn and dE.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an index out of range.
+    pub fn from_indices(indices: &[usize]) -> Result<Vec<Self>> {
+        Self::look_up(indices, &Self::ALL, ", or 9 and 10 for the initial dn and dE")
+    }
+
+    /// The same without the initial values, which a frequency response doesn't have.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an index out of range.
+    pub fn parameters_from_indices(indices: &[usize]) -> Result<Vec<Self>> {
+        Self::look_up(indices, &Self::ALL[..PARAMETERS.len()], "")
+    }
+
+    fn look_up(indices: &[usize], all: &[Self], also: &str) -> Result<Vec<Self>> {
+        let known = |&index: &usize| {
+            all.get(index).copied().ok_or_else(|| {
+                Error::Invalid(format!(
+                    "wrt: found index {index}, expected 0 to 8, one of {PARAMETERS:?}{also}"
+                ))
+            })
+        };
+        indices.iter().map(known).collect()
+    }
 }
 
 /// A checked parameter vector.

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Complex;
 
-use super::parameters::{OUTPUTS, Output, PARAMETERS, Parameters, check_wrt};
+use super::parameters::{By, OUTPUTS, Output, PARAMETERS, Parameters};
 use crate::error::{Error, Result, require};
 
 type C = Complex<f64>;
@@ -101,14 +101,16 @@ fn transfer(parameters: &Parameters, s: C) -> [Jet; OUTPUTS.len()] {
 ///
 /// # Errors
 /// [`Error::Invalid`] for a frequency that is negative or not finite, one at which the response is infinite
-/// (0 Hz without integral action), or an unknown index in `wrt`.
+/// (0 Hz without integral action).
+///
+/// # Panics
+/// Where `wrt` names an initial value.
 pub fn response(
     parameters: &Parameters,
     frequency_hz: &[f64],
     outputs: &[Output],
-    wrt: &[usize],
+    wrt: &[By],
 ) -> Result<Response> {
-    check_wrt(wrt, PARAMETERS.len())?;
     let (count, rows) = (frequency_hz.len(), outputs.len());
     let mut values = vec![C::ZERO; rows * count];
     let mut derivatives = vec![C::ZERO; wrt.len() * rows * count];
@@ -127,7 +129,7 @@ pub fn response(
             }
             values[row * count + column] = jet.value;
             for (index, &by) in wrt.iter().enumerate() {
-                derivatives[(index * rows + row) * count + column] = jet.by[by];
+                derivatives[(index * rows + row) * count + column] = jet.by[by as usize];
             }
         }
     }

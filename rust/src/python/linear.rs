@@ -1,14 +1,62 @@
 //! Bindings of the linear kernels.
 
-use numpy::{Complex64, PyArray2, PyArray3};
+use numpy::{Complex64, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow, hand_back};
 use super::guard;
-use crate::linear::{OUTPUTS, Output, PARAMETERS, Parameters, Response, response};
+use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
+type Rows<'py> = Bound<'py, PyArray2<f64>>;
+type RowsByParameter<'py> = Bound<'py, PyArray3<f64>>;
+
+/// Simulate the linear structure; [O, N].
+#[pyfunction]
+fn simulate_linear<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    dn_set: &Bound<'py, PyAny>,
+    dt: f64,
+    hold: &str,
+    initial: &Bound<'py, PyAny>,
+    outputs: Vec<usize>,
+) -> PyResult<Rows<'py>> {
+    Ok(linear_sensitivities(py, parameters, dn_set, dt, hold, initial, outputs, vec![])?.0)
+}
+
+/// Simulated outputs [O, N] and their derivatives [W, O, N] by the parameters of index `wrt`, 9 and 10 the initial dn and dE.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn linear_sensitivities<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    dn_set: &Bound<'py, PyAny>,
+    dt: f64,
+    hold: &str,
+    initial: &Bound<'py, PyAny>,
+    outputs: Vec<usize>,
+    wrt: Vec<usize>,
+) -> PyResult<(Rows<'py>, RowsByParameter<'py>)> {
+    let parameters: Vector<'_> = borrow("parameters", parameters)?;
+    let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
+    let initial: Vector<'_> = borrow("initial", initial)?;
+    let parameters = Parameters::new(parameters.as_slice()?)?;
+    let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
+    let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
+    let samples = drive.samples();
+    let values = PyArray2::zeros(py, [outputs.len(), samples], false);
+    let derivatives = PyArray3::zeros(py, [wrt.len(), outputs.len(), samples], false);
+    {
+        let (mut values, mut derivatives) = (values.readwrite(), derivatives.readwrite());
+        let (values, derivatives) = (values.as_slice_mut()?, derivatives.as_slice_mut()?);
+        guard::run(py, samples * (1 + wrt.len()) * outputs.len(), |stop| {
+            simulate(&parameters, &drive, &outputs, &wrt, values, derivatives, stop)
+        })?;
+    }
+    Ok((values, derivatives))
+}
 
 fn run_response(
     py: Python<'_>,
@@ -21,7 +69,8 @@ fn run_response(
     let frequency_hz: Vector<'_> = borrow("frequency_hz", frequency_hz)?;
     let (parameters, frequency_hz) = (parameters.as_slice()?, frequency_hz.as_slice()?);
     let result = guard::run(py, frequency_hz.len(), |_| {
-        response(&Parameters::new(parameters)?, frequency_hz, &Output::from_indices(outputs)?, wrt)
+        let (outputs, wrt) = (Output::from_indices(outputs)?, By::parameters_from_indices(wrt)?);
+        response(&Parameters::new(parameters)?, frequency_hz, &outputs, &wrt)
     })?;
     Ok((result, frequency_hz.len()))
 }
@@ -57,6 +106,8 @@ fn linear_response_sensitivities<'py>(
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("LINEAR_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
     module.add("LINEAR_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
+    module.add_function(wrap_pyfunction!(simulate_linear, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_sensitivities, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response_sensitivities, module)?)?;
     Ok(())
