@@ -105,6 +105,24 @@ def test_the_levels_are_the_twins_modes(dtype):
     np.testing.assert_allclose(pulse_levels(train), twin.levels(train), atol=2 * width)
 
 
-def test_levels_of_nothing_are_refused():
-    with pytest.raises(InputError, match="no finite sample among 2"):
-        pulse_levels(np.full(2, np.nan))
+def test_levels_of_nothing_are_nan():
+    assert np.isnan(pulse_levels(np.full(2, np.nan))).all()
+    assert np.isnan(pulse_levels(np.empty(0, dtype=np.int16))).all()
+
+
+def test_rare_peaks_do_not_move_the_levels():
+    train = np.where(np.arange(20_000) % 97 < 30, 4.5, 0.25)
+    clean = pulse_levels(train)
+    train[::1300] = 1e4
+    train[7::1700] = np.inf
+    np.testing.assert_allclose(pulse_levels(train), clean, atol=0.05)
+
+
+def test_levels_may_change_between_chunks():
+    detector = PulseCrossings(LOW, HIGH, MIDDLE)
+    assert detector.feed(np.array([0.0, 1.5])).size == 0
+    detector.set_levels(0.5, 2.5, 1.25)
+    # The new middle met the signal at sample 1; the next edge is interpolated at it.
+    assert detector.feed(np.array([2.0, 3.0, 0.0, 5.0])).tolist() == [1.0, 4.25]
+    with pytest.raises(InputError, match="low < middle < high"):
+        detector.set_levels(1.0, 0.0, 0.5)

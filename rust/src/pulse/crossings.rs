@@ -42,13 +42,23 @@ impl PulseCrossings {
     /// # Errors
     /// Unless `low < middle < high`, all finite.
     pub fn new(low: f64, high: f64, middle: f64) -> Result<Self> {
-        require(low.is_finite() && high.is_finite() && low < middle && middle < high, || {
-            format!(
-                "levels must be finite with low < middle < high, got low {low}, middle {middle}, high {high}"
-            )
-        })?;
+        check_levels(low, high, middle)?;
         let cursor = Cursor { seen: 0, armed: false, previous: f64::NAN, pending: f64::NAN, gap_start: None };
         Ok(Self { low, high, middle, cursor, gaps: Vec::new() })
+    }
+
+    /// Go on with other levels, for a train whose levels drift.
+    ///
+    /// # Errors
+    /// Unless `low < middle < high`, all finite; the levels are then as they were before.
+    pub fn set_levels(&mut self, low: f64, high: f64, middle: f64) -> Result<()> {
+        check_levels(low, high, middle)?;
+        if self.cursor.previous < self.middle && self.cursor.previous >= middle {
+            // The level came down through the signal: the last sample is where the two met.
+            self.cursor.pending = (self.cursor.seen - 1) as f64;
+        }
+        (self.low, self.high, self.middle) = (low, high, middle);
+        Ok(())
     }
 
     /// Samples seen so far.
@@ -86,6 +96,12 @@ impl PulseCrossings {
     }
 }
 
+fn check_levels(low: f64, high: f64, middle: f64) -> Result<()> {
+    require(low.is_finite() && high.is_finite() && low < middle && middle < high, || {
+        format!("levels must be finite with low < middle < high, got low {low}, middle {middle}, high {high}")
+    })
+}
+
 /// Run over all blocks of a chunk; compiled once for each instruction set and chosen at run time.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+bmi1+bmi2+fma+lzcnt+popcnt",
@@ -93,20 +109,60 @@ impl PulseCrossings {
 ))]
 fn advance<T: Sample>(scan: &mut Scan<'_, T>, low: T, high: T, stop: &Stop) -> Result<()> {
     const MASK_REGISTERS: bool = match_target! { "x86_64+avx512bw" => true, _ => false };
-    let (blocks, rest) = scan.chunk.as_chunks::<BLOCK>();
-    for (index, block) in blocks.iter().enumerate() {
-        if index % (CHECK_EVERY / BLOCK) == 0 {
+    let mut fires = Fires { at: [0; BATCH / 2 + 2], count: 0 };
+    let chunk = scan.chunk;
+    for (start, batch) in (0..).step_by(BATCH).zip(chunk.chunks(BATCH)) {
+        if start % CHECK_EVERY == 0 {
             stop.check()?;
         }
-        scan.step(index * BLOCK, BLOCK, Masks::of::<T, MASK_REGISTERS>(block, low, high));
-    }
-    if !rest.is_empty() {
-        let mut padded = [low; BLOCK];
-        padded[..rest.len()].copy_from_slice(rest);
-        let masks = Masks::of::<T, MASK_REGISTERS>(&padded, low, high).first(rest.len());
-        scan.step(blocks.len() * BLOCK, rest.len(), masks);
+        let (blocks, rest) = batch.as_chunks::<BLOCK>();
+        for (index, block) in blocks.iter().enumerate() {
+            let masks = Masks::of::<T, MASK_REGISTERS>(block, low, high);
+            fires.push(index * BLOCK, scan.step(start + index * BLOCK, BLOCK, masks));
+        }
+        if !rest.is_empty() {
+            let mut padded = [low; BLOCK];
+            padded[..rest.len()].copy_from_slice(rest);
+            let masks = Masks::of::<T, MASK_REGISTERS>(&padded, low, high).first(rest.len());
+            let offset = blocks.len() * BLOCK;
+            fires.push(offset, scan.step(start + offset, rest.len(), masks));
+        }
+        scan.take_times(start, &mut fires);
     }
     Ok(())
+}
+
+/// Samples between two rounds of timing: they stay in the fastest cache.
+const BATCH: usize = 4096;
+
+/// Samples of a batch at which the detector fired, at most every other one.
+///
+/// Two are written for every block whether they are there or not: most blocks have one or none, which no branch
+/// predictor can guess.
+struct Fires {
+    at: [u32; BATCH / 2 + 2],
+    count: usize,
+}
+
+impl Fires {
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation)] // a batch is short
+    fn push(&mut self, offset: usize, mut bits: u64) {
+        let count = bits.count_ones() as usize;
+        let room = &mut self.at[self.count..];
+        for slot in &mut room[..2] {
+            *slot = offset as u32 + bits.trailing_zeros();
+            bits &= bits.wrapping_sub(1);
+        }
+        if count > 2 {
+            for slot in &mut room[2..count] {
+                *slot = offset as u32 + bits.trailing_zeros();
+                bits &= bits.wrapping_sub(1);
+            }
+        }
+        self.count += count;
+    }
 }
 
 /// One pass over a chunk.
@@ -120,28 +176,32 @@ struct Scan<'a, T> {
 }
 
 impl<T: Sample> Scan<'_, T> {
-    /// Take one block of `count` samples from `start` on.
+    /// Take one block of `count` samples from `start` on; return where it fires.
     ///
-    /// "Armed" is a latch that `low` sets and `high` or a gap resets. An adder's carry is such a latch (generate = set,
-    /// propagate = hold), so one addition runs the state machine over the whole block; only crossings take a branch.
+    /// "Armed" is a latch that `low` sets and `high` or a gap resets. An adder's carry is such a latch (generate =
+    /// set, propagate = hold), so one addition runs the state machine over the whole block.
     #[allow(clippy::inline_always)]
     #[inline(always)]
-    fn step(&mut self, start: usize, count: usize, masks: Masks) {
+    fn step(&mut self, start: usize, count: usize, masks: Masks) -> u64 {
         let hold = masks.low | !(masks.high | masks.gap);
         let sum = u128::from(hold) + u128::from(masks.low) + u128::from(self.cursor.armed);
         #[allow(clippy::cast_possible_truncation)] // the low word is wanted
         let armed_before = sum as u64 ^ hold ^ masks.low;
         self.cursor.armed = sum >> 64 != 0;
-
-        let mut fires = armed_before & masks.high;
-        while fires != 0 {
-            let time = self.crossing(start + fires.trailing_zeros() as usize);
-            self.times.push(time);
-            fires &= fires - 1;
-        }
         if masks.gap != 0 || self.cursor.gap_start.is_some() {
             self.note_gaps(start, count, masks.gap);
         }
+        armed_before & masks.high
+    }
+
+    /// Time the crossings that led to the fires of the batch from `start` on.
+    fn take_times(&mut self, start: usize, fires: &mut Fires) {
+        self.times.reserve(fires.count);
+        for &at in &fires.at[..fires.count] {
+            let time = self.crossing(start + at as usize);
+            self.times.push(time);
+        }
+        fires.count = 0;
     }
 
     /// The last upward crossing of `middle` at or before sample `index` of the chunk, which is at or above `middle`.
@@ -267,6 +327,15 @@ mod tests {
     fn no_pulse_is_seen_before_the_train_was_low_or_over_a_gap() {
         assert!(run(&[&[4.0, 4.0, 2.0, 4.0]]).0.is_empty());
         assert_eq!(run(&[&[0.0, f64::NAN, 4.0], &[f64::NAN], &[f64::NAN]]), (vec![], vec![(1, 2), (3, 5)]));
+    }
+
+    #[test]
+    fn levels_may_change_between_chunks() {
+        let mut detector = PulseCrossings::new(1.0, 3.0, 2.0).unwrap();
+        assert!(detector.feed(&[0.0, 1.5], &Stop::new()).unwrap().is_empty());
+        detector.set_levels(0.5, 2.5, 1.25).unwrap();
+        assert_eq!(detector.feed(&[2.0, 3.0, 0.0, 5.0], &Stop::new()).unwrap(), [1.0, 4.25]);
+        assert!(detector.set_levels(1.0, 0.0, 0.5).is_err());
     }
 
     #[test]

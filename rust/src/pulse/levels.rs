@@ -1,7 +1,7 @@
 //! The two state levels of a pulse train, from histograms.
 
 use super::sample::Sample;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
 const BINS: usize = 100;
@@ -9,6 +9,7 @@ const BINS: usize = 100;
 const TAIL: f64 = 1e-3;
 /// Each round narrows the range at least by two, and a hundredfold where one level holds everything.
 const ROUNDS: usize = 12;
+const LANES: usize = 8;
 
 /// Low and high state level: the modes of the lower and the upper half of a histogram of the finite samples.
 ///
@@ -16,24 +17,14 @@ const ROUNDS: usize = 12;
 /// thousandth of the samples at either end while these are less than half of the range, so that rare high peaks do not
 /// push both states into one bin.
 ///
+/// Both are NaN where no sample is finite.
+///
 /// # Errors
-/// If no sample is finite, or on a stop.
+/// On a stop.
 pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)> {
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    let mut count = 0_usize;
-    for part in samples.chunks(CHECK_EVERY) {
-        stop.check()?;
-        for x in part.iter().map(|&x| x.into()).filter(|x: &f64| x.is_finite()) {
-            low = low.min(x);
-            high = high.max(x);
-            count += 1;
-        }
-    }
+    let (mut low, mut high, count) = finite_range(samples, stop)?;
     if count == 0 {
-        let found = samples.len();
-        return Err(Error::Invalid(format!(
-            "no finite sample among {found}; a pulse train needs some to find its levels"
-        )));
+        return Ok((f64::NAN, f64::NAN));
     }
     let tail = count as f64 * TAIL;
     for _ in 0..ROUNDS {
@@ -54,18 +45,53 @@ pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)>
     Ok((low, high))
 }
 
-/// Counts in bins of `width` from `low` on; what lies outside is counted at the ends.
-fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Result<[u64; BINS]> {
-    let mut bins = [0; BINS];
+/// Call `take` with every sample and a lane; neighbours are in different lanes, so that they need not wait for one
+/// another.
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn by_lane<T: Sample>(samples: &[T], stop: &Stop, mut take: impl FnMut(usize, f64)) -> Result<()> {
     for part in samples.chunks(CHECK_EVERY) {
         stop.check()?;
-        for x in part.iter().map(|&x| x.into()).filter(|x: &f64| x.is_finite()) {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // saturates as wanted
-            let bin = ((x - low) / width) as usize;
-            bins[bin.min(BINS - 1)] += 1;
+        let (rows, rest) = part.as_chunks::<LANES>();
+        for row in rows {
+            for (lane, &x) in row.iter().enumerate() {
+                take(lane, x.into());
+            }
+        }
+        for &x in rest {
+            take(0, x.into());
         }
     }
-    Ok(bins)
+    Ok(())
+}
+
+/// Least and greatest finite sample, and how many are finite.
+fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)> {
+    let mut low = [f64::INFINITY; LANES];
+    let mut high = [f64::NEG_INFINITY; LANES];
+    let mut count = [0; LANES];
+    by_lane(samples, stop, |lane, x| {
+        let finite = x.is_finite();
+        low[lane] = if finite && x < low[lane] { x } else { low[lane] };
+        high[lane] = if finite && x > high[lane] { x } else { high[lane] };
+        count[lane] += u64::from(finite);
+    })?;
+    let low = low.into_iter().fold(f64::INFINITY, f64::min);
+    let high = high.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    Ok((low, high, count.iter().sum()))
+}
+
+/// Counts in bins of `width` from `low` on; what lies outside is counted at the ends.
+fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Result<[u64; BINS]> {
+    // What is not finite goes to the bin past the last.
+    let mut lanes = [[0_u64; BINS + 1]; LANES];
+    let scale = width.recip();
+    by_lane(samples, stop, |lane, x| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped
+        let bin = ((x - low) * scale).clamp(0.0, (BINS - 1) as f64) as u8;
+        lanes[lane][if x.is_finite() { usize::from(bin) } else { BINS }] += 1;
+    })?;
+    Ok(std::array::from_fn(|bin| lanes.iter().map(|bins| bins[bin]).sum()))
 }
 
 /// The first bin that does not lie wholly within the tail.
@@ -122,8 +148,6 @@ mod tests {
         glitch[77] = 80.0;
         let (low, high) = levels(&glitch);
         assert!((low - 2.5).abs() < 1e-9 && (high - 2.5).abs() < 1e-9, "{low} {high}");
-        assert!(
-            pulse_levels(&[f64::NAN], &Stop::new()).unwrap_err().to_string().contains("no finite sample")
-        );
+        assert!(levels(&[f64::NAN]).0.is_nan() && levels::<i16>(&[]).1.is_nan());
     }
 }

@@ -82,12 +82,10 @@ impl Masks {
     #[allow(clippy::inline_always)] // takes part in the caller's choice of instruction set
     #[inline(always)]
     pub fn of<T: Sample, const MASK_REGISTERS: bool>(block: &[T; BLOCK], low: T, high: T) -> Self {
-        let bits: [u64; 3] = if MASK_REGISTERS {
-            [shifted(block, |x| x <= low), shifted(block, |x| x >= high), shifted(block, T::is_gap)]
-        } else {
-            [gathered(block, |x| x <= low), gathered(block, |x| x >= high), gathered(block, T::is_gap)]
-        };
-        Self { low: bits[0], high: bits[1], gap: bits[2] }
+        let low = word::<T, MASK_REGISTERS>(block, |x| x <= low);
+        let high = word::<T, MASK_REGISTERS>(block, |x| x >= high);
+        let gap = if any_gap(block) { word::<T, MASK_REGISTERS>(block, T::is_gap) } else { 0 };
+        Self { low, high, gap }
     }
 
     /// The first `count` samples only.
@@ -95,6 +93,21 @@ impl Masks {
         let valid = (1_u64 << count) - 1;
         Self { low: self.low & valid, high: self.high & valid, gap: self.gap & valid }
     }
+}
+
+/// Whether any sample is missing; one comparison tells of two samples.
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn any_gap<T: Sample>(block: &[T; BLOCK]) -> bool {
+    let (front, back) = block.split_at(BLOCK / 2);
+    front.iter().zip(back).fold(false, |any, (&x, &y)| any | (x.is_gap() | y.is_gap()))
+}
+
+/// The outcomes of a test as one word.
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn word<T: Sample, const MASK_REGISTERS: bool>(block: &[T; BLOCK], test: impl Fn(T) -> bool) -> u64 {
+    if MASK_REGISTERS { shifted(block, test) } else { gathered(block, test) }
 }
 
 #[allow(clippy::inline_always)]

@@ -66,6 +66,11 @@ impl PulseCrossings {
         Ok(Self(pulse::PulseCrossings::new(low, high, middle)?))
     }
 
+    /// Go on with other levels.
+    fn set_levels(&mut self, low: f64, high: f64, middle: f64) -> PyResult<()> {
+        Ok(self.0.set_levels(low, high, middle)?)
+    }
+
     /// Times of the rising crossings in the next chunk, in samples since the very first.
     fn feed<'py>(
         &mut self,

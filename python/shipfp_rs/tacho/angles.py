@@ -1,0 +1,141 @@
+"""Angles between the reflectors of a shaft, from the pulses themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.tacho.tracks import PulseFlag, Track, checked_times, cut_tracks
+
+Array = npt.NDArray[np.float64]
+
+_STEADY = 0.02
+"""Reflectors are measured where the speed changes by less than this part of itself in a turn."""
+_LEAST_TURNS = 20
+_WORST_ANGLE = 0.002
+"""Standard deviation of a spacing, as a part of the even spacing, from which on the estimate is no use."""
+
+
+@dataclass(frozen=True)
+class ReflectorAngles:
+    """Angles between the reflectors (or teeth) of a pulse wheel.
+
+    Parameters
+    ----------
+    fractions
+        Angle from each pulse to the next as a part of a turn, shape (P,), in order, summing to 1.
+    std
+        Standard deviations of `fractions`, shape (P,).
+    ok
+        Whether the data could tell; the angles are even where they could not.
+    reason
+        Why not, else empty.
+    """
+
+    fractions: Array
+    std: Array
+    ok: bool
+    reason: str = ""
+
+
+def reflector_angles(
+    times_s: npt.ArrayLike, pulses_per_rev: int, *, gaps: npt.ArrayLike | None = None
+) -> ReflectorAngles:
+    """Angles between the reflectors of a shaft, from the pulses themselves.
+
+    Each period is divided by the centred mean over one turn, which no reflector can bend: whatever their angles, a turn
+    of them is a turn. The means of that ratio over all steady turns are the angles. Motion of the shaft at whole orders
+    of its rotation can't be told from angles. Only the longest stretch without a break is used, since the
+    count of reflectors is lost in a break; single missed pulses do not shift it.
+
+    Parameters
+    ----------
+    times_s
+        Crossing times [s], shape (N,), ascending.
+    pulses_per_rev
+        Pulses in a turn, P.
+    gaps
+        Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`.
+
+    Returns
+    -------
+    ReflectorAngles
+        The first fraction is that of the first interval of the longest stretch. With `ok` false, and a reason,
+        where the data can't tell: too few turns, a speed that changes too much, too much scatter.
+
+    Notes
+    -----
+    Diamond et al. (2016), https://hdl.handle.net/2263/56372, fit the same model, periods against a smooth speed and a turn
+    that sums to one, by Bayesian regression.
+    """
+    times, gap_times = checked_times(times_s, pulses_per_rev, gaps)
+    even = np.full(pulses_per_rev, 1.0 / pulses_per_rev)
+    if pulses_per_rev == 1:
+        return ReflectorAngles(even, np.zeros(1), ok=True)
+
+    def refused(reason: str) -> ReflectorAngles:
+        return ReflectorAngles(even, np.full(pulses_per_rev, np.nan), ok=False, reason=reason)
+
+    tracks = cut_tracks(times, gap_times)
+    if not tracks:
+        return refused("no two pulses in a row")
+    track = max(tracks, key=lambda track: track.count.sum())
+    ratio, steady, phase = _period_ratios(track, pulses_per_rev)
+    turns = int(min(np.bincount(phase[steady], minlength=pulses_per_rev)))
+    if turns < _LEAST_TURNS:
+        return refused(
+            f"{turns} turns without a break where the speed changes by less than {_STEADY:.0%} a turn, "
+            f"at least {_LEAST_TURNS} are needed"
+        )
+    mean, std = np.empty(pulses_per_rev), np.empty(pulses_per_rev)
+    for k in range(pulses_per_rev):
+        # Means of ten stretches in time: their scatter allows for errors that last, such as a count that slipped.
+        parts = [part.mean() for part in np.array_split(ratio[steady & (phase == k)], 10)]
+        mean[k], std[k] = np.mean(parts), np.std(parts, ddof=1) / np.sqrt(len(parts))
+    fractions, std = mean / mean.sum(), std / mean.sum()
+    worst = float(std.max() * pulses_per_rev)
+    if worst > _WORST_ANGLE:
+        return refused(f"the spacings scatter by {worst:.2%} of the even one, more than {_WORST_ANGLE:.1%}")
+    return ReflectorAngles(fractions, std, ok=True)
+
+
+def _period_ratios(
+    track: Track, pulses_per_rev: int
+) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    """Periods over the centred mean of one turn times P, which of them are steady, and their place in the turn."""
+    good = (track.flags == PulseFlag.GOOD) & track.usable
+    periods = np.repeat(np.where(good, np.diff(track.edges_s), np.nan), track.count)
+    phase = np.arange(len(periods)) % pulses_per_rev
+    ratio = np.full(len(periods), np.nan)
+    steady = np.zeros(len(periods), dtype=np.bool_)
+    half, odd = divmod(pulses_per_rev, 2)
+    # An even number of periods is centred by two halves at the ends, which belong to the same reflector.
+    weights = np.ones(pulses_per_rev) if odd else np.r_[0.5, np.ones(pulses_per_rev - 1), 0.5]
+    if len(periods) < 3 * pulses_per_rev + 1:
+        return ratio, steady, phase
+    turn = np.full(len(periods), np.nan)
+    turn[half : len(periods) - half] = np.convolve(periods, weights, mode="valid")
+    ratio = periods / turn
+    lag = pulses_per_rev
+    change = np.full(len(periods), np.nan)
+    change[lag:-lag] = (turn[2 * lag :] - turn[: -2 * lag]) / (2 * turn[lag:-lag])
+    steady = np.abs(change) < _STEADY
+    return ratio, steady, phase
+
+
+def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
+    """Fractions and their relative standard deviations, turned to begin with the track's first interval.
+
+    Even fractions, in doubt by the scatter of the true ones, where the track is too short to tell which comes first.
+    """
+    count = len(angles.fractions)
+    ratio, steady, phase = _period_ratios(track, count)
+    seen = np.bincount(phase[steady], minlength=count)
+    if count > 1 and seen.min() < _LEAST_TURNS:
+        return np.full(count, 1.0 / count), np.full(count, np.std(angles.fractions) * count)
+    mean = np.bincount(phase[steady], ratio[steady], minlength=count) / np.maximum(seen, 1)
+    turned = [np.roll(angles.fractions, -k) for k in range(count)]
+    best = int(np.argmin([np.sum((mean - fractions) ** 2) for fractions in turned]))
+    return turned[best], np.roll(angles.std, -best) / turned[best]
