@@ -10,9 +10,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Array, Experiment
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.structure import OUTPUT_SIGNALS, Structure
-
-INITIAL_STATE = ("initial dn", "initial dE")
+from shipfp_rs.structure import Structure
 
 
 def predict(
@@ -43,9 +41,11 @@ def predict(
     """
     structure = structure or structure_of(fingerprint)
     values = dict(fingerprint.settings["optimum"])
-    signals = tuple(_signal(output, experiment.signals, experiment.name) for output in structure.outputs)
+    signals = tuple(
+        structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
+    )
     measured = np.array([experiment.normalised(signal) for signal in signals])
-    own = INITIAL_STATE if structure.settings.get("kind") == "linear" else ()
+    own = structure.equations.states
     model, slopes = structure.equations.sensitivities(values, experiment, own)
     # The model is linear in its initial state: one least-squares solution is exact.
     offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
@@ -72,7 +72,9 @@ def predict_response(
         As `predict`.
     """
     structure = structure or structure_of(fingerprint)
-    signals = tuple(_signal(output, measured.response, measured.name) for output in structure.outputs)
+    signals = tuple(
+        structure.signal_for(output, measured.response, measured.name) for output in structure.outputs
+    )
     frequency = np.geomspace(0.8 * measured.frequency_hz.min(), 1.25 * measured.frequency_hz.max(), points)
     response, _ = structure.equations.response(fingerprint.settings["optimum"], frequency, ())
     return FrequencyResponse(structure.name, frequency, dict(zip(signals, response, strict=True)))
@@ -102,12 +104,3 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
         "name",
     )
     return Structure.linear(**{key: declared[key] for key in options if key in declared})
-
-
-def _signal(output: str, available: Mapping[str, object], name: str) -> str:
-    for candidate in OUTPUT_SIGNALS[output]:
-        if candidate in available:
-            return candidate
-    raise InputError(
-        f"{name!r}: no signal for output {output!r}, expected one of {', '.join(OUTPUT_SIGNALS[output])}"
-    )

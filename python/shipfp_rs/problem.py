@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.structure import OUTPUT_SIGNALS, Structure
+from shipfp_rs.structure import Structure
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -49,7 +49,9 @@ class Block:
     ) -> Block:
         """Pick the measured signal of every output and name the block's own unknowns."""
         if isinstance(data, FrequencyResponse):
-            signals = tuple(_signal_for(output, data.response, data.name) for output in structure.outputs)
+            signals = tuple(
+                structure.signal_for(output, data.response, data.name) for output in structure.outputs
+            )
             measured = _split(np.array([data.response[signal] for signal in signals]))
             for signal in signals if weigh else ():
                 if signal not in data.phase_std:
@@ -59,7 +61,9 @@ class Block:
                     )
             block = cls(data, structure, signals, measured, (), weigh)
         else:
-            signals = tuple(_signal_for(output, data.signals, data.name) for output in structure.outputs)
+            signals = tuple(
+                structure.signal_for(output, data.signals, data.name) for output in structure.outputs
+            )
             measured = np.array([data.normalised(signal) for signal in signals])
             nuisance = (structure.equations.states if initial_state else ()) + (
                 tuple(f"offset {output}" for output in structure.outputs) if offsets else ()
@@ -147,11 +151,3 @@ def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]
         return np.concatenate([[1.0], np.zeros(order)])
     coefficients = np.linalg.solve(gram + ridge * np.eye(order), right)
     return np.concatenate([[1.0], -coefficients])
-
-
-def _signal_for(output: str, available: object, name: str) -> str:
-    candidates = OUTPUT_SIGNALS[output]
-    for candidate in candidates:
-        if candidate in available:  # type: ignore[operator]
-            return candidate
-    raise InputError(f"{name!r}: no signal for output {output!r}, expected one of {', '.join(candidates)}")

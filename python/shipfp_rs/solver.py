@@ -216,7 +216,7 @@ class Search:
             updated = self.noise_of(evaluations, noise.models)
             change = np.max(np.abs(updated.root - noise.root)) / np.max(np.abs(updated.root))
             noise = updated
-            if change < WEIGHT_TOLERANCE or moved < 1e-12:
+            if change < WEIGHT_TOLERANCE or moved < WEIGHT_TOLERANCE:
                 break
         return Minimum(
             vector=vector,

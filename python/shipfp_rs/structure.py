@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -19,13 +19,19 @@ Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Torque = Literal["brake", "gauge"]
 
-OUTPUT_SIGNALS: Mapping[str, tuple[str, ...]] = {
-    "dn": ("n_e", "n_s"),
-    "dM": ("M_g", "M_s", "M_b"),
-    "dE": ("E_n",),
-    "dX": ("X_f",),
-}
-"""Output of a structure to the measured signals that can stand for it, the first one present being taken."""
+OUTPUTS = ("dn", "dM", "dE", "dX")
+"""Outputs of the linear structure and of the plant: speed, torque, integrated speed error, fuel rack."""
+
+
+def _signals(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
+    """Measured signals that can stand for each output, best first; a gauge is no substitute but may be all there is."""
+    candidates = {
+        "dn": ("n_e", "n_s"),
+        "dM": ("M_g", "M_s", "M_b") if torque == "gauge" else ("M_b", "M_s", "M_g"),
+        "dE": ("E_n",),
+        "dX": ("X_f",),
+    }
+    return {output: candidates[output] for output in outputs}
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,8 @@ class Structure:
 
     name: str
     parameters: tuple[Parameter, ...]
-    outputs: tuple[str, ...]
+    signals: Mapping[str, tuple[str, ...]]
+    """Each output, in order, with the measured signals that can stand for it, the first one present being taken."""
     equations: Equations
     settings: Mapping[str, Any]
 
@@ -143,8 +150,8 @@ class Structure:
         if torque not in ("brake", "gauge"):
             raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
         for output in outputs:
-            if output not in OUTPUT_SIGNALS:
-                raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUT_SIGNALS)}")
+            if output not in OUTPUTS:
+                raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
         if not outputs or len(set(outputs)) != len(outputs):
             raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
         gauge = torque == "gauge" and "dM" in outputs
@@ -179,7 +186,7 @@ class Structure:
         return cls(
             name=name or ("linear" + (": " + ", ".join(extras) if extras else "")),
             parameters=parameters,
-            outputs=tuple(outputs),
+            signals=_signals(outputs, torque),
             equations=LinearEquations(tuple(outputs), gauge=gauge),
             settings={
                 "kind": "linear",
@@ -223,7 +230,7 @@ class Structure:
         return cls(
             name=name or f"plant of {vessel.name}",
             parameters=(*linear.parameters, limit),
-            outputs=linear.outputs,
+            signals=linear.signals,
             equations=PlantEquations(vessel, linear.outputs, gauge="tau_prop" in linear.names),
             settings={
                 "kind": "plant",
@@ -239,6 +246,19 @@ class Structure:
             if parameter.name == name:
                 return parameter
         raise InputError(f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}")
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self.signals)
+
+    def signal_for(self, output: str, available: Container[str], data: str) -> str:
+        """Return the first signal in `available` that can stand for an output; `data` names the data in the error."""
+        for candidate in self.signals[output]:
+            if candidate in available:
+                return candidate
+        expected = ", ".join(self.signals[output])
+        raise InputError(f"{data!r}: no signal for output {output!r}, expected one of {expected}")
 
     @property
     def names(self) -> tuple[str, ...]:
