@@ -66,6 +66,29 @@ def linear_sensitivities(
     outputs: Sequence[int],
     wrt: Sequence[int],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def linear_cost(
+    parameters: NDArray[np.float64],
+    dn_set: NDArray[np.float64],
+    dt: float,
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    wrt: Sequence[int],
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]: ...
+def linear_cost_batch(
+    parameters: NDArray[np.float64],
+    dn_set: NDArray[np.float64],
+    dt: float,
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    wrt: Sequence[int],
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 

@@ -131,29 +131,29 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Check a vector in the order of [`PARAMETERS`].
+    /// Check a vector in the order of [`PARAMETERS`]; `what` is its name in a message.
     ///
     /// # Errors
     /// [`Error::Invalid`] for a wrong length, a value that is not finite, `tau_n` not above 0 or a negative dead time.
-    pub fn new(vector: &[f64]) -> Result<Self> {
+    pub fn new(vector: &[f64], what: &str) -> Result<Self> {
         let &[tau_n, g, v, k_p, k_i, p, tau_prop, t_d, t_set] = vector else {
             return Err(Error::Invalid(format!(
-                "parameters: found {} values, expected {} in the order {PARAMETERS:?}",
+                "{what}: found {} values, expected {} in the order {PARAMETERS:?}",
                 vector.len(),
                 PARAMETERS.len()
             )));
         };
         for (name, value) in PARAMETERS.iter().zip(vector) {
             require(value.is_finite(), || {
-                format!("parameters: found {name} = {value}, expected a finite number")
+                format!("{what}: found {name} = {value}, expected a finite number")
             })?;
         }
         require(tau_n > 0.0, || {
-            format!("parameters: found tau_n = {tau_n} s, expected a time constant above 0")
+            format!("{what}: found tau_n = {tau_n} s, expected a time constant above 0")
         })?;
         for (name, value) in [("T_d", t_d), ("T_set", t_set)] {
             require(value >= 0.0, || {
-                format!("parameters: found {name} = {value} s, expected a dead time of 0 or more")
+                format!("{what}: found {name} = {value} s, expected a dead time of 0 or more")
             })?;
         }
         Ok(Self { tau_n, g, v, k_p, k_i, p, tau_prop, t_d, t_set })

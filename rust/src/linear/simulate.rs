@@ -35,7 +35,7 @@ pub fn simulate(
         .map(|(by, output)| basis.sensitivity(output, by, parameters))
         .collect();
     let mut fill = |layout| -> Result<Option<(usize, &'static str)>> {
-        walk(parameters, drive, &basis, layout, stop, |mut block| {
+        walk(parameters, drive, &basis, layout, 0, stop, |mut block| {
             let (lanes, stride) = (block.lanes(samples), block.stride());
             let rows = block.rows();
             let mut sum = [0.0; BLOCK];

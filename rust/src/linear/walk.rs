@@ -109,7 +109,9 @@ pub enum Layout {
     Sequential,
 }
 
-/// Simulate, and give each block of the basis' rows to `consume`.
+/// Simulate, and give each block of the basis' rows to `consume`, behind `spare` rows for its own use.
+///
+/// A block has at least three rows more than that, of zeros.
 ///
 /// # Errors
 /// What `consume` returns, or [`Error::Stopped`](crate::error::Error::Stopped).
@@ -118,6 +120,7 @@ pub fn walk(
     drive: &Drive<'_>,
     basis: &Basis,
     layout: Layout,
+    spare: usize,
     stop: &Stop,
     consume: impl FnMut(Block<'_>) -> Result<()>,
 ) -> Result<()> {
@@ -126,21 +129,30 @@ pub fn walk(
     let segment = if long { drive.samples().div_ceil(LANES) } else { drive.samples() };
     let Drive { dt, hold, initial, .. } = *drive;
     let directions = &basis.directions;
+    let course = Course { dn_set: drive.dn_set, segment, stop };
     if network {
         let model = delayed(parameters, dt, hold, initial, directions, segment);
         if long {
-            pass::<DELAYED, 2, LANES>(&model, drive.dn_set, segment, basis, stop, consume)
+            pass::<DELAYED, 2, LANES>(&model, course, basis, spare, consume)
         } else {
-            pass::<DELAYED, 2, 1>(&model, drive.dn_set, segment, basis, stop, consume)
+            pass::<DELAYED, 2, 1>(&model, course, basis, spare, consume)
         }
     } else {
         let model = direct(parameters, dt, hold, initial, directions, segment);
         if long {
-            pass::<DIRECT, 1, LANES>(&model, drive.dn_set, segment, basis, stop, consume)
+            pass::<DIRECT, 1, LANES>(&model, course, basis, spare, consume)
         } else {
-            pass::<DIRECT, 1, 1>(&model, drive.dn_set, segment, basis, stop, consume)
+            pass::<DIRECT, 1, 1>(&model, course, basis, spare, consume)
         }
     }
+}
+
+/// What a pass runs over: the set point, cut into segments of one length.
+#[derive(Clone, Copy)]
+struct Course<'a> {
+    dn_set: &'a [f64],
+    segment: usize,
+    stop: &'a Stop,
 }
 
 /// One number of each lane.
@@ -165,9 +177,7 @@ fn times<const N: usize, const L: usize>(
 /// States at the start of every segment.
 fn starts<const N: usize, const J: usize, const L: usize>(
     model: &Model<N, J>,
-    dn_set: &[f64],
-    segment: usize,
-    stop: &Stop,
+    course: Course<'_>,
 ) -> Result<States<N, L>> {
     let in_first_lane =
         |start: &[f64; N]| start.map(|value| from_fn(|lane| if lane == 0 { value } else { 0.0 }));
@@ -179,7 +189,7 @@ fn starts<const N: usize, const J: usize, const L: usize>(
         return Ok(starts);
     }
     let mut ends = States { x: [[0.0; L]; N], by: vec![[[0.0; L]; N]; model.by.len()] };
-    run(model, dn_set, segment, &[], &mut ends, stop, |_, _, _| Ok(()))?;
+    run(model, course, &[], 0, &mut ends, |_, _, _| Ok(()))?;
     for lane in 1..L {
         let before = lane - 1;
         for (direction, across_by) in model.across_by.iter().enumerate() {
@@ -199,31 +209,30 @@ fn starts<const N: usize, const J: usize, const L: usize>(
 
 fn pass<const N: usize, const J: usize, const L: usize>(
     model: &Model<N, J>,
-    dn_set: &[f64],
-    segment: usize,
+    course: Course<'_>,
     basis: &Basis,
-    stop: &Stop,
+    spare: usize,
     mut consume: impl FnMut(Block<'_>) -> Result<()>,
 ) -> Result<()> {
-    let mut states = starts::<N, J, L>(model, dn_set, segment, stop)?;
-    run(model, dn_set, segment, &basis.signals, &mut states, stop, |rows, first, steps| {
-        consume(Block { rows, lanes: L, segment, first, steps })
+    let mut states = starts::<N, J, L>(model, course)?;
+    run(model, course, &basis.signals, spare, &mut states, |rows, first, steps| {
+        consume(Block { rows, lanes: L, segment: course.segment, first, steps })
     })
 }
 
 /// Run all lanes through their segments.
 fn run<const N: usize, const J: usize, const L: usize>(
     model: &Model<N, J>,
-    dn_set: &[f64],
-    segment: usize,
+    course: Course<'_>,
     signals: &[usize],
+    spare: usize,
     states: &mut States<N, L>,
-    stop: &Stop,
     mut consume: impl FnMut(&mut [f64], usize, usize) -> Result<()>,
 ) -> Result<()> {
+    let Course { dn_set, segment, stop } = course;
     let most = BLOCK / L;
     let mut inputs: [Vec<Pack<L>>; J] = from_fn(|_| vec![[0.0; L]; most + 2]);
-    let mut rows = vec![[0.0; L]; signals.len() * (1 + model.by.len()) * most];
+    let mut rows = vec![[0.0; L]; (spare + signals.len() * (1 + model.by.len()) + 3) * most];
     for first in (0..segment).step_by(most) {
         if (first * L) % CHECK_EVERY < BLOCK {
             stop.check()?;
@@ -235,7 +244,7 @@ fn run<const N: usize, const J: usize, const L: usize>(
                 gather(dn_set, from, late, lane, &mut input[..steps + 2]);
             }
         }
-        advance(model, &inputs, steps, signals, states, &mut rows);
+        advance(model, &inputs, steps, signals, states, &mut rows[spare * most..]);
         consume(rows.as_flattened_mut(), first, steps)?;
     }
     Ok(())

@@ -1,11 +1,15 @@
 //! Bindings of the linear kernels.
 
-use numpy::{Complex64, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{
+    Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow, hand_back};
 use super::guard;
+use crate::cost::{Cost, Objective};
+use crate::error::require;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
@@ -42,7 +46,7 @@ fn linear_sensitivities<'py>(
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let parameters = Parameters::new(parameters.as_slice()?)?;
+    let parameters = Parameters::new(parameters.as_slice()?, "parameters")?;
     let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
     let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
     let samples = drive.samples();
@@ -70,9 +74,127 @@ fn run_response(
     let (parameters, frequency_hz) = (parameters.as_slice()?, frequency_hz.as_slice()?);
     let result = guard::run(py, frequency_hz.len(), |_| {
         let (outputs, wrt) = (Output::from_indices(outputs)?, By::parameters_from_indices(wrt)?);
-        response(&Parameters::new(parameters)?, frequency_hz, &outputs, &wrt)
+        response(&Parameters::new(parameters, "parameters")?, frequency_hz, &outputs, &wrt)
     })?;
     Ok((result, frequency_hz.len()))
+}
+
+type CostOfOne<'py> = (f64, Bound<'py, PyArray1<f64>>, Rows<'py>, Rows<'py>, usize);
+type CostOfMany<'py> =
+    (Bound<'py, PyArray1<f64>>, Rows<'py>, RowsByParameter<'py>, RowsByParameter<'py>, usize);
+
+/// Check that an array has the shape that the other arguments ask for.
+fn expect_shape<const N: usize>(
+    name: &str,
+    found: &[usize],
+    expected: [usize; N],
+    meaning: &str,
+) -> PyResult<()> {
+    Ok(require(found == expected, || {
+        format!("{name}: found an array of shape {found:?}, expected {expected:?} ({meaning})")
+    })?)
+}
+
+/// Weighted cost of one parameter vector: (cost, gradient [W], Gauss-Newton matrix [W, W], scatter [O, O], samples counted).
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn linear_cost<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    dn_set: &Bound<'py, PyAny>,
+    dt: f64,
+    hold: &str,
+    initial: &Bound<'py, PyAny>,
+    outputs: Vec<usize>,
+    measured: &Bound<'py, PyAny>,
+    weight: &Bound<'py, PyAny>,
+    wrt: Vec<usize>,
+) -> PyResult<CostOfOne<'py>> {
+    let vector: Vector<'_> = borrow("parameters", parameters)?;
+    let vector = Parameters::new(vector.as_slice()?, "parameters")?;
+    let arrays = ObjectiveArrays::borrow(dn_set, initial, measured, weight)?;
+    let objective = arrays.objective(dt, hold, &outputs, &wrt)?;
+    let Cost { cost, gradient, gauss_newton, scatter } =
+        guard::run(py, objective.work(), |stop| objective.evaluate(&vector, stop))?;
+    Ok((
+        cost,
+        hand_back(py, gradient, [wrt.len()])?,
+        hand_back(py, gauss_newton, [wrt.len(), wrt.len()])?,
+        hand_back(py, scatter, [outputs.len(), outputs.len()])?,
+        objective.count(),
+    ))
+}
+
+/// The same of many parameter vectors [M, 9] on so many threads, 0 for all cores; one that diverges costs infinity.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn linear_cost_batch<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    dn_set: &Bound<'py, PyAny>,
+    dt: f64,
+    hold: &str,
+    initial: &Bound<'py, PyAny>,
+    outputs: Vec<usize>,
+    measured: &Bound<'py, PyAny>,
+    weight: &Bound<'py, PyAny>,
+    wrt: Vec<usize>,
+    threads: usize,
+) -> PyResult<CostOfMany<'py>> {
+    let vectors: PyReadonlyArray2<'_, f64> = borrow("parameters", parameters)?;
+    let members = vectors.shape()[0];
+    expect_shape("parameters", vectors.shape(), [members, PARAMETERS.len()], "members, parameters")?;
+    let vectors = vectors
+        .as_slice()?
+        .chunks_exact(PARAMETERS.len())
+        .enumerate()
+        .map(|(member, vector)| Parameters::new(vector, &format!("parameters[{member}]")))
+        .collect::<Result<Vec<_>, _>>()?;
+    let arrays = ObjectiveArrays::borrow(dn_set, initial, measured, weight)?;
+    let objective = arrays.objective(dt, hold, &outputs, &wrt)?;
+    let work = objective.work().saturating_mul(members);
+    let costs = guard::run(py, work, |stop| objective.evaluate_batch(&vectors, threads, stop))?;
+    let gather = |part: fn(&Cost) -> &[f64]| costs.iter().flat_map(part).copied().collect::<Vec<_>>();
+    Ok((
+        hand_back(py, costs.iter().map(|cost| cost.cost).collect(), [members])?,
+        hand_back(py, gather(|cost| &cost.gradient), [members, wrt.len()])?,
+        hand_back(py, gather(|cost| &cost.gauss_newton), [members, wrt.len(), wrt.len()])?,
+        hand_back(py, gather(|cost| &cost.scatter), [members, outputs.len(), outputs.len()])?,
+        objective.count(),
+    ))
+}
+
+/// The arrays behind an objective, borrowed from Python.
+struct ObjectiveArrays<'py> {
+    dn_set: Vector<'py>,
+    initial: Vector<'py>,
+    measured: PyReadonlyArray2<'py, f64>,
+    weight: PyReadonlyArray2<'py, f64>,
+}
+
+impl<'py> ObjectiveArrays<'py> {
+    fn borrow(
+        dn_set: &Bound<'py, PyAny>,
+        initial: &Bound<'py, PyAny>,
+        measured: &Bound<'py, PyAny>,
+        weight: &Bound<'py, PyAny>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            dn_set: borrow("dn_set", dn_set)?,
+            initial: borrow("initial", initial)?,
+            measured: borrow("measured", measured)?,
+            weight: borrow("weight", weight)?,
+        })
+    }
+
+    fn objective(&self, dt: f64, hold: &str, outputs: &[usize], wrt: &[usize]) -> PyResult<Objective<'_>> {
+        let drive = Drive::new(self.dn_set.as_slice()?, dt, hold.parse()?, self.initial.as_slice()?)?;
+        let rows = outputs.len();
+        expect_shape("measured", self.measured.shape(), [rows, drive.samples()], "outputs, samples")?;
+        expect_shape("weight", self.weight.shape(), [rows, rows], "outputs, outputs")?;
+        let (outputs, wrt) = (Output::from_indices(outputs)?, By::from_indices(wrt)?);
+        Ok(Objective::new(drive, outputs, self.measured.as_slice()?, self.weight.as_slice()?, wrt)?)
+    }
 }
 
 /// Exact frequency response of the linear structure from the set point, dead times included; complex [O, F].
@@ -108,6 +230,8 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("LINEAR_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
     module.add_function(wrap_pyfunction!(simulate_linear, module)?)?;
     module.add_function(wrap_pyfunction!(linear_sensitivities, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_cost, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_cost_batch, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response_sensitivities, module)?)?;
     Ok(())
