@@ -40,6 +40,7 @@ def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
 
 def test_several_logs_share_the_windows(tmp_path: Path) -> None:
     text = TRIAL_TEMPLATE.replace('log = "run.parquet"  ', 'log = ["run1.parquet", "run2.parquet"]  ', 1)
+    text = text.replace('n_e_rpm = "auto"', "n_e_rpm = 1183.8").replace('M_Nm = "auto"', "M_Nm = 1725.0")
     text = text.replace(
         "[identify]", '[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n[identify]'
     )
@@ -82,6 +83,11 @@ def test_slips_are_named_by_their_key(tmp_path: Path, old: str, new: str, messag
         load(tmp_path, TRIAL_TEMPLATE.replace(old, new, 1))
     assert "\n" not in str(caught.value)
     assert str(tmp_path / "TRIAL.toml") in str(caught.value)
+
+
+def test_several_logs_have_no_common_steady_stretch(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'operating_point: found "auto" with several logs'):
+        load(tmp_path, TRIAL_TEMPLATE.replace('log = "run.parquet" ', 'log = ["a.csv", "b.csv"] ', 1))
 
 
 def test_a_trial_without_pulses_has_no_speed(tmp_path: Path) -> None:

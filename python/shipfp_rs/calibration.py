@@ -30,7 +30,7 @@ class Calibration:
     Examples
     --------
     >>> set_point = Calibration(-251.38, -85.29, "rpm")  # eq. 6.7
-    >>> float(set_point(-5.0))
+    >>> round(float(set_point(-5.0)), 2)
     1171.61
     """
 

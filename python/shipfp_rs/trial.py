@@ -214,6 +214,10 @@ class Trial(Section):
                 "neither n_e_rpm and M_Nm nor steady_s",
                 "both values, or steady_s = [start, stop]",
             )
+        if missing and len(self.trial.log) > 1:
+            raise unexpected(
+                "operating_point", '"auto" with several logs', "n_e_rpm and M_Nm given as numbers"
+            )
         files = [Path(log).name for log in self.trial.log]
         for window in self.windows:
             if window.log is not None and Path(window.log).name not in files:

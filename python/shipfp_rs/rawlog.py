@@ -1,0 +1,389 @@
+"""Simulated raw logs: a virtual trial seen through sensors, a logger and the faults of a real one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from shipfp_rs.calibration import Calibration
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.linearise import linearise
+from shipfp_rs.log import Log
+from shipfp_rs.signals import Excitation
+from shipfp_rs.simulation import simulate
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+Fault = Literal["A", "B", "C", "D1"]
+"""Double crossings, lost pulses, radio interference on the torque, relay jumps on the set point (Table 6.10)."""
+
+EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
+"""Of volts of the set point."""
+TABLE_6_6 = Calibration(1059.0, 0.0, "Nm")
+"""Of volts of the torque; printed as 1.059 Nm/mV."""
+PULSE_HEIGHT_V = 5.0
+PULSE_WIDTH = 0.3
+"""Share of a pulse's pitch during which the reflector is seen."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The measurement chain of section 6.1: what is recorded, and how well.
+
+    Parameters
+    ----------
+    rate_hz
+        Sample rate of the logger [Hz].
+    set_point, torque
+        Calibrations whose inverses make volts.
+    set_point_noise_V, torque_noise_V, pulse_noise_V
+        Standard deviations [V].
+    telemetry_hz
+        Bandwidth of the torque's telemetry noise [Hz].
+    receiver_limit_V
+        Where the torque receiver saturates [V].
+    ripple_Nm
+        Amplitudes of the torque at once a turn of the shaft, blade passage, once a turn of the engine, firing [Nm]
+        (Table 6.9).
+    reflector_errors
+        Misplacement of the four reflectors as shares of their pitch; the first one's place is the origin.
+    edge_s
+        Rise and fall time of the pulses [s]; zero for edges between two samples.
+    faults_per_minute
+        How often each fault strikes; A and B on every pulse train.
+    """
+
+    rate_hz: float = 2000.0
+    set_point: Calibration = EQUATION_6_7
+    torque: Calibration = TABLE_6_6
+    set_point_noise_V: float = 0.004
+    torque_noise_V: float = 0.02
+    pulse_noise_V: float = 0.03
+    telemetry_hz: float = 250.0
+    receiver_limit_V: float = 5.0
+    ripple_Nm: tuple[float, float, float, float] = (12.0, 25.0, 10.0, 40.0)
+    reflector_errors: tuple[float, float, float, float] = (0.0, 0.012, -0.008, 0.006)
+    edge_s: float = 1.5e-3
+    faults_per_minute: Mapping[Fault, float] = field(
+        default_factory=lambda: {"A": 6.0, "B": 2.0, "C": 3.0, "D1": 2.0}
+    )
+
+
+@dataclass(frozen=True)
+class TrueWindow:
+    """Where an excitation lies on the log's clock [s]."""
+
+    name: str
+    kind: str
+    start_s: float
+    stop_s: float
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a simulated log was made from.
+
+    Parameters
+    ----------
+    linear
+        Parameters of the linear structure at the operating point.
+    windows
+        One for each excitation.
+    steady_s
+        Start and stop of a stretch at the operating point [s].
+    faults
+        Fault to channel to its places, start and stop [s], shape (K, 2), in order.
+    reflector_angles
+        Pulse train to the places of its reflectors [rev], ascending from 0.
+    clean
+        The plant's own signals at the log's rate.
+    """
+
+    linear: Mapping[str, float]
+    windows: tuple[TrueWindow, ...]
+    steady_s: tuple[float, float]
+    faults: Mapping[Fault, Mapping[str, Array]]
+    reflector_angles: Mapping[str, Array]
+    clean: Experiment
+
+
+def simulate_raw_log(
+    vessel: Vessel,
+    excitations: Excitation | Sequence[Excitation],
+    *,
+    sensors: Sensors | None = None,
+    faults: Iterable[Fault] = ("A", "C", "D1"),
+    n_e_rpm: float | None = None,
+    steady_s: float = 60.0,
+    pause_s: float = 20.0,
+    seed: int = 0,
+) -> tuple[Log, Truth]:
+    """Simulate a trial as a logger would have recorded it.
+
+    The record holds a steady stretch and then the excitations with pauses at the operating point between them, in
+    the channels U_setpoint, U_torque (gauge), PTM_1 and PTM_4 (one and four reflectors on the propeller shaft) and
+    PTM_e (one pulse a turn of the engine), all in volts. Pulses come from the shaft's continuous angle of rotation.
+    Relay jumps are on the recorded set point only.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    excitations
+        One or several; those of another rate than the logger's are brought to it.
+    sensors
+        The measurement chain.
+    faults
+        Which ones strike.
+    n_e_rpm
+        Operating point [rpm]; None: the ship's own.
+    steady_s, pause_s
+        Length of the steady stretch, and of each pause [s].
+    seed
+        Of noise and faults.
+
+    Raises
+    ------
+    InputError
+        For an unknown fault, or what `simulate` refuses.
+
+    Examples
+    --------
+    >>> from shipfp_rs import signals
+    >>> log, truth = simulate_raw_log(Vessel.load("stan-tug-1205"), signals.steps([60.0], 10.0))
+    >>> list(log.channels)
+    ['U_setpoint', 'U_torque', 'PTM_1', 'PTM_4', 'PTM_e']
+    >>> truth.windows[0].start_s
+    60.0
+    """
+    sensors = sensors or Sensors()
+    strikes = frozenset(faults)
+    if unknown := strikes - set(get_args(Fault)):
+        raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Fault))}")
+    set_point, windows = _joined(excitations, sensors.rate_hz, steady_s, pause_s)
+    clean = simulate(vessel, set_point, n_e_rpm=n_e_rpm)
+    angle = _shaft_angle(clean)
+    recorder = _Recorder(sensors, strikes, clean.duration, seed)
+    firing = vessel.engine.cylinders / (vessel.engine.strokes / 2)
+    gear = vessel.gearbox.ratio
+    volts = {
+        "U_setpoint": recorder.set_point(clean.signals["n_set"]),
+        "U_torque": recorder.torque(
+            clean.signals["M_g"], angle, (1.0, float(vessel.propeller.blades), gear, firing * gear)
+        ),
+        "PTM_1": recorder.pulses("PTM_1", angle, np.zeros(1)),
+        "PTM_4": recorder.pulses("PTM_4", angle, (np.arange(4) + np.array(sensors.reflector_errors)) / 4.0),
+        "PTM_e": recorder.pulses("PTM_e", gear * angle, np.zeros(1)),
+    }
+    log = Log.from_arrays(
+        {name: samples.astype(np.float32) for name, samples in volts.items()},
+        rate_hz=sensors.rate_hz,
+        units=dict.fromkeys(volts, "V"),
+        name="simulated log",
+    )
+    truth = Truth(
+        linear=dataclasses.asdict(linearise(vessel, n_e_rpm)),
+        windows=windows,
+        steady_s=(0.0, steady_s),
+        faults=recorder.faults,
+        reflector_angles=recorder.reflectors,
+        clean=clean,
+    )
+    return log, truth
+
+
+def trial_toml(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth) -> str:
+    """Return the TRIAL.toml that goes with a simulated log."""
+    windows = "".join(
+        f'\n[[windows]]\nname = "{w.name}"\nkind = "{w.kind}"\nstart_s = {w.start_s}\nstop_s = {w.stop_s}\n'
+        for w in truth.windows
+    )
+    start, stop = truth.steady_s
+    return f"""\
+[trial]
+name = "Simulated trial"
+vessel = "{vessel_name}"
+log = "{log_name}"
+
+[channels.set_point]
+column = "U_setpoint"
+unit = "V"
+calibration = {{ scale = {sensors.set_point.scale}, offset = {sensors.set_point.offset} }}
+
+[channels.torque]
+column = "U_torque"
+unit = "V"
+calibration = {{ scale = {sensors.torque.scale}, offset = {sensors.torque.offset} }}
+location = "gauge"
+
+[channels.PTM_1]
+column = "PTM_1"
+pulses_per_rev = 1
+shaft = "propeller"
+
+[channels.PTM_4]
+column = "PTM_4"
+pulses_per_rev = 4
+shaft = "propeller"
+
+[channels.PTM_e]
+column = "PTM_e"
+pulses_per_rev = 1
+shaft = "engine"
+
+[operating_point]
+n_e_rpm = "auto"
+M_Nm = "auto"
+steady_s = [{start}, {stop}]
+{windows}
+[identify]
+torque = "gauge"
+free_exponent = true
+"""
+
+
+def _joined(
+    excitations: Excitation | Sequence[Excitation], rate_hz: float, steady_s: float, pause_s: float
+) -> tuple[Excitation, tuple[TrueWindow, ...]]:
+    """One excitation at the logger's rate: steady stretch, then each part and a pause."""
+    parts = [excitations] if isinstance(excitations, Excitation) else list(excitations)
+    if not parts:
+        raise InputError("excitations is empty, expected at least one")
+    if not steady_s + sum(part.duration for part in parts) > 10.0:
+        raise InputError(
+            "excitations are too short for a raw log, expected 10 s or more with the steady stretch"
+        )
+    pieces, windows = [np.zeros(round(steady_s * rate_hz))], []
+    length = len(pieces[0])
+    for part in parts:
+        count = round(part.duration * rate_hz)
+        at = np.arange(count) * (part.rate_hz / rate_hz)
+        held = part.samples[np.minimum(at.astype(np.int64), len(part) - 1)]
+        samples = held if part.hold == "zero" else np.interp(at, np.arange(len(part)), part.samples)
+        windows.append(TrueWindow(part.name, part.kind, length / rate_hz, (length + count) / rate_hz))
+        pieces += [samples, np.zeros(round(pause_s * rate_hz))]
+        length += len(samples) + len(pieces[-1])
+    return Excitation("simulated log", "joined", rate_hz, np.concatenate(pieces)), tuple(windows)
+
+
+def _shaft_angle(clean: Experiment) -> Array:
+    """Angle of rotation of the shaft [rev], shape (N,): the speed's integral with end correction, fourth order."""
+    n_s = clean.signals["n_s"]
+    step = 1.0 / clean.rate_hz
+    slope = np.gradient(n_s, step)
+    turned = 0.5 * step * (n_s[1:] + n_s[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])
+    return np.concatenate([[0.0], np.cumsum(turned)])
+
+
+class _Recorder:
+    """Turns the plant's signals into volts; keeps account of the faults it makes."""
+
+    def __init__(self, sensors: Sensors, strikes: frozenset[Fault], duration: float, seed: int) -> None:
+        self.sensors = sensors
+        self.strikes = strikes
+        self.duration = duration
+        # A stream for each channel and purpose: switching a fault on leaves all noise as it was.
+        self._seed = seed
+        self._streams = 0
+        self.faults: dict[Fault, dict[str, Array]] = {}
+        self.reflectors: dict[str, Array] = {}
+
+    def set_point(self, n_set: Array) -> Array:
+        noise, chance = self._stream(), self._stream()
+        volts = self.sensors.set_point.inverse(n_set)
+        volts += noise.normal(0.0, self.sensors.set_point_noise_V, len(volts))
+        for start, stop in self._strike_for("D1", "U_setpoint", chance):
+            height = chance.choice([-1.0, 1.0]) * chance.uniform(1.0, 3.0)
+            middle = (start + stop) // 2
+            volts[start:middle] += height
+            volts[middle:stop] += height * chance.choice([-1.0, 1.0])
+        return volts
+
+    def torque(self, M_g: Array, angle: Array, orders: Sequence[float]) -> Array:
+        noise, chance = self._stream(), self._stream()
+        total = M_g.copy()
+        for amplitude, order in zip(self.sensors.ripple_Nm, orders, strict=True):
+            total += amplitude * np.sin(2.0 * np.pi * (order * angle + noise.uniform()))
+        volts = self.sensors.torque.inverse(total)
+        volts += self._telemetry_noise(noise, len(volts))
+        for start, stop in self._strike_for("C", "U_torque", chance):
+            volts[start:stop] = self.sensors.receiver_limit_V
+        limit = self.sensors.receiver_limit_V
+        return np.clip(volts, -limit, limit, out=volts)
+
+    def pulses(self, name: str, angle: Array, places: Array) -> Array:
+        """Return a pulse train: one pulse at every whole turn plus each of `places` [rev]."""
+        noise, chance, rate = self._stream(), self._stream(), self.sensors.rate_hz
+        start = noise.uniform()
+        self.reflectors[name] = places
+        turns = np.arange(math.floor(angle[0] + start) - 1, math.ceil(angle[-1] + start) + 1)
+        rising = (turns[:, None] + places).ravel() - start
+        pitch = PULSE_WIDTH / len(places)
+        time = np.arange(len(angle)) / rate
+        rise_s, fall_s = np.interp(rising, angle, time), np.interp(rising + pitch, angle, time)
+        # Whole pulses only: interpolation would pile up the others at the record's ends.
+        kept = (rising > angle[0]) & (rising + pitch < angle[-1])
+        rise_s, fall_s = rise_s[kept], fall_s[kept]
+        if lost := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("B", name, chance)]:
+            self.faults["B"][name] = np.column_stack([rise_s[lost], fall_s[lost]])
+            rise_s, fall_s = np.delete(rise_s, lost), np.delete(fall_s, lost)
+        volts = _trapezoids(len(angle), rate, rise_s, fall_s, self.sensors.edge_s)
+        volts += noise.normal(0.0, self.sensors.pulse_noise_V, len(volts))
+        if struck := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("A", name, chance)]:
+            # The sample after the edge has fired falls back below 2 V and the next is up again (Fig. 6.15).
+            dips = np.ceil((rise_s[struck] + 0.5 * self.sensors.edge_s) * rate).astype(np.int64) + 1
+            volts[dips] = chance.uniform(0.3, 1.8, len(dips))
+            self.faults["A"][name] = np.column_stack([dips, dips + 1]) / rate
+        return volts
+
+    def _telemetry_noise(self, stream: np.random.Generator, samples: int) -> Array:
+        noise = stream.standard_normal(samples)
+        nyquist = 0.5 * self.sensors.rate_hz
+        if self.sensors.telemetry_hz < nyquist:
+            filter_ = signal.butter(2, self.sensors.telemetry_hz / nyquist, output="sos")
+            noise = signal.sosfilt(filter_, noise)
+            noise /= np.std(noise)
+        return np.asarray(self.sensors.torque_noise_V * noise)
+
+    def _strike_for(self, fault: Fault, channel: str, chance: np.random.Generator) -> list[tuple[int, int]]:
+        """Draw from and to which sample a fault lasts, 4 to 40 ms; note it down."""
+        starts = np.array(self._strike(fault, channel, chance), dtype=np.int64)
+        lengths = np.round(chance.uniform(0.004, 0.04, len(starts)) * self.sensors.rate_hz).astype(np.int64)
+        spans = np.column_stack([starts, starts + lengths])
+        if len(spans):
+            self.faults[fault][channel] = spans / self.sensors.rate_hz
+        return [(start, stop) for start, stop in spans.tolist()]
+
+    def _strike(self, fault: Fault, channel: str, chance: np.random.Generator) -> list[float]:
+        """Draw the samples at which a fault strikes, once in each of equal slots so that no two touch."""
+        if fault not in self.strikes:
+            return []
+        slots = max(int(self.sensors.faults_per_minute[fault] * self.duration / 60.0), 1)
+        starts = (np.arange(slots) + chance.uniform(0.2, 0.7, slots)) * (self.duration / slots)
+        self.faults.setdefault(fault, {})[channel] = np.column_stack([starts, starts])
+        return [float(sample) for sample in np.round(starts * self.sensors.rate_hz)]
+
+    def _stream(self) -> np.random.Generator:
+        self._streams += 1
+        return np.random.default_rng([self._streams, self._seed])
+
+
+def _trapezoids(samples: int, rate_hz: float, rise_s: Array, fall_s: Array, edge_s: float) -> Array:
+    """Pulses from 0 to 5 V whose flanks pass their middle at the given times, shape (samples,)."""
+    first = np.ceil((rise_s - 0.5 * edge_s) * rate_hz).astype(np.int64)
+    latest = np.cumsum(np.bincount(np.maximum(first, 0), minlength=samples)[:samples]) - 1
+    time = np.arange(samples) / rate_hz
+    steepness = 1.0 / max(edge_s, 1e-9)
+    # Before the first pulse `latest` is -1 and would index the last one.
+    height = np.clip((time - rise_s[latest]) * steepness + 0.5, 0.0, 1.0)
+    height -= np.clip((time - fall_s[latest]) * steepness + 0.5, 0.0, 1.0)
+    height[latest < 0] = 0.0
+    return PULSE_HEIGHT_V * height

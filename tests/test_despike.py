@@ -1,0 +1,81 @@
+"""Spikes are what no plant makes: short, high and gone where they came from."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shipfp_rs.despike import bridge, find_spikes, runs
+
+RATE_HZ = 1000.0
+SETTINGS = {"longest_s": 0.05, "threshold": 6.0, "least": 0.05}
+
+
+def torque(seed: int, samples: int = 6000) -> np.ndarray:
+    time = np.arange(samples) / RATE_HZ
+    noise = np.random.default_rng(seed).normal(0.0, 10.0, samples)
+    return 1725.0 + 150.0 * np.sin(2 * np.pi * 0.7 * time) + 30.0 * np.sin(2 * np.pi * 59.0 * time) + noise
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    starts=st.lists(st.integers(1, 19), unique=True, max_size=6),
+    length=st.integers(2, 45),
+    height=st.sampled_from([-3000.0, 900.0, 3000.0]),
+)
+def test_spikes_are_found_where_they_are_and_nowhere_else(
+    seed: int, starts: list[int], length: int, height: float
+) -> None:
+    samples = torque(seed)
+    spans = [(300 * start, 300 * start + length) for start in sorted(starts)]
+    for start, stop in spans:
+        samples[start:stop] += height
+    found = find_spikes(samples, RATE_HZ, **SETTINGS)
+    assert found.tolist() == [list(span) for span in spans]
+
+
+def test_a_spike_at_either_end_is_found() -> None:
+    samples = torque(1)
+    samples[:8] += 3000.0
+    samples[-5:] += 3000.0
+    assert find_spikes(samples, RATE_HZ, **SETTINGS).tolist() == [[0, 8], [5995, 6000]]
+
+
+def test_a_step_and_the_kick_it_causes_are_no_spikes() -> None:
+    time = np.arange(6000) / RATE_HZ
+    samples = np.where(time < 3.0, 1000.0, 1200.0 + 900.0 * np.exp(-(time - 3.0) / 0.15))
+    assert find_spikes(samples, RATE_HZ, **SETTINGS).size == 0
+
+
+def test_what_lasts_longer_than_a_spike_is_left_alone() -> None:
+    samples = torque(2)
+    samples[2000:2120] += 3000.0
+    assert find_spikes(samples, RATE_HZ, **SETTINGS).size == 0
+
+
+def test_a_spike_that_swings_both_ways_is_one() -> None:
+    samples = torque(3)
+    samples[2000:2015] += 3000.0
+    samples[2015:2030] -= 3000.0
+    assert find_spikes(samples, RATE_HZ, **SETTINGS).tolist() == [[2000, 2030]]
+
+
+def test_a_constant_signal_has_none() -> None:
+    assert find_spikes(np.full(500, 3.0), RATE_HZ, **SETTINGS).shape == (0, 2)
+
+
+def test_bridges_are_straight_and_level_at_the_ends() -> None:
+    samples = np.array([9.0, 1.0, 9.0, 9.0, 4.0, 9.0])
+    missing = samples == 9.0
+    assert bridge(samples, missing).tolist() == pytest.approx([1.0, 1.0, 2.0, 3.0, 4.0, 4.0])
+    assert samples[0] == 9.0, "inputs stay as they are"
+
+
+@given(st.lists(st.booleans(), max_size=40))
+def test_runs_tell_the_flags(flags: list[bool]) -> None:
+    rebuilt = np.zeros(len(flags), dtype=bool)
+    for start, stop in runs(np.array(flags, dtype=bool)):
+        assert stop > start
+        rebuilt[start:stop] = True
+    assert rebuilt.tolist() == flags

@@ -1,0 +1,349 @@
+"""What goes into a raw log comes out of `process`: the ship's own signals, each fault repaired and on record."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from shipfp_rs import low_pass, signals
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.log import Log
+from shipfp_rs.processing import process
+from shipfp_rs.rawlog import Fault, Sensors, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.trial import Trial
+from shipfp_rs.vessel import Vessel
+
+TUG = Vessel.load("stan-tug-1205")
+CLEAN = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0, ripple_Nm=(0.0, 0.0, 0.0, 0.0))
+EXCITATIONS = [
+    signals.chirp(0.05, 2.0, 60.0, 76.0, rate_hz=500.0),
+    signals.steps([60.0, -60.0, -60.0], 8.0, rate_hz=500.0),
+]
+Simulated = tuple[Log, Truth]
+
+
+def recorded(
+    sensors: Sensors, faults: tuple[Fault, ...], excitations: Any = EXCITATIONS, seed: int = 2
+) -> Simulated:
+    return simulate_raw_log(
+        TUG, excitations, sensors=sensors, faults=faults, steady_s=30.0, pause_s=10.0, seed=seed
+    )
+
+
+def trial_of(truth: Truth, tmp_path: Path, edits: Sequence[tuple[str, str]] = ()) -> Trial:
+    """Return the simulated log's trial; `edits` are pairs of old and new text."""
+    text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth)
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "TRIAL.toml").write_text(text)
+    return Trial.load(tmp_path / "TRIAL.toml")
+
+
+def below_2_hz(values: np.ndarray, rate_hz: float) -> np.ndarray:
+    return signal.sosfiltfilt(signal.butter(4, 2.0, fs=rate_hz, output="sos"), np.nan_to_num(values))
+
+
+def slow_error(truth: Truth, experiment: Experiment, name: str) -> np.ndarray:
+    """Return signal less truth, both below 2 Hz, without two seconds at either end."""
+    rate, end = experiment.rate_hz, round(2.0 * experiment.rate_hz)
+    values = experiment.signals[name]
+    known = np.flatnonzero(np.isfinite(values))
+    ours = below_2_hz(np.interp(np.arange(len(values)), known, values[known]), rate)
+    first = round(experiment.provenance["window_s"][0] * truth.clean.rate_hz)
+    stride = round(truth.clean.rate_hz / rate)
+    true = below_2_hz(truth.clean.signals[name], truth.clean.rate_hz)[first::stride][: len(ours)]
+    return (ours - true)[end:-end]
+
+
+def repairs(experiment: Experiment) -> dict[tuple[str, str], Any]:
+    return {(r["kind"], r["channel"]): r for r in experiment.provenance["repairs"]}
+
+
+def within(spans_s: np.ndarray, window_s: list[float]) -> np.ndarray:
+    return spans_s[(spans_s[:, 0] >= window_s[0]) & (spans_s[:, 0] < window_s[1])]
+
+
+@pytest.fixture(scope="module")
+def clean() -> Simulated:
+    return recorded(CLEAN, ())
+
+
+@pytest.fixture(scope="module")
+def real() -> Simulated:
+    return recorded(Sensors(), ("A", "B", "C", "D1"))
+
+
+@pytest.fixture(scope="module")
+def sound() -> Simulated:
+    return recorded(Sensors(), ())
+
+
+def test_a_steady_shaft_is_told_exactly(tmp_path: Path) -> None:
+    rest = signals.Excitation("rest", "steady", 100.0, np.zeros(3000))
+    log, truth = recorded(CLEAN, (), rest)
+    (experiment,) = process(log, trial_of(truth, tmp_path))
+    # Edges of 1.5 ms sampled at 2 kHz are straight lines: single precision of the volts is all that is lost.
+    assert experiment.signals["n_e"] == pytest.approx(1183.8, abs=1e-3)
+    assert experiment.signals["n_set"] == pytest.approx(1183.8, abs=1e-3)
+    assert experiment.signals["M_g"] == pytest.approx(1725.0, abs=1e-2)
+    assert experiment.operating_point["n_e"] == pytest.approx(1183.8, abs=1e-3)
+
+
+def test_edges_between_two_samples_limit_speed_as_the_sampling_says(tmp_path: Path) -> None:
+    rest = signals.Excitation("rest", "steady", 100.0, np.zeros(6000))
+    sensors = dataclasses.replace(CLEAN, edge_s=0.0)
+    log, truth = recorded(sensors, (), rest)
+    (experiment,) = process(log, trial_of(truth, tmp_path))
+    error = experiment.signals["n_e"] / 1183.8 - 1.0
+    # Each edge is off by Ts / sqrt(12); what that makes of the slope of the angle up to half the pulse rate.
+    pulse_hz = 4 * 1183.8 / 60.0 / 3.82
+    largest = 2 * np.pi * (pulse_hz / 2) / np.sqrt(3) / (2000.0 * np.sqrt(12.0))
+    assert np.sqrt(np.mean(error**2)) < largest
+    assert abs(error.mean()) < 1e-5
+
+
+def test_signals_keep_gain_and_phase(clean: Simulated, tmp_path: Path) -> None:
+    log, truth = clean
+    for experiment in process(log, trial_of(truth, tmp_path)):
+        for name in ("n_set", "n_e", "M_g"):
+            swing = np.ptp(experiment.signals[name])
+            assert np.abs(slow_error(truth, experiment, name)).max() < 1e-3 * swing, name
+
+
+def test_a_real_log_gives_the_plants_signals_within_stated_bounds(real: Simulated, tmp_path: Path) -> None:
+    log, truth = real
+    sensors = Sensors()
+    for experiment in process(log, trial_of(truth, tmp_path)):
+        error = {name: slow_error(truth, experiment, name) for name in ("n_set", "n_e", "M_g")}
+        assert np.abs(error["n_e"]).max() < 5e-4 * 1183.8
+        # The share of the noise that lies below 2 Hz; Butterworth noise bandwidths are a few percent wider.
+        telemetry = sensors.torque_noise_V * sensors.torque.scale * np.sqrt(2.0 / sensors.telemetry_hz)
+        assert error["M_g"].std() < 1.5 * telemetry
+        assert error["n_set"].std() < 1.0
+
+
+def test_every_radio_spike_is_found_and_masked(real: Simulated, tmp_path: Path) -> None:
+    log, truth = real
+    for experiment in process(log, trial_of(truth, tmp_path)):
+        window = experiment.provenance["window_s"]
+        true = within(truth.faults["C"]["U_torque"], window)
+        found = repairs(experiment)["C", "U_torque"]
+        assert found["count"] == len(true) > 0
+        assert np.abs(np.array(found["spans"]) - true * 2000.0).max() <= 2, "to a sample or two"
+        masked = np.isnan(experiment.signals["M_g"])
+        for start, stop in np.round((true - window[0]) * 200.0).astype(int):
+            assert masked[start:stop].all()
+        assert masked.mean() < 0.01
+
+
+def test_relay_jumps_are_bridged(real: Simulated, sound: Simulated, tmp_path: Path) -> None:
+    trial = trial_of(real[1], tmp_path)
+    for experiment, reference in zip(process(real[0], trial), process(sound[0], trial), strict=True):
+        true = within(real[1].faults["D1"]["U_setpoint"], experiment.provenance["window_s"])
+        assert repairs(experiment)["D1", "U_setpoint"]["count"] == len(true) > 0
+        assert ("D1", "U_setpoint") not in repairs(reference)
+        # A jump is 250 rpm or more; what stays is a chirp's bend over 40 ms.
+        difference = experiment.signals["n_set"] - reference.signals["n_set"]
+        assert np.abs(difference).max() < 8.0
+
+
+def test_double_crossings_leave_no_trace_in_the_speed(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = recorded(Sensors(), ("A",))
+    trial = trial_of(truth, tmp_path)
+    for experiment, reference in zip(process(log, trial), process(sound[0], trial), strict=True):
+        train = experiment.provenance["speed"]["train"]
+        assert repairs(experiment)["A", train]["count"] > 0
+        assert np.abs(experiment.signals["n_e"] - reference.signals["n_e"]).max() < 0.05
+
+
+def test_lost_pulses_are_counted(real: Simulated, tmp_path: Path) -> None:
+    log, truth = real
+    for experiment in process(log, trial_of(truth, tmp_path)):
+        train = experiment.provenance["speed"]["train"]
+        true = within(truth.faults["B"][train], experiment.provenance["window_s"])
+        assert repairs(experiment)["B", train]["count"] == len(true) > 0
+
+
+def test_a_steps_kick_is_no_fault(sound: Simulated, clean: Simulated, tmp_path: Path) -> None:
+    for log, truth in (sound, clean):
+        for experiment in process(log, trial_of(truth, tmp_path)):
+            assert repairs(experiment) == {}
+
+
+def test_the_train_with_most_good_intervals_is_taken(real: Simulated, tmp_path: Path) -> None:
+    log, truth = real
+    experiment = process(log, trial_of(truth, tmp_path))[0]
+    account = experiment.provenance["speed"]
+    assert account["train"] == "PTM_4"
+    assert account["bandwidth_hz"] == pytest.approx(0.5 * 4 * 1183.8 / 60 / 3.82, rel=0.05)
+    true = np.diff(np.append(truth.reflector_angles["PTM_4"], 1.0))
+    assert min(np.abs(account["reflectors"]["fractions"] - np.roll(true, k)).max() for k in range(4)) < 1e-4
+    medians = list(account["median_rpm"].values())
+    assert max(medians) / min(medians) - 1 < 1e-3
+
+
+def test_operating_point_is_the_steady_mean_unless_given(real: Simulated, tmp_path: Path) -> None:
+    log, truth = real
+    auto = process(log, trial_of(truth, tmp_path))[0].operating_point
+    assert auto["n_e"] == pytest.approx(1183.8, rel=1e-4)
+    assert auto["M_g"] == pytest.approx(1725.0, rel=2e-3)
+    edits = [('n_e_rpm = "auto"', "n_e_rpm = 1180.0"), ('M_Nm = "auto"', "M_Nm = 1700.0")]
+    given = process(log, trial_of(truth, tmp_path, edits=edits))[0].operating_point
+    assert dict(given) == {"n_set": 1180.0, "n_e": 1180.0, "M_g": 1700.0}
+
+
+@pytest.mark.parametrize(("location", "name"), [("brake", "M_b"), ("shaft", "M_s")])
+def test_the_torque_is_named_by_its_place(sound: Simulated, tmp_path: Path, location: str, name: str) -> None:
+    log, truth = sound
+    edits = [('location = "gauge"', f'location = "{location}"')]
+    if location == "brake":
+        edits.append(("scale = 1059.0", "scale = 277.0"))
+    experiment = process(log, trial_of(truth, tmp_path, edits=edits))[0]
+    assert set(experiment.signals) == {"n_set", "n_e", name}
+
+
+def test_pieces_make_no_difference(real: Simulated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, truth = real
+    arrays = {name: recording.read(name).copy() for name in recording.channels}
+    arrays["U_torque"][100_000:115_000] = np.nan
+    log = Log.from_arrays(arrays, rate_hz=2000.0)
+    trial = trial_of(truth, tmp_path)
+    whole = process(log, trial)
+    assert repairs(whole[0])["gap", "U_torque"]["spans"] == [[100_000, 115_000]]
+    monkeypatch.setattr(low_pass, "PIECE", 7000)
+    for experiment, reference in zip(process(log, trial), whole, strict=True):
+        assert repairs(experiment) == repairs(reference)
+        for name, values in reference.signals.items():
+            # Beside a gap the bridge ends where the piece does, and a side lobe of the filter sees it.
+            np.testing.assert_allclose(experiment.signals[name], values, atol=1e-3)
+
+
+def test_channels_of_other_rates_and_starts_are_aligned(clean: Simulated, tmp_path: Path) -> None:
+    log, truth = clean
+    time = truth.clean.time
+    faster = np.arange(0.5, time[-1], 1.0 / 5000.0)
+    volts = np.interp(faster, time, truth.clean.signals["M_g"]) / 1059.0
+    other = Log.from_arrays({"U_torque": volts}, rate_hz=5000.0, units={"U_torque": "V"}, start_s=0.5)
+    channels = {**log.channels, **other.channels}
+    mixed = Log(
+        "mixed",
+        list(channels.values()),
+        lambda name, first, size: (other if name == "U_torque" else log)._blocks(name, first, size),
+    )
+    trial = trial_of(truth, tmp_path, edits=[("steady_s = [0.0", "steady_s = [1.0")])
+    for experiment, reference in zip(process(mixed, trial), process(log, trial), strict=True):
+        # The same low-pass at two rates: its passband ripple is 1e-4, and a step's kick reaches its edge.
+        difference = experiment.signals["M_g"] - reference.signals["M_g"]
+        assert np.abs(difference).max() < 0.5
+        assert np.abs(below_2_hz(difference, 200.0)[400:-400]).max() < 0.05
+
+
+def test_a_gap_in_torque_or_pulses_is_masked_and_on_record(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = sound
+    arrays = {name: log.read(name).copy() for name in log.channels}
+    start = truth.windows[0].start_s
+    first = round((start + 20.0) * 2000.0)
+    arrays["U_torque"][first : first + 3000] = np.nan
+    for name in ("PTM_1", "PTM_4", "PTM_e"):
+        arrays[name][first + 8000 : first + 10000] = np.nan
+    experiment = process(Log.from_arrays(arrays, rate_hz=2000.0), trial_of(truth, tmp_path))[0]
+    torque, speed = (np.isnan(experiment.signals[name]) for name in ("M_g", "n_e"))
+    assert torque[4000:4300].all()
+    assert not torque[:3995].any()
+    assert not torque[4305:].any()
+    assert speed[4800:5000].all()
+    assert not speed[:4770].any()
+    assert not speed[5030:].any()
+    assert repairs(experiment)["gap", "U_torque"]["spans"] == [[first, first + 3000]]
+    assert repairs(experiment)["gap", "PTM_4"]["spans"] == [[first + 8000, first + 10000]]
+
+
+def test_an_odd_rate_becomes_the_nearest_simple_part(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = sound
+    edits = [("[identify]", "[processing]\nrate_hz = 49.99\n[identify]")]
+    experiment = process(log, trial_of(truth, tmp_path, edits=edits))[0]
+    assert experiment.rate_hz == 50.0
+    assert len(experiment) == 50 * 60
+
+
+def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = sound
+    text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth)
+    text = text[: text.index("[channels.torque]")] + text[text.index("[channels.PTM_1]") :]
+    (tmp_path / "TRIAL.toml").write_text(text)
+    experiment = process(log, Trial.load(tmp_path / "TRIAL.toml"))[0]
+    assert set(experiment.signals) == set(experiment.operating_point) == {"n_set", "n_e"}
+
+
+@pytest.mark.parametrize(
+    ("edits", "message"),
+    [
+        (
+            [('column = "U_torque"', 'column = "torque"')],
+            "no channel 'torque', found .*did you mean 'U_torque'",
+        ),
+        ([('column = "PTM_1"', 'column = "PTM_2"')], "no channel 'PTM_2'"),
+        (
+            [('unit = "V"', 'unit = "mV"')],
+            "channel 'U_setpoint' is in 'V', channels.set_point.unit says 'mV'",
+        ),
+        ([("scale = 1059.0", "scale = 1.059")], "channels.torque: 1.72.* Nm on average"),
+        ([("scale = -251.38", "scale = -200.0")], "channels.set_point: 924.* rpm on average"),
+        (
+            [("start_s = 30.0", "start_s = 30000.0"), ("stop_s = 90.0", "stop_s = 30010.0")],
+            "'chirp'.*runs from 0 to",
+        ),
+        ([("stop_s = 90.0", "stop_s = 30.004")], "window 'chirp': 30 to 30.004 s hold 0 samples at 200 Hz"),
+        (
+            [("pulses_per_rev = 4", "pulses_per_rev = 3")],
+            "'PTM_4' .* check pulses_per_rev|check pulses_per_rev",
+        ),
+        ([('shaft = "engine"', 'shaft = "propeller"')], "check pulses_per_rev, shaft and the gear ratio"),
+        ([("steady_s = [0.0, 30.0]", "steady_s = [30.0, 90.0]")], "steady_s: the set point varies by 4"),
+        (
+            [("steady_s = [0.0, 30.0]", "steady_s = [0.0, 3000.0]")],
+            "operating_point.steady_s: .*runs from 0 to",
+        ),
+        ([("[identify]", "[processing]\nrate_hz = 3000.0\n[identify]")], "processing.rate_hz is 3000"),
+    ],
+)
+def test_trials_that_can_t_be_right_are_refused_in_one_line(
+    sound: Simulated, tmp_path: Path, edits: list[tuple[str, str]], message: str
+) -> None:
+    log, truth = sound
+    with pytest.raises(InputError, match=message) as caught:
+        process(log, trial_of(truth, tmp_path, edits=edits))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("channel", "samples", "message"),
+    [
+        ("U_setpoint", slice(100_000, 100_001), "set point 'U_setpoint' is NaN at 50 s"),
+        ("U_torque", slice(None), "nothing usable is left of 'M_g'"),
+        ("PTM_4", slice(None), "channels.PTM_4"),
+    ],
+)
+def test_logs_without_the_samples_needed_are_refused(
+    sound: Simulated, tmp_path: Path, channel: str, samples: slice, message: str
+) -> None:
+    log, truth = sound
+    arrays = {name: log.read(name).copy() for name in log.channels}
+    arrays[channel][samples] = np.nan
+    with pytest.raises(InputError, match=message) as caught:
+        process(Log.from_arrays(arrays, rate_hz=2000.0), trial_of(truth, tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_stopped_pulse_train_is_named(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = sound
+    arrays = {name: log.read(name).copy() for name in log.channels}
+    arrays["PTM_4"][:] = 0.0
+    with pytest.raises(InputError, match=r"channels\.PTM_4, .* constant at 0"):
+        process(Log.from_arrays(arrays, rate_hz=2000.0), trial_of(truth, tmp_path))
