@@ -18,6 +18,9 @@ _MEDIAN_WINDOW = 21
 _EXTRA_BELOW = 0.6
 """A period shorter than this part of the median ends at an extra pulse: both halves of one that was cut in the middle
 count as such, while a shaft does not speed up so much within a few pulses."""
+_CLEARLY_BETTER = 0.05
+"""Of two crossings close together the first is the edge and the second that of a saw-tooth on it (Fig. 6.15), unless
+the second fits better by this part of a period. Uneven reflectors and changing speed make smaller differences."""
 _MISSED_FROM = 1.6
 _MOST_MISSED = 4
 """More missed pulses in a row are a stopped shaft or a dead pick-up, and are left out rather than filled in."""
@@ -87,7 +90,10 @@ def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
             kept.append(time)
             merged.append(pending)
             pending = False
-        elif len(kept) > 1 and abs(time - kept[-2] - usual) < abs(kept[-1] - kept[-2] - usual):
+        elif (
+            len(kept) > 1
+            and abs(time - kept[-2] - usual) < abs(kept[-1] - kept[-2] - usual) - _CLEARLY_BETTER * usual
+        ):
             # The one before it was the extra pulse.
             kept[-1], merged[-1] = time, True
         else:
