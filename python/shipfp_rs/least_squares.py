@@ -1,0 +1,346 @@
+"""Bounded nonlinear least squares: SciPy's searches, polished to full precision, with an honest certificate."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from shipfp_rs.errors import IdentificationError, InputError, SimulationError
+from shipfp_rs.gauss_newton import (
+    NOTICEABLE,
+    Bounds,
+    Point,
+    doubt,
+    gauss_newton_step,
+    polish,
+    way_down,
+)
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Function = Callable[[Array], tuple[Array, Array]]
+Method = Literal["trf", "dogbox", "lm"]
+Scaling = Literal["jac", "vector"]
+
+ROUNDS = 5
+"""Times that a search whose end is in doubt may go on from there, as long as it gains."""
+SPREAD = (0.3, 2.0)
+"""Logarithmic spread of random starts about a start without bounds, growing from the first restart to the last."""
+OTHER_SIGN = 0.2
+"""Share of such entries that are drawn with the other sign."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where a search ended, and whether that is a minimum.
+
+    Parameters
+    ----------
+    vector
+        The best vector found, shape (Q,).
+    residual, jacobian
+        Residual (R,) and its Jacobian (R, Q) there.
+    cost
+        Sum of squares of the residual.
+    converged
+        True where the vector is a minimum between the bounds to working precision, see `minimise`.
+    message
+        Why it is, or why it is not; one line.
+    evaluations
+        Calls of the function.
+    active
+        True for an entry that its bound holds, shape (Q,).
+    """
+
+    vector: Array
+    residual: Array
+    jacobian: Array
+    cost: float
+    converged: bool
+    message: str
+    evaluations: int
+    active: Mask
+
+
+def minimise(
+    function: Function,
+    start: npt.ArrayLike,
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    *,
+    tolerance: float = 1e-12,
+    max_evaluations: int = 500,
+    time_limit_s: float | None = None,
+    tick: Callable[[], None] | None = None,
+) -> Solution:
+    """Minimise the sum of squares of a residual between bounds, from one start.
+
+    Parameters
+    ----------
+    function
+        Vector (Q,) to residual (R,) and Jacobian (R, Q). Where it raises `SimulationError` or returns what is not
+        finite, the search turns back.
+    start
+        Where to begin, shape (Q,); moved between the bounds if it is outside.
+    lower, upper
+        Bounds, shape (Q,) or one for all; infinite where there is none.
+    tolerance
+        Relative change of the sum of squares below which the search ends and its end is taken for a minimum.
+    max_evaluations, time_limit_s
+        Limits of calls and of seconds.
+    tick
+        Called before every evaluation; what it raises ends the search.
+
+    Returns
+    -------
+    Solution
+        Converged only if the Gauss-Newton step from there is small beside the vector and promises no noticeable
+        gain, no parameter ran to where it lost its effect, and no direction without slope leads down. A Jacobian of
+        deficient rank is no obstacle: what the residual does not depend on stays near its start.
+
+    Raises
+    ------
+    InputError
+        For a start or bounds that can't be used.
+    IdentificationError
+        Where the start can't be evaluated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> valley = lambda x: (np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10], [-1, 0]]))
+    >>> found = minimise(valley, [-1.2, 1.0], -np.inf, np.inf)
+    >>> found.converged, found.vector.round(12).tolist()
+    (True, [1.0, 1.0])
+    """
+    vector, bounds = _checked(start, lower, upper)
+    recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
+    return _minimise(recorder, vector, bounds, tolerance, "trf", "jac")
+
+
+def search(
+    function: Function,
+    start: npt.ArrayLike,
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    *,
+    restarts: int = 12,
+    seed: int = 0,
+    tolerance: float = 1e-12,
+    max_evaluations: int = 500,
+    time_limit_s: float | None = None,
+    tick: Callable[[], None] | None = None,
+) -> tuple[Solution, ...]:
+    """Minimise stubbornly: other methods and scalings from the same start, then random starts.
+
+    Parameters
+    ----------
+    function, start, lower, upper, tolerance, tick
+        As for `minimise`.
+    restarts, seed
+        Number of random starts, drawn between the bounds (logarithmically where they span more than two decades),
+        about the start where there are none; the same seed draws the same starts.
+    max_evaluations
+        Limit of each attempt.
+    time_limit_s
+        Limit of all together.
+
+    Returns
+    -------
+    tuple of Solution
+        The end of every attempt, the lowest first, a converged one before others as low. If the first is not
+        converged, no minimum found is as low as where that attempt stopped.
+
+    Raises
+    ------
+    InputError, IdentificationError
+        As `minimise`.
+    """
+    vector, bounds = _checked(start, lower, upper)
+    until = np.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    plans: list[tuple[Array, Method, Scaling]] = [
+        (vector, "trf", "jac"),
+        (vector, "trf", "vector"),
+        (vector, "dogbox", "jac"),
+        (vector, "lm", "jac"),
+    ]
+    random = np.random.default_rng(seed)
+    plans += [
+        (_drawn(random, vector, bounds, spread), "trf", "jac") for spread in np.geomspace(*SPREAD, restarts)
+    ]
+    ends: list[Solution] = []
+    for begin, method, scaling in plans:
+        left = until - time.monotonic()
+        if ends and left <= 0.0:
+            break
+        if method == "lm" and (bounds.finite or ends[0].jacobian.shape[0] < len(vector)):
+            continue
+        recorder = _Recorder(function, max_evaluations, None if np.isinf(left) else left, tick)
+        try:
+            ends.append(_minimise(recorder, begin, bounds, tolerance, method, scaling))
+        except IdentificationError:
+            # A random start may be one that can't be evaluated; the given one may not.
+            if not ends:
+                raise
+    ends.sort(key=lambda end: end.cost)
+    as_low = (end for end in ends if end.cost <= ends[0].cost * (1.0 + NOTICEABLE))
+    best = next((end for end in as_low if end.converged), ends[0])
+    return best, *(end for end in ends if end is not best)
+
+
+class _LimitReachedError(Exception):
+    """The evaluations or the time are used up."""
+
+
+class _Recorder:
+    """The function, its failures turned into infinite cost, its best point kept, its limits watched."""
+
+    def __init__(
+        self,
+        function: Function,
+        max_evaluations: int,
+        time_limit_s: float | None,
+        tick: Callable[[], None] | None,
+    ) -> None:
+        self.function, self.tick = function, tick
+        self.max_evaluations, self.time_limit_s = max_evaluations, time_limit_s
+        self.until = np.inf if time_limit_s is None else time.monotonic() + time_limit_s
+        self.evaluations = 0
+        self.failure = ""
+
+    def begin(self, vector: Array) -> Point:
+        """Evaluate the start, which must succeed."""
+        point = self._evaluate(vector)
+        if not np.isfinite(point.cost):
+            raise IdentificationError(f"the start vector can't be evaluated: {self.failure}; choose another")
+        self.first = self.best = self.last = point
+        return point
+
+    def __call__(self, vector: Array) -> Point:
+        if np.array_equal(vector, self.last.vector):
+            return self.last
+        if self.evaluations >= self.max_evaluations:
+            raise _LimitReachedError(f"{self.evaluations} evaluations")
+        if time.monotonic() > self.until:
+            raise _LimitReachedError(f"{self.time_limit_s:.3g} s")
+        self.last = self._evaluate(vector.copy())
+        if self.last.cost <= self.best.cost:
+            self.best = self.last
+        return self.last
+
+    def _evaluate(self, vector: Array) -> Point:
+        if self.tick is not None:
+            self.tick()
+        self.evaluations += 1
+        try:
+            with np.errstate(all="ignore"):
+                residual, jacobian = self.function(vector)
+                cost = float(residual @ residual)
+        except (SimulationError, ArithmeticError, np.linalg.LinAlgError) as error:
+            self.failure = str(error)
+        else:
+            if jacobian.shape != (len(residual), len(vector)):
+                raise InputError(
+                    f"function: Jacobian of shape {jacobian.shape}, expected {(len(residual), len(vector))}"
+                )
+            if np.isfinite(cost) and np.isfinite(jacobian).all():
+                return Point(vector, residual, jacobian, cost)
+            self.failure = "its residual or Jacobian is not finite"
+        if self.evaluations == 1:
+            return Point(vector, np.zeros(0), np.zeros((0, len(vector))), np.inf)
+        # SciPy's searches take residuals that are not finite as a step too far.
+        nothing = np.full_like(self.first.residual, np.nan)
+        return Point(vector, nothing, self.first.jacobian, np.inf)
+
+
+def _checked(start: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[Array, Bounds]:
+    vector = np.array(start, dtype=np.float64)
+    if vector.ndim != 1 or not vector.size or not np.isfinite(vector).all():
+        raise InputError(f"start: found {vector}, expected a vector of finite numbers")
+    low, high = (
+        np.broadcast_to(np.asarray(bound, dtype=np.float64), vector.shape) for bound in (lower, upper)
+    )
+    if not (low < high).all():
+        index = int(np.argmin(low < high))
+        raise InputError(
+            f"bounds of entry {index}: {low[index]:g} to {high[index]:g} hold no value between them"
+        )
+    bounds = Bounds(low, high)
+    return bounds.clip(vector), bounds
+
+
+def _minimise(
+    recorder: _Recorder, start: Array, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
+) -> Solution:
+    first = point = recorder.begin(start)
+    converged, message = False, ""
+    try:
+        for _ in range(ROUNDS):
+            before = point.cost
+            _run_scipy(recorder, point, bounds, tolerance, method, scaling)
+            point = polish(recorder, recorder.best, bounds)
+            message = doubt(point, first, bounds, tolerance)
+            lower = None if message else way_down(recorder, point, first, bounds)
+            if lower is not None:
+                point, message = lower, "a direction without slope leads further down"
+            elif not message:
+                converged, message = True, "the gradient vanishes and no direction tried leads down"
+                break
+            if not point.cost < before * (1.0 - NOTICEABLE):
+                break
+    except _LimitReachedError as limit:
+        point, message = recorder.best, f"stopped at the limit of {limit}, before a minimum was reached"
+    held = gauss_newton_step(point, bounds).held
+    return Solution(
+        point.vector,
+        point.residual,
+        point.jacobian,
+        point.cost,
+        converged,
+        message,
+        recorder.evaluations,
+        held,
+    )
+
+
+def _run_scipy(
+    recorder: _Recorder, point: Point, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
+) -> None:
+    size = np.where(point.vector != 0.0, np.abs(point.vector), 1.0)
+    try:
+        least_squares(
+            lambda vector: recorder(vector).residual,
+            point.vector,
+            jac=lambda vector: recorder(vector).jacobian,
+            bounds=(-np.inf, np.inf) if method == "lm" else (bounds.lower, bounds.upper),
+            method=method,
+            x_scale="jac" if scaling == "jac" else size,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=tolerance,
+            # The recorder counts; SciPy must not stop before it.
+            max_nfev=recorder.max_evaluations + 1,
+        )
+    except np.linalg.LinAlgError:
+        # A decomposition that does not converge ends this run; the best point stands and is judged as any other.
+        return
+
+
+def _drawn(random: np.random.Generator, start: Array, bounds: Bounds, spread: float) -> Array:
+    """Draw a start: over finite bounds evenly, in logarithm if these span decades; else about the given start."""
+    drawn = np.empty_like(start)
+    for index, (value, low, high) in enumerate(zip(start, bounds.lower, bounds.upper, strict=True)):
+        if low > 0.0 and high / low > 100.0 and np.isfinite(high):
+            drawn[index] = np.exp(random.uniform(np.log(low), np.log(high)))
+        elif np.isfinite(high - low):
+            drawn[index] = random.uniform(low, high)
+        else:
+            size = value * np.exp(spread * random.normal()) if value else spread * random.normal()
+            drawn[index] = -size if random.random() < OTHER_SIGN else size
+    return bounds.clip(drawn)
