@@ -87,15 +87,13 @@ class Block:
                 return self._weighed(model, slopes)
             simulated, jacobian = _split(model), _split(slopes)
         else:
-            states = [name for name in self.nuisance if name.startswith("initial")]
-            simulated, jacobian = self.structure.equations.sensitivities(values, self.data, [*names, *states])
-            offsets = [name for name in self.nuisance if name.startswith("offset")]
+            states = [name for name in self.nuisance if name in self.structure.equations.states]
+            offsets = [name for name in self.nuisance if name not in states]
+            known = {name: value for name, value in values.items() if name not in offsets}
+            simulated, jacobian = self.structure.equations.sensitivities(known, self.data, [*names, *states])
             if offsets:
-                constant = np.zeros((len(offsets), *simulated.shape))
-                for index, name in enumerate(offsets):
-                    constant[index, index] = 1.0
-                    simulated = simulated.copy() if index == 0 else simulated
-                    simulated[index] += values.get(name, 0.0)
+                simulated = simulated + np.array([[values[name]] for name in offsets])
+                constant = np.eye(len(offsets))[:, :, None] * np.ones(simulated.shape[1])
                 jacobian = np.concatenate([jacobian, constant])
         residual = np.where(valid, self.measured - simulated, 0.0)
         jacobian = np.where(valid, jacobian, 0.0)
