@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,7 +20,10 @@ Array = npt.NDArray[np.float64]
 AR_ORDER = 8
 AR_ITERATIONS = 2
 WEIGHT_ITERATIONS = 100
-WEIGHT_TOLERANCE = 1e-9
+CRITERION_TOLERANCE = 1e-8
+"""Change of N ln det(E'E/N) that ends the iteration of the weights: parameters then move by 1e-4 of their deviation."""
+UNMOVED = 1e-10
+"""Relative change of the vector that ends it where there is no noise to measure the change by."""
 FAILED_RESIDUAL = 1e6
 """Stands for every residual of a parameter vector whose simulation diverged, so that the search turns back."""
 
@@ -97,45 +100,64 @@ class Search:
             start += len(block.nuisance)
         return evaluations
 
+    def filtered(self, vector: Array, noise: Noise) -> list[Evaluation]:
+        """Evaluate every block and prewhiten the experiments."""
+        evaluations = self.evaluate(vector)
+        if noise.models is None:
+            return evaluations
+        return [
+            prewhiten(evaluation, noise.models) if isinstance(block.data, Experiment) else evaluation
+            for block, evaluation in zip(self.blocks, evaluations, strict=True)
+        ]
+
     def whitened(self, vector: Array, noise: Noise) -> tuple[list[Evaluation], Array, Array]:
         """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
 
         The Jacobian is that of the residual, minus that of the model.
         """
-        evaluations = self.evaluate(vector)
-        if noise.models is not None:
-            evaluations = [
-                prewhiten(evaluation, noise.models) if isinstance(block.data, Experiment) else evaluation
-                for block, evaluation in zip(self.blocks, evaluations, strict=True)
-            ]
-        residuals, jacobians, start = [], [], len(self.free)
-        for block, evaluation in zip(self.blocks, evaluations, strict=True):
-            residuals.append((noise.root @ evaluation.residual).ravel())
-            weighted = np.einsum("po,qor->qpr", noise.root, evaluation.jacobian, optimize=True)
-            weighted = weighted.reshape(len(weighted), -1)
-            jacobian = np.zeros((weighted.shape[1], self.size))
-            jacobian[:, : len(self.free)] = -weighted[: len(self.free)].T
-            jacobian[:, start : start + len(block.nuisance)] = -weighted[len(self.free) :].T
-            jacobians.append(jacobian)
-            start += len(block.nuisance)
-        prior_residual, prior_jacobian = self._priors(vector)
-        return (
-            evaluations,
-            np.concatenate([*residuals, prior_residual]),
-            np.concatenate([*jacobians, prior_jacobian]),
-        )
+        evaluations = self.filtered(vector, noise)
+        rows = np.concatenate([*(part.T for part in self._parts(evaluations, noise)), self._priors(vector)])
+        return evaluations, rows[:, -1], rows[:, :-1]
 
-    def _priors(self, vector: Array) -> tuple[Array, Array]:
-        """Rows of the priors, (mean - value) / std, and of the ridge, sqrt(weight) (nominal - value), eq. 4.6."""
+    def condensed(self, vector: Array, noise: Noise) -> tuple[Array, Array]:
+        """Return a residual (Q + 1,) and Jacobian (Q + 1, Q) with the cost, gradient and J'J of the whole problem.
+
+        The search then works on a few rows however long the record is. Squaring the Jacobian costs digits of a step,
+        none of where the gradient vanishes.
+        """
+        evaluations = self.filtered(vector, noise)
+        priors = self._priors(vector)
+        gram = priors.T @ priors
+        for part in self._parts(evaluations, noise):
+            gram += part @ part.T
+        return condense(gram)
+
+    def _parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
+        """Each block's [-d(model)/d(vector), e], weighted, shape (Q + 1, rows)."""
+        start = len(self.free)
+        for block, evaluation in zip(self.blocks, evaluations, strict=True):
+            samples = evaluation.residual.shape[1]
+            part = np.zeros((self.size + 1, len(evaluation.residual), samples))
+            np.matmul(-noise.root, evaluation.jacobian[: len(self.free)], out=part[: len(self.free)])
+            own = slice(start, start + len(block.nuisance))
+            np.matmul(-noise.root, evaluation.jacobian[len(self.free) :], out=part[own])
+            np.matmul(noise.root, evaluation.residual, out=part[-1])
+            if self.huber is not None:
+                _bend(part, self.huber)
+            start += len(block.nuisance)
+            yield part.reshape(self.size + 1, -1)
+
+    def _priors(self, vector: Array) -> Array:
+        """Rows [J, e] of the priors, (mean - value) / std, and of the ridge, sqrt(weight) (nominal - value), eq. 4.6."""
         rows = [(i, p.prior[0], 1.0 / p.prior[1]) for i, p in enumerate(self.free) if p.prior is not None]
         rows += [
             (self.names.index(name), nominal, weight**0.5) for name, (nominal, weight) in self.ridge.items()
         ]
-        residual, jacobian = np.zeros(len(rows)), np.zeros((len(rows), self.size))
+        table = np.zeros((len(rows), self.size + 1))
         for row, (index, nominal, factor) in enumerate(rows):
-            residual[row] = (nominal - vector[index]) * factor
-            jacobian[row, index] = -factor
-        return residual, jacobian
+            table[row, index] = -factor
+            table[row, -1] = (nominal - vector[index]) * factor
+        return table
 
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the full vector; a block's own unknowns have none."""
@@ -198,26 +220,21 @@ class Search:
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
             for output in range(len(self.structure.outputs))
         )
-        evaluations, _, _ = self.whitened(minimum.vector, replace(minimum.noise, models=models))
-        return self.noise_of(evaluations, models)
+        return self.noise_of(self.filtered(minimum.vector, replace(minimum.noise, models=models)), models)
 
     def _weighted(self, start: Array, noise: Noise, tick: Callable[[], None] | None) -> Minimum:
-        vector, evaluations_used = start, 0
+        vector, evaluations_used, criterion = start, 0, np.inf
         rounds = WEIGHT_ITERATIONS if self.weighting in ("variance", "determinant") else 1
         for _ in range(rounds):
             solution = self._solve(vector, noise, tick)
             evaluations_used += int(solution.nfev)
             moved = np.max(np.abs(solution.x - vector) / (np.abs(vector) + 1e-9))
-            vector = np.asarray(solution.x)
-            evaluations, residual, _ = self.whitened(vector, noise)
-            criterion = self.criterion(evaluations, residual)
-            if rounds == 1:
+            vector, before = np.asarray(solution.x), criterion
+            evaluations = self.filtered(vector, noise)
+            criterion = self.criterion(evaluations, solution.fun)
+            if rounds == 1 or moved < UNMOVED or abs(before - criterion) < CRITERION_TOLERANCE:
                 break
-            updated = self.noise_of(evaluations, noise.models)
-            change = np.max(np.abs(updated.root - noise.root)) / np.max(np.abs(updated.root))
-            noise = updated
-            if change < WEIGHT_TOLERANCE or moved < WEIGHT_TOLERANCE:
-                break
+            noise = self.noise_of(evaluations, noise.models)
         return Minimum(
             vector=vector,
             criterion=criterion,
@@ -237,24 +254,22 @@ class Search:
         lower, upper = self.bounds()
         deadline = None if self.time_limit_s is None else time.monotonic() + self.time_limit_s
         cache: dict[bytes, tuple[Array, Array]] = {}
-        shape: list[int] = []
 
         def both(vector: Array) -> tuple[Array, Array]:
             if deadline is not None and time.monotonic() > deadline:
                 raise TimeoutError
             key = vector.tobytes()
             if key not in cache:
+                started = bool(cache)
                 cache.clear()
                 try:
                     self._require_stable(vector)
-                    _, residual, jacobian = self.whitened(vector, noise)
+                    cache[key] = self.condensed(vector, noise)
                 except SimulationError:
-                    if not shape:
+                    if not started:
                         raise
-                    residual = np.full(shape[0], FAILED_RESIDUAL)
-                    jacobian = np.zeros((shape[0], self.size))
-                shape[:] = [len(residual)]
-                cache[key] = residual, jacobian
+                    failed = np.full(self.size + 1, FAILED_RESIDUAL)
+                    cache[key] = failed, np.zeros((self.size + 1, self.size))
             if tick is not None:
                 tick()
             return cache[key]
@@ -273,10 +288,6 @@ class Search:
                 xtol=self.tolerance,
                 gtol=self.tolerance,
                 max_nfev=self.max_evaluations,
-                # Quadratic up to the threshold, linear with the same value and slope from there on (eq. 4.7; 4.8 as
-                # printed jumps).
-                loss="linear" if self.huber is None else "huber",
-                f_scale=self.huber or 1.0,
             )
         except TimeoutError:
             raise IdentificationError(
@@ -296,6 +307,32 @@ def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
     if count == 0:
         raise InputError("no valid sample is left to fit; widen the window or repair the log")
     return np.asarray(sum(evaluation.residual @ evaluation.residual.T for evaluation in evaluations) / count)
+
+
+def condense(gram: Array) -> tuple[Array, Array]:
+    """Return a residual (Q + 1,) and Jacobian (Q + 1, Q) whose products are those of [J e]'[J e], shape (Q + 1, Q + 1)."""
+    size = np.sqrt(np.diag(gram)[:-1])
+    size[size == 0.0] = 1.0
+    strength, direction = np.linalg.eigh(gram[:-1, :-1] / np.outer(size, size))
+    # What is below rounding is a null direction: no row, so no step along it.
+    root = np.sqrt(np.where(strength > 1e-15 * strength[-1], strength, 0.0))
+    turned = direction.T @ (gram[:-1, -1] / size)
+    along = np.divide(turned, root, out=np.zeros_like(turned), where=root > 0.0)
+    rest = max(gram[-1, -1] - along @ along, 0.0)
+    jacobian = np.vstack([root[:, None] * direction.T * size, np.zeros(len(size))])
+    return np.append(along, np.sqrt(rest)), jacobian
+
+
+def _bend(part: Array, threshold: float) -> None:
+    """Make the squares of the residuals (last row of the part) grow linearly above the threshold, in place.
+
+    Quadratic up to it, then 2 k |e| - k^2, with the same value and slope there (eq. 4.7; 4.8 as printed jumps).
+    """
+    residual = part[-1]
+    large = np.abs(residual) > threshold
+    bent = np.sqrt(2.0 * threshold * np.abs(residual[large]) - threshold**2)
+    part[:-1, large] *= threshold / bent
+    residual[large] = np.sign(residual[large]) * bent
 
 
 def _robust_variance(evaluations: Sequence[Evaluation]) -> Array:
@@ -333,7 +370,7 @@ def best_of_random(search: Search, count: int, seed: int | None) -> Array:
     noise, best, least = search.initial_noise(), None, np.inf
     for vector in start_vectors(search, count + 1, seed):
         try:
-            _, residual, _ = search.whitened(vector, noise)
+            residual, _ = search.condensed(vector, noise)
         except SimulationError:
             continue
         cost = float(residual @ residual)
