@@ -127,6 +127,13 @@ def test_timestamps_are_a_time_base(tmp_path: Path) -> None:
     assert Log.open(path).channel("u").rate_hz == pytest.approx(RATE_HZ)
 
 
+def test_a_time_column_may_count_milliseconds(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("time [ms],u\n100,1\n100.5,2\n101,3\n")
+    channel = Log.open(path).channel("u")
+    assert (channel.rate_hz, channel.start_s) == pytest.approx((2000.0, 0.1))
+
+
 def test_a_given_rate_is_trusted_above_a_coarse_time_column(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("t,u\n" + "\n".join(f"{t:.2f},{u:.4f}" for t, u in zip(TIME + 3.0, TORQUE, strict=True)))
@@ -162,6 +169,7 @@ def faulty(tmp_path: Path, text: str, name: str = "run.csv") -> Path:
         ("time,u\n0,1\n1,2\n2,3\n7,4\n8,5\n", "not uniform at row 4: a step of 5 s, expected 1 s"),
         ("time,u\n0,1\n1,2\n2,3\n,4\n4,5\n", "not uniform at row 4"),
         ("time,u\n2,1\n1,2\n", "does not increase"),
+        ("time [h],u\n1,1\n2,2\n", "unit 'h', expected timestamps or a number of s, ms"),
         ("time,u\n2,1\n", "does not increase"),
         ("time,u,u\n0,1,1\n1,2,2\n", "'u' stands there twice"),
         ("time,u\n0,1\n1,2,3\n", "Expected 2 columns, got 3"),

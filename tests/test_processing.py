@@ -37,7 +37,9 @@ def recorded(
 
 def trial_of(truth: Truth, tmp_path: Path, edits: Sequence[tuple[str, str]] = ()) -> Trial:
     """Return the simulated log's trial; `edits` are pairs of old and new text."""
-    text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth)
+    text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth).replace(
+        "rate_hz = 50.0", "rate_hz = 200.0"
+    )
     for old, new in edits:
         assert old in text
         text = text.replace(old, new)
@@ -266,7 +268,7 @@ def test_a_gap_in_torque_or_pulses_is_masked_and_on_record(sound: Simulated, tmp
 
 def test_an_odd_rate_becomes_the_nearest_simple_part(sound: Simulated, tmp_path: Path) -> None:
     log, truth = sound
-    edits = [("[identify]", "[processing]\nrate_hz = 49.99\n[identify]")]
+    edits = [("rate_hz = 200.0", "rate_hz = 49.99")]
     experiment = process(log, trial_of(truth, tmp_path, edits=edits))[0]
     assert experiment.rate_hz == 50.0
     assert len(experiment) == 50 * 60
@@ -310,7 +312,7 @@ def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
             [("steady_s = [0.0, 30.0]", "steady_s = [0.0, 3000.0]")],
             "operating_point.steady_s: .*runs from 0 to",
         ),
-        ([("[identify]", "[processing]\nrate_hz = 3000.0\n[identify]")], "processing.rate_hz is 3000"),
+        ([("rate_hz = 200.0", "rate_hz = 3000.0")], "processing.rate_hz is 3000"),
     ],
 )
 def test_trials_that_can_t_be_right_are_refused_in_one_line(

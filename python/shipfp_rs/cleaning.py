@@ -24,8 +24,8 @@ class Repair:
     Parameters
     ----------
     kind
-        Fault of Table 6.10: "A" double crossings, "B" lost pulses, "C" torque spikes, "D1" set-point jumps; or
-        "gap" for missing samples.
+        Fault of Table 6.10: "A" double crossings (those that hysteresis let through), "B" lost pulses, "C" torque
+        spikes, "D1" set-point jumps; or "gap" for missing samples.
     channel
         Name in the log.
     method

@@ -34,7 +34,8 @@ BLOCK = 1 << 20
 """Samples read or written at once where the caller has no wish."""
 
 TIME_NAMES = ("time", "time_s", "t")
-TIMESTAMP_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Of the units that a time column may have."""
 
 
 @dataclass(frozen=True)
@@ -379,8 +380,11 @@ def _log_of_table(
     time = next((name for name in fields if name.lower() in TIME_NAMES), None)
     start_s = 0.0
     if rows and time is not None and not fields[time][1].get("rate_hz"):
-        field = fields.pop(time)[0]
-        clock = (_seconds(path, batch) for batch in _arrow_errors(path, time, batches(field.name, 0, BLOCK)))
+        field, facts = fields.pop(time)
+        clock = (
+            _seconds(path, batch, facts["unit"])
+            for batch in _arrow_errors(path, time, batches(field.name, 0, BLOCK))
+        )
         start_s, measured = _time_base(path, time, clock, check=rate_hz is None)
         rate_hz = rate_hz or measured
     channels = []
@@ -430,14 +434,16 @@ def _time_base(
     return start, (count - 1) / (last - start) if last != start else np.nan
 
 
-def _seconds(path: Path, values: pa.Array) -> npt.NDArray[np.float64]:
+def _seconds(path: Path, values: pa.Array, unit: str) -> npt.NDArray[np.float64]:
     """Time column as float seconds; timestamps count from 1970 (UTC)."""
     if pa.types.is_timestamp(values.type):
-        scale = TIMESTAMP_SECONDS[values.type.unit]
-        return np.asarray(values.cast(pa.int64()).to_numpy(zero_copy_only=False) * scale)
-    if not _is_number(values.type):
-        raise InputError(f"{path}: time column holds {values.type}, expected seconds or timestamps")
-    return np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
+        values, unit = values.cast(pa.int64()), values.type.unit
+    if unit not in SECONDS or not _is_number(values.type):
+        found = f"unit {unit!r}" if unit not in SECONDS else str(values.type)
+        raise InputError(
+            f"{path}: time column holds {found}, expected timestamps or a number of s, ms, us or ns"
+        )
+    return np.asarray(values.to_numpy(zero_copy_only=False) * SECONDS[unit])
 
 
 def _is_number(kind: pa.DataType) -> bool:

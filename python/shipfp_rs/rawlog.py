@@ -243,9 +243,13 @@ shaft = "engine"
 n_e_rpm = "auto"
 M_Nm = "auto"
 steady_s = [{start}, {stop}]
+
+[processing]
+rate_hz = 50.0
 {windows}
 [identify]
 torque = "gauge"
+products = true
 free_exponent = true
 """
 

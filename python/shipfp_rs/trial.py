@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from shipfp_rs.calibration import Calibration
+from shipfp_rs.log import Log
 from shipfp_rs.toml_files import Section, read_toml, unexpected
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -172,6 +173,8 @@ class Identify(Section):
 
     torque: Literal["gauge", "brake"] | None = None
     """None: what the torque channel's location says."""
+    products: bool = False
+    """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
     free_exponent: bool = False
     dead_time_loop: bool = False
     dead_time_set_point: bool = False
@@ -243,6 +246,10 @@ class Trial(Section):
             changes["vessel"] = str(path.parent / header.vessel)
         return read.model_copy(update={"trial": header.model_copy(update=changes)})
 
+    def logs(self) -> list[Log]:
+        """Open the recordings, in order."""
+        return [Log.open(path, rate_hz=self.trial.rate_hz) for path in self.trial.log]
+
     def windows_of(self, log: str) -> tuple[Window, ...]:
         """Return the windows that are cut from the log of this file name."""
         first = Path(self.trial.log[0]).name
@@ -289,7 +296,7 @@ M_Nm = "auto"
 steady_s = [10.0, 70.0]         # stretch with a constant set point, on the log's clock
 
 [processing]
-rate_hz = 200.0                 # common rate of the signals
+rate_hz = 200.0                 # common rate of the signals; 50 keeps all that 20 pulses a second tell, at a fourth of the time
 
 [processing.torque_spikes]      # radio interference: masked
 longest_s = 0.05
@@ -310,6 +317,7 @@ stop_s = 600.0
 
 [identify]
 torque = "gauge"
+products = true                 # fit vK_p and vK_i, which speed and torque tell, in place of v, K_p and K_i
 free_exponent = true            # propeller torque goes with n^p, p free
 dead_time_loop = true           # in the fuel path
 dead_time_set_point = true      # in the set-point path
