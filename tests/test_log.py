@@ -114,6 +114,15 @@ def test_channels_of_different_rates_share_one_parquet_file(
     np.testing.assert_array_equal(again.read("u"), np.arange(1000))
 
 
+def test_integers_with_gaps_survive_being_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_module, "BLOCK", 4)
+    counts = pa.array([1, 2, 3, 4, None, 6, 7], type=pa.int16())
+    pa.parquet.write_table(pa.table({"counts": counts}), tmp_path / "run.parquet")
+    log = Log.open(tmp_path / "run.parquet", rate_hz=1.0)
+    again = Log.open(log.write(tmp_path / "copy.parquet"))
+    np.testing.assert_array_equal(again.read("counts"), [1, 2, 3, 4, np.nan, 6, 7])
+
+
 def test_a_semicolon_file_with_decimal_commas_is_understood(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(csv_text(";", ","))

@@ -298,7 +298,7 @@ def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
         ([("scale = 1059.0", "scale = 1.059")], "channels.torque: 1.72.* Nm on average"),
         ([("scale = -251.38", "scale = -200.0")], "channels.set_point: 924.* rpm on average"),
         (
-            [("start_s = 30.0", "start_s = 30000.0"), ("stop_s = 90.0", "stop_s = 30010.0")],
+            [("start_s = 30.0", "start_s = 30000.0"), ("stop_s = 90.0", "stop_s = 30100.0")],
             "'chirp'.*runs from 0 to",
         ),
         ([("stop_s = 90.0", "stop_s = 30.004")], "window 'chirp': 30 to 30.004 s hold 0 samples at 200 Hz"),

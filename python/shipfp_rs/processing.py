@@ -27,6 +27,7 @@ from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 
+STEADY_STRETCH = "operating_point.steady_s"
 TRAINS_AGREE = 0.02
 """Relative difference in speed that no two pulse trains of one shaft line have."""
 STEADY = 0.02
@@ -110,10 +111,12 @@ class _Recording:
         for key, sensor in (("set_point", channels.set_point), ("torque", channels.torque)):
             if sensor is not None:
                 _require_unit(log, key, sensor)
-        stretches = [(window.start_s, window.stop_s) for window in trial.windows_of(log.name)]
+        stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
-            stretches.append(trial.operating_point.steady_s)
-        longest = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+            stretches[STEADY_STRETCH] = trial.operating_point.steady_s
+        for label, stretch in stretches.items():
+            self._rows(label, channels.set_point.column, *stretch)
+        longest = max(stretches.values(), key=lambda stretch: stretch[1] - stretch[0])
         self.trains = [
             PulseTrain(log, name, tacho, vessel.gearbox.ratio, longest)
             for name, tacho in channels.tachos.items()
@@ -124,12 +127,12 @@ class _Recording:
         given, torque = self.trial.operating_point, self.trial.channels.torque
         point: dict[str, float] = {}
         if given.steady_s is not None:
-            signals, _ = self._signals("operating_point.steady_s", *given.steady_s)
+            signals, _ = self._signals(STEADY_STRETCH, *given.steady_s)
             point = {name: float(np.nanmean(values)) for name, values in signals.items()}
             spread = float(np.std(signals["n_set"])) / point["n_set"]
             if spread > STEADY:
                 raise InputError(
-                    f"operating_point.steady_s: the set point varies by {spread:.1%} there, expected a constant one"
+                    f"{STEADY_STRETCH}: the set point varies by {spread:.1%} there, expected a constant one"
                 )
         if given.n_e_rpm is not None:
             point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
@@ -139,7 +142,7 @@ class _Recording:
 
     def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
         """Cut one window."""
-        signals, account = self._signals(f"window {window.name!r}", window.start_s, window.stop_s)
+        signals, account = self._signals(_label(window), window.start_s, window.stop_s)
         return Experiment(
             name=window.name,
             rate_hz=nearest_rate(
@@ -238,6 +241,10 @@ class _Recording:
         }
         repairs = train.repairs(pulses[train.name], speed, grid.start_s, grid.stop_s)
         return grid.low_passed(base, sampled), account, repairs
+
+
+def _label(window: Window) -> str:
+    return f"window {window.name!r}"
 
 
 def _require_unit(log: Log, key: str, sensor: SetPoint | Torque) -> None:

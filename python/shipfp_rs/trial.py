@@ -296,7 +296,7 @@ M_Nm = "auto"
 steady_s = [10.0, 70.0]         # stretch with a constant set point, on the log's clock
 
 [processing]
-rate_hz = 200.0                 # common rate of the signals; 50 keeps all that 20 pulses a second tell, at a fourth of the time
+rate_hz = 200.0                 # common rate of the signals; 50 holds all that 20 pulses a second tell
 
 [processing.torque_spikes]      # radio interference: masked
 longest_s = 0.05
