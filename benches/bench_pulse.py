@@ -1,6 +1,6 @@
 """Pulse detector against the speed of reading memory (np.max), a numba state machine and a vectorised NumPy version.
 
-Run as `python benches/bench_pulse.py`; build with `maturin develop --release` before. All figures come from one run on the same
+Build with `maturin develop --release`, then `python benches/bench_pulse.py`. All figures come from one run on the same
 array: 3.2 hours of a pulse train at 2 kHz, far larger than the caches.
 """
 

@@ -45,8 +45,8 @@ def reflector_angles(
 ) -> ReflectorAngles:
     """Angles between the reflectors of a shaft, from the pulses themselves.
 
-    Each period is divided by the centred mean over one turn, which no reflector can bend: whatever their angles, a turn
-    of them is a turn. The means of that ratio over all steady turns are the angles. Motion of the shaft at whole orders
+    Each period is divided by the time of the turn centred on it, which no reflector can bend: whatever their angles, a
+    turn of them is a turn. The means of that ratio over all steady turns are the angles. Motion of the shaft at whole orders
     of its rotation can't be told from angles. Only the longest stretch without a break is used, since the
     count of reflectors is lost in a break; single missed pulses do not shift it.
 
@@ -104,7 +104,7 @@ def reflector_angles(
 def _period_ratios(
     track: Track, pulses_per_rev: int
 ) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-    """Periods over the centred mean of one turn times P, which of them are steady, and their place in the turn."""
+    """Periods as parts of the turn centred on them, which of them are steady, and their place in the turn."""
     good = (track.flags == PulseFlag.GOOD) & track.usable
     periods = np.repeat(np.where(good, np.diff(track.edges_s), np.nan), track.count)
     phase = np.arange(len(periods)) % pulses_per_rev
