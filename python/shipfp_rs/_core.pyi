@@ -1,7 +1,7 @@
 """Compiled kernels; the interface is described in ARCHITECTURE.md."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,8 +92,9 @@ def linear_cost_batch(
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 
+@final
 class PulseCrossings:
-    def __init__(self, low: float, high: float, middle: float) -> None: ...
+    def __new__(cls, low: float, high: float, middle: float) -> Self: ...
     def set_levels(self, low: float, high: float, middle: float) -> None: ...
     def feed(self, samples: _Samples) -> NDArray[np.float64]: ...
     @property
