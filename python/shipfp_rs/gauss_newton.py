@@ -1,4 +1,4 @@
-"""Gauss-Newton steps between bounds: from nearly a minimum to full precision, and whether it is a minimum."""
+"""Gauss-Newton steps between bounds, which take a point near a minimum to full precision."""
 
 from __future__ import annotations
 
@@ -11,20 +11,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-STEP_TOLERANCE = 1e-6
-"""A step that would change a parameter by more than this part of it tells that the search stopped short."""
-EXACT_STEP = 1e-10
-"""A step below this part is rounding, whatever the gradient says: a perfect fit leaves a residual of mere noise."""
 NULL_TOLERANCE = 1e-7
 """Directions with a singular value below this part of the largest are tried out instead of trusted."""
-PROBE = 1e-2
-"""Relative change of the parameters when a direction without slope is tried."""
-FAR = (0.1, 0.01, 10.0)
-"""Factors by which a parameter without any effect is tried elsewhere: its start may have been on a plateau."""
-PLATEAU = 1e-10
-"""A parameter whose effect, relative to the residual, fell below this part of what it was does nothing any more."""
-NOTICEABLE = 1e-9
-"""Part of the cost by which another point must be lower to count as a way down."""
 ROUNDING = 1e-13
 """Part of the cost below which its changes are noise."""
 POLISH_STEPS = 30
@@ -116,52 +104,3 @@ def polish(evaluate: Callable[[Array], Point], point: Point, bounds: Bounds) -> 
             return point
         point, last = trial, length
     return point
-
-
-def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
-    """Say why a point may not be a minimum: an empty text where nothing speaks against it.
-
-    Three things do: a parameter that lost the effect which it had at the start, a Gauss-Newton step that is large
-    beside the parameters, and a fall of the cost still promised by that step, above `tolerance` of the cost (the
-    relative offset of Bates and Watts, Technometrics 23 (1981) 179-183, squared).
-    """
-    step = gauss_newton_step(point, bounds)
-    reach = np.maximum(np.abs(point.vector), np.abs(start.vector))
-    slope, slope_before = (np.linalg.norm(p.jacobian, axis=0) for p in (point, start))
-    # In products, since either residual may be zero.
-    lost = slope * np.sqrt(start.cost) < PLATEAU * slope_before * np.sqrt(point.cost)
-    lost |= (slope == 0.0) & (slope_before > 0.0)
-    lost &= ~step.held & (reach > 0.0)
-    if lost.any():
-        index = int(np.argmax(lost))
-        return (
-            f"entry {index} of the vector ran to {point.vector[index]:.3g}, where it has no effect any more"
-        )
-    typical = np.sqrt(start.cost) / np.where(slope_before > 0.0, slope_before, 1.0)
-    size = np.maximum(np.abs(point.vector), typical)
-    part = np.abs(step.step) / np.where(size > 0.0, size, 1.0)
-    worst = int(np.argmax(part))
-    if part[worst] > STEP_TOLERANCE:
-        return f"entry {worst} of the vector still wants to move by {part[worst]:.1e} of its size"
-    if step.promise > tolerance * point.cost and part[worst] > EXACT_STEP:
-        return f"the sum of squares can still fall by {step.promise / point.cost:.1e} of itself"
-    return ""
-
-
-def way_down(evaluate: Callable[[Array], Point], point: Point, start: Point, bounds: Bounds) -> Point | None:
-    """Return a lower point along a direction without slope, which tells a saddle or a plateau from a minimum."""
-    size = np.maximum(np.abs(point.vector), np.abs(start.vector))
-    size = np.where(size > 0.0, size, 1.0)
-    trials = []
-    for direction in gauss_newton_step(point, bounds).null:
-        probe = direction * (PROBE / np.max(np.abs(direction) / size))
-        trials += [point.vector + probe, point.vector - probe]
-    for index in np.flatnonzero(~point.jacobian.any(axis=0)):
-        for factor in FAR:
-            trials.append(point.vector.copy())
-            trials[-1][index] *= factor
-    for vector in trials:
-        trial = evaluate(bounds.clip(vector))
-        if trial.cost < point.cost * (1.0 - NOTICEABLE):
-            return trial
-    return None

@@ -5,22 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from shipfp_rs.certificate import doubt, elsewhere, nearby
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
-from shipfp_rs.gauss_newton import (
-    NOTICEABLE,
-    Bounds,
-    Point,
-    doubt,
-    gauss_newton_step,
-    polish,
-    way_down,
-)
+from shipfp_rs.gauss_newton import Bounds, Point, gauss_newton_step, polish
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -28,7 +22,9 @@ Function = Callable[[Array], tuple[Array, Array]]
 Method = Literal["trf", "dogbox", "lm"]
 Scaling = Literal["jac", "vector"]
 
-ROUNDS = 5
+NOTICEABLE = 1e-9
+"""Part of the cost by which another point must be lower to be lower."""
+ROUNDS = 8
 """Times that a search whose end is in doubt may go on from there, as long as it gains."""
 SPREAD = (0.3, 2.0)
 """Logarithmic spread of random starts about a start without bounds, growing from the first restart to the last."""
@@ -101,8 +97,9 @@ def minimise(
     -------
     Solution
         Converged only if the Gauss-Newton step from there is small beside the vector and promises no noticeable
-        gain, no parameter ran to where it lost its effect, and no direction without slope leads down. A Jacobian of
-        deficient rank is no obstacle: what the residual does not depend on stays near its start.
+        gain, no parameter ran to where it lost its effect, and no direction without slope leads down; where the search
+        lost what told parameters apart (two terms became one), it also looks elsewhere first. A Jacobian that never
+        had full rank is no obstacle: what the residual does not depend on stays near its start.
 
     Raises
     ------
@@ -239,9 +236,8 @@ class _Recorder:
             self.tick()
         self.evaluations += 1
         try:
-            with np.errstate(all="ignore"):
-                residual, jacobian = self.function(vector)
-                cost = float(residual @ residual)
+            residual, jacobian = self.function(vector)
+            cost = float(residual @ residual)
         except (SimulationError, ArithmeticError, np.linalg.LinAlgError) as error:
             self.failure = str(error)
         else:
@@ -275,24 +271,26 @@ def _checked(start: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -
     return bounds.clip(vector), bounds
 
 
+@np.errstate(all="ignore")  # a step too far may overflow, in the model or in SciPy's norms; it is turned back
 def _minimise(
     recorder: _Recorder, start: Array, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
 ) -> Solution:
     first = point = recorder.begin(start)
+    run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance, method=method, scaling=scaling)
     converged, message = False, ""
     try:
         for _ in range(ROUNDS):
             before = point.cost
-            _run_scipy(recorder, point, bounds, tolerance, method, scaling)
+            run(point)
             point = polish(recorder, recorder.best, bounds)
             message = doubt(point, first, bounds, tolerance)
-            lower = None if message else way_down(recorder, point, first, bounds)
+            lower = None if message else _way_down(recorder, run, point, first, bounds)
             if lower is not None:
                 point, message = lower, "a direction without slope leads further down"
             elif not message:
                 converged, message = True, "the gradient vanishes and no direction tried leads down"
                 break
-            if not point.cost < before * (1.0 - NOTICEABLE):
+            if not _is_lower(point, before):
                 break
     except _LimitReachedError as limit:
         point, message = recorder.best, f"stopped at the limit of {limit}, before a minimum was reached"
@@ -309,12 +307,36 @@ def _minimise(
     )
 
 
+def _is_lower(point: Point, cost: float) -> bool:
+    return point.cost < cost * (1.0 - NOTICEABLE)
+
+
+def _way_down(
+    recorder: _Recorder, run: Callable[[Point], Point], point: Point, first: Point, bounds: Bounds
+) -> Point | None:
+    """Return a lower point reached over a direction without slope, if there is one."""
+    found = map(recorder, nearby(point, first, bounds))
+    lower = next((trial for trial in found if _is_lower(trial, point.cost)), None)
+    if lower is not None:
+        return lower
+    for vector in elsewhere(point, first, bounds):
+        trial = recorder(vector)
+        if not np.isfinite(trial.cost):
+            continue
+        end = run(trial)
+        # Where two terms merged, the way down may only open after some of one is moved to the other.
+        for other in (end, *map(recorder, nearby(end, first, bounds))):
+            if _is_lower(other, point.cost):
+                return other
+    return None
+
+
 def _run_scipy(
-    recorder: _Recorder, point: Point, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
-) -> None:
+    recorder: _Recorder, point: Point, *, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
+) -> Point:
     size = np.where(point.vector != 0.0, np.abs(point.vector), 1.0)
     try:
-        least_squares(
+        ended = least_squares(
             lambda vector: recorder(vector).residual,
             point.vector,
             jac=lambda vector: recorder(vector).jacobian,
@@ -329,7 +351,8 @@ def _run_scipy(
         )
     except np.linalg.LinAlgError:
         # A decomposition that does not converge ends this run; the best point stands and is judged as any other.
-        return
+        return recorder.best
+    return recorder(ended.x)
 
 
 def _drawn(random: np.random.Generator, start: Array, bounds: Bounds, spread: float) -> Array:

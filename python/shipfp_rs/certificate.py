@@ -1,0 +1,105 @@
+"""Whether the end of a search is a minimum: what speaks against it, and where else to look before it is called one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shipfp_rs.gauss_newton import NULL_TOLERANCE, Array, Bounds, Mask, Point, gauss_newton_step
+
+STEP_TOLERANCE = 1e-6
+"""A Gauss-Newton step that would change a parameter by more than this part of it tells that the search stopped short."""
+EXACT_STEP = 1e-10
+"""A step below this part is rounding, whatever the gradient says: a perfect fit leaves a residual of mere noise."""
+PLATEAU = 1e-10
+"""A parameter whose effect, relative to the residual, fell below this part of what it was does nothing any more."""
+FAR_AWAY = 1e4
+"""A parameter this many times its start has run away, if it lost its meaning on the way."""
+NEAR = 1e-2
+"""Relative change of the parameters when a direction without slope is tried."""
+NO_EFFECT = 1e-15
+"""A parameter which, changed by its own size, changes the residual by less than this part of it has no effect."""
+FAR = (0.1, 0.01, 10.0)
+"""Factors by which a parameter without any effect is tried elsewhere: it may have started on a plateau."""
+
+
+def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
+    """Say why a point may not be a minimum; an empty text where nothing speaks against it.
+
+    Parameters
+    ----------
+    point, start
+        Where the search ended and where it began.
+    bounds
+        Those of the search.
+    tolerance
+        Part of the cost that a Gauss-Newton step may still promise: the square of the relative offset of Bates and
+        Watts (Technometrics 23 (1981) 179-183), but for the degrees of freedom.
+    """
+    step = gauss_newton_step(point, bounds)
+    slope, slope_before = (np.linalg.norm(p.jacobian, axis=0) for p in (point, start))
+    free = ~step.held
+    # In products, since either residual may be zero.
+    reach = np.maximum(np.abs(point.vector), np.abs(start.vector))
+    lost = slope * np.sqrt(start.cost) < PLATEAU * slope_before * np.sqrt(point.cost)
+    lost = free & (reach > 0.0) & (lost | ((slope == 0.0) & (slope_before > 0.0)))
+    if lost.any():
+        index = int(np.argmax(lost))
+        return (
+            f"entry {index} of the vector ran to {point.vector[index]:.3g}, where it has no effect any more"
+        )
+    typical = np.sqrt(start.cost) / np.where(slope_before > 0.0, slope_before, np.inf)
+    size = np.maximum(np.abs(start.vector), typical)
+    part = np.abs(step.step) / np.maximum(np.abs(point.vector), np.where(size > 0.0, typical, 1.0))
+    worst = int(np.argmax(part))
+    if part[worst] > STEP_TOLERANCE:
+        return f"entry {worst} of the vector still wants to move by {part[worst]:.1e} of its size"
+    if step.promise > tolerance * point.cost and part[worst] > EXACT_STEP:
+        return f"the sum of squares can still fall by {step.promise / point.cost:.1e} of itself"
+    away = np.abs(point.vector) > FAR_AWAY * np.where(size > 0.0, size, np.inf)
+    if (free & away).any() and _lost_rank(point, start, step.held):
+        index = int(np.argmax(free & away))
+        return f"entry {index} of the vector ran to {point.vector[index]:.3g}, where it has no effect of its own any more"
+    return ""
+
+
+def nearby(point: Point, start: Point, bounds: Bounds) -> list[Array]:
+    """Vectors a little along every direction without slope: a lower one tells a saddle from a minimum."""
+    directions = _directions(point, start, bounds)
+    return [bounds.clip(point.vector + sign * NEAR * row) for row in directions for sign in (1.0, -1.0)]
+
+
+def elsewhere(point: Point, start: Point, bounds: Bounds) -> list[Array]:
+    """Vectors from which to search again, where the search lost what told the parameters apart.
+
+    There may be none: what the residual never depended on is no reason to doubt.
+    """
+    held = gauss_newton_step(point, bounds).held
+    reach = np.linalg.norm(point.jacobian, axis=0) * np.maximum(np.abs(point.vector), np.abs(start.vector))
+    vectors = []
+    for index in np.flatnonzero(~held & (reach <= NO_EFFECT * np.sqrt(point.cost))):
+        for factor in FAR:
+            vectors.append(point.vector.copy())
+            vectors[-1][index] *= factor
+    if _lost_rank(point, start, held):
+        directions = _directions(point, start, bounds)
+        vectors += [point.vector + sign * row for row in directions for sign in (1.0, -1.0)]
+    return [bounds.clip(vector) for vector in vectors]
+
+
+def _directions(point: Point, start: Point, bounds: Bounds) -> Array:
+    """Null directions (K, Q), the largest change in each as large as its parameter."""
+    size = np.maximum(np.abs(point.vector), np.abs(start.vector))
+    null = gauss_newton_step(point, bounds).null
+    relative = np.abs(null) / np.where(size > 0.0, size, 1.0)
+    return np.asarray(null / relative.max(axis=1, initial=1e-300, keepdims=True))
+
+
+def _lost_rank(point: Point, start: Point, held: Mask) -> bool:
+    return _rank(point.jacobian[:, ~held]) < _rank(start.jacobian[:, ~held])
+
+
+def _rank(jacobian: Array) -> int:
+    scale = np.linalg.norm(jacobian, axis=0)
+    triangle = np.linalg.qr(jacobian / np.where(scale > 0.0, scale, 1.0), mode="r")
+    singular = np.linalg.svd(triangle, compute_uv=False)
+    return int(np.sum(singular > NULL_TOLERANCE * singular.max(initial=0.0)))

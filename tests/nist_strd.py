@@ -1,0 +1,155 @@
+"""NIST Statistical Reference Datasets, nonlinear regression; `python -m tests.nist_strd` prints the digits reached."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from shipfp_rs.least_squares import minimise
+
+FOLDER = Path(__file__).parent / "data" / "nist_strd"
+
+
+def exponentials(b, x):
+    return b[0] * np.exp(-b[1] * x) + b[2] * np.exp(-b[3] * x) + b[4] * np.exp(-b[5] * x)
+
+
+def peaks(b, x):
+    first = b[2] * np.exp(-(((x - b[3]) / b[4]) ** 2))
+    second = b[5] * np.exp(-(((x - b[6]) / b[7]) ** 2))
+    return b[0] * np.exp(-b[1] * x) + first + second
+
+
+def cubic_over_cubic(b, x):
+    return (b[0] + x * (b[1] + x * (b[2] + x * b[3]))) / (1 + x * (b[4] + x * (b[5] + x * b[6])))
+
+
+def southern_oscillation(b, x):
+    def wave(cosine, sine, period):
+        angle = 2 * np.pi * x / period
+        return cosine * np.cos(angle) + sine * np.sin(angle)
+
+    return b[0] + wave(b[1], b[2], 12) + wave(b[4], b[5], b[3]) + wave(b[7], b[8], b[6])
+
+
+MODELS = {
+    "Bennett5": lambda b, x: b[0] * (b[1] + x) ** (-1 / b[2]),
+    "BoxBOD": lambda b, x: b[0] * (1 - np.exp(-b[1] * x)),
+    "Chwirut1": lambda b, x: np.exp(-b[0] * x) / (b[1] + b[2] * x),
+    "Chwirut2": lambda b, x: np.exp(-b[0] * x) / (b[1] + b[2] * x),
+    "DanWood": lambda b, x: b[0] * x ** b[1],
+    "ENSO": southern_oscillation,
+    "Eckerle4": lambda b, x: b[0] / b[1] * np.exp(-0.5 * ((x - b[2]) / b[1]) ** 2),
+    "Gauss1": peaks,
+    "Gauss2": peaks,
+    "Gauss3": peaks,
+    "Hahn1": cubic_over_cubic,
+    "Kirby2": lambda b, x: (b[0] + x * (b[1] + x * b[2])) / (1 + x * (b[3] + x * b[4])),
+    "Lanczos1": exponentials,
+    "Lanczos2": exponentials,
+    "Lanczos3": exponentials,
+    "MGH09": lambda b, x: b[0] * (x**2 + x * b[1]) / (x**2 + x * b[2] + b[3]),
+    "MGH10": lambda b, x: b[0] * np.exp(b[1] / (x + b[2])),
+    "MGH17": lambda b, x: b[0] + b[1] * np.exp(-x * b[3]) + b[2] * np.exp(-x * b[4]),
+    "Misra1a": lambda b, x: b[0] * (1 - np.exp(-b[1] * x)),
+    "Misra1b": lambda b, x: b[0] * (1 - (1 + b[1] * x / 2) ** -2),
+    "Misra1c": lambda b, x: b[0] * (1 - (1 + 2 * b[1] * x) ** -0.5),
+    "Misra1d": lambda b, x: b[0] * b[1] * x / (1 + b[1] * x),
+    "Nelson": lambda b, x: b[0] - b[1] * x[0] * np.exp(-b[2] * x[1]),
+    "Rat42": lambda b, x: b[0] / (1 + np.exp(b[1] - b[2] * x)),
+    "Rat43": lambda b, x: b[0] / (1 + np.exp(b[1] - b[2] * x)) ** (1 / b[3]),
+    "Roszman1": lambda b, x: b[0] - b[1] * x - np.arctan(b[2] / (x - b[3])) / np.pi,
+    "Thurber": cubic_over_cubic,
+}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One dataset with its certified answer; `function` is what `minimise` takes."""
+
+    name: str
+    starts: tuple[np.ndarray, np.ndarray]
+    certified: np.ndarray
+    deviations: np.ndarray
+    sum_of_squares: float
+    residual_deviation: float
+    y: np.ndarray
+    x: np.ndarray
+
+    @classmethod
+    def read(cls, name):
+        text = (FOLDER / f"{name}.dat").read_text(encoding="ascii")
+        rows = re.findall(r"^\s*b\d+ =\s+(\S+)\s+(\S+)\s+(\S+)\s+(\S+)", text, re.MULTILINE)
+        starts_and_answer = np.array(rows, dtype=np.float64).T
+        first, last = map(int, re.search(r"Data\s+\(lines (\d+) to (\d+)\)", text).groups())
+        # Extended precision where the platform has it: the residuals of Lanczos1 are 1e-13 of the data.
+        y, *x = (
+            np.array([line.split() for line in text.splitlines()[first - 1 : last]]).astype(np.longdouble).T
+        )
+        return cls(
+            name,
+            (starts_and_answer[0], starts_and_answer[1]),
+            starts_and_answer[2],
+            starts_and_answer[3],
+            float(re.search(r"Residual Sum of Squares:\s+(\S+)", text)[1]),
+            float(re.search(r"Residual Standard Deviation:\s+(\S+)", text)[1]),
+            np.log(y) if name == "Nelson" else y,
+            x[0] if len(x) == 1 else np.array(x),
+        )
+
+    def function(self, vector):
+        """Residual and its Jacobian, what `minimise` takes; complex step is exact for these models."""
+        model = MODELS[self.name]
+        with np.errstate(all="ignore"):
+            residual = (self.y - model(vector, self.x)).astype(np.float64)
+            steps = vector + 1e-30j * np.eye(len(vector))
+            x = self.x.astype(np.float64)
+            jacobian = np.array([-model(step, x).imag / 1e-30 for step in steps]).T
+        return residual, jacobian.astype(np.float64)
+
+    def digits(self, solution):
+        """Digits that agree with the certified parameters, their standard deviations and that of the residual."""
+        freedom = np.subtract(*solution.jacobian.shape)
+        deviation = np.sqrt(solution.cost / freedom)
+        scale = np.linalg.norm(solution.jacobian, axis=0)
+        # The columns differ by up to eighteen orders of magnitude: only scaled ones may be factored.
+        inverse = np.linalg.pinv(np.linalg.qr(solution.jacobian / np.where(scale > 0, scale, 1.0), mode="r"))
+        deviations = deviation * np.linalg.norm(inverse, axis=1) / np.where(scale > 0, scale, 1.0)
+        return (
+            agreeing(solution.vector, self.certified),
+            agreeing(deviations, self.deviations),
+            agreeing(deviation, self.residual_deviation),
+        )
+
+
+def agreeing(found, certified):
+    """Smallest number of agreeing digits, -log10 of the relative error; NIST certifies 11."""
+    error = np.abs(np.asarray(found) - certified) / np.abs(certified)
+    return float(np.min(-np.log10(np.maximum(error, 1e-11))))
+
+
+def solve(problem, start):
+    """Run the layer as it stands from start 1 or 2."""
+    return minimise(problem.function, problem.starts[start - 1], -np.inf, np.inf, max_evaluations=2000)
+
+
+def main():
+    """Print the digits reached from both starts."""
+    print(
+        "digits agreeing with the certified parameters, their standard deviations, the residual's; evaluations"
+    )
+    for name in MODELS:
+        problem = Problem.read(name)
+        cells = []
+        for start in (1, 2):
+            solution = solve(problem, start)
+            digits = " ".join(f"{digits:4.1f}" for digits in problem.digits(solution))
+            cells.append(
+                f"{digits} {solution.evaluations:5d} {'converged' if solution.converged else 'not conv.'}"
+            )
+        print(f"{name:9s}  start 1: {cells[0]}  start 2: {cells[1]}")
+
+
+if __name__ == "__main__":
+    main()
