@@ -1,4 +1,4 @@
-"""Identification from experiments: the truth comes back, with offsets and initial states estimated along."""
+"""Identification from experiments in the time domain: exact data, noise, masks, outliers, several experiments, limits."""
 
 from __future__ import annotations
 
@@ -6,11 +6,202 @@ import numpy as np
 import pytest
 
 from shipfp_rs import _core, signals
+from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.identification import identify
-from shipfp_rs.linearise import linearise
+from shipfp_rs.linear_model import linearise
+from shipfp_rs.simulation import simulate
 from shipfp_rs.structure import Structure
 from shipfp_rs.vessel import Vessel
+
+RATE = 20.0
+POINT = {"n_set": 1300.0, "n_e": 1300.0, "M_b": 222.93, "M_g": 635.35}
+LAUNCH = {"tau_n": 1.514, "g": -0.583, "vK_p": 15.83, "vK_i": 1.583, "p": 2.0}
+TUG = {
+    "tau_n": 1.17,
+    "g": -0.6,
+    "vK_p": 4.2,
+    "vK_i": 7.9,
+    "p": 2.17,
+    "tau_prop": 0.43,
+    "T_d": 0.123,
+    "T_set": 0.241,
+}
+
+
+def made(
+    structure: Structure,
+    values: dict[str, float],
+    *,
+    noise: float = 0.0,
+    rho: float = 0.0,
+    seed: int = 0,
+    f1: float = 4.0,
+) -> Experiment:
+    """Outputs of a structure for a chirp of 200 s, with noise relative to each output's own spread."""
+    chirp = signals.chirp(0.01, f1, 200.0, 13.0, law="logarithmic", rate_hz=RATE)
+    bare = Experiment("made", RATE, {"n_set": 1300.0 + chirp.samples}, POINT)
+    clean = structure.equations.simulate(values, bare)
+    random = np.random.default_rng(seed)
+    torque = "M_g" if structure.settings["torque"] == "gauge" else "M_b"
+    measured = {"n_set": bare.signals["n_set"]}
+    for name, row in zip(("n_e", torque), clean, strict=True):
+        shock = random.normal(size=len(row)) * np.sqrt(1 - rho**2)
+        disturbance = np.empty_like(row)
+        state = random.normal()
+        for index, value in enumerate(shock):
+            state = rho * state + value
+            disturbance[index] = state
+        measured[name] = POINT[name] * (1.0 + row + noise * row.std() * disturbance)
+    return Experiment("made", RATE, measured, POINT, kind="chirp")
+
+
+def test_exact_data_give_the_parameters_back():
+    structure = Structure.linear(products=True)
+    fingerprint = identify(made(structure, LAUNCH), structure, noise="white")
+    for name, value in LAUNCH.items():
+        assert fingerprint[name].value == pytest.approx(value, rel=1e-6)
+    assert fingerprint.fit["dn"]["nrmse_pct"] > 99.999
+
+
+def test_both_dead_times_and_the_gauge_side_constant_come_out_of_a_noisy_record():
+    structure = Structure.linear(
+        products=True, torque="gauge", free_exponent=True, dead_time_loop=True, dead_time_set_point=True
+    )
+    fingerprint = identify(made(structure, TUG, noise=0.02, seed=4), structure, noise="white")
+    for name in ("p", "tau_prop", "T_d", "T_set"):
+        estimate = fingerprint[name]
+        assert abs(estimate.value - TUG[name]) < 4 * estimate.std
+        assert estimate.std < 0.05 * TUG[name]
+    assert fingerprint["tau_n"].value is None
+    assert fingerprint["(p-g)/tau_n"].value == pytest.approx((2.17 + 0.6) / 1.17, rel=0.1)
+
+
+def test_the_plant_as_a_structure_sees_through_its_own_torque_limit():
+    launch = Vessel.load("stan-launch-804")
+    chirp = signals.chirp(0.01, 5.0, 200.0, 104.0, law="logarithmic", rate_hz=50.0)
+    experiment = simulate(launch, chirp)
+    assert experiment.signals["M_b"].max() > 1.9 * 222.93
+    exact = {"noise": "white", "offsets": False, "initial_state": "zero", "weighting": "variance"}
+    linear = identify(experiment, Structure.linear(products=True), **exact)
+    plant = identify(experiment, Structure.plant(launch), **exact)
+    truth = {"tau_n": 1.51416, "g": -0.583, "vK_p": 15.83, "vK_i": 1.583}
+    assert abs(linear["g"].value / truth["g"] - 1) > 0.02
+    for name, value in truth.items():
+        assert plant[name].value == pytest.approx(value, rel=1e-4)
+
+
+def test_a_joint_fit_of_two_experiments_is_sharper_than_either():
+    structure = Structure.linear(products=True)
+    slow = made(structure, LAUNCH, noise=0.05, seed=1, f1=0.3)
+    fast = made(structure, LAUNCH, noise=0.05, seed=2)
+    both = identify([slow, fast], structure, noise="white")
+    alone = [identify(experiment, structure, noise="white") for experiment in (slow, fast)]
+    for name in ("tau_n", "vK_p", "vK_i"):
+        assert all(both[name].std < single[name].std for single in alone)
+        assert abs(both[name].value - LAUNCH[name]) < 4 * both[name].std
+    assert len(both.data) == 2
+
+
+@pytest.mark.parametrize("noise", ["white", "ar"])
+def test_masked_samples_do_not_count(noise):
+    structure = Structure.linear(products=True)
+    experiment = made(structure, LAUNCH, noise=0.02, seed=3)
+    spoiled = {name: values.copy() for name, values in experiment.signals.items()}
+    spoiled["M_b"][1000:1100] = np.nan
+    spoiled["n_e"][2000:2003] = np.nan
+    fingerprint = identify(Experiment("x", RATE, spoiled, POINT), structure, noise=noise)
+    assert fingerprint.data[0]["used"] == len(experiment) - 103
+    for name in ("tau_n", "g", "vK_p", "vK_i"):
+        assert abs(fingerprint[name].value - LAUNCH[name]) < 4 * fingerprint[name].std
+
+
+def test_the_huber_threshold_takes_the_sting_out_of_spikes():
+    structure = Structure.linear(products=True)
+    experiment = made(structure, LAUNCH, noise=0.02, seed=5)
+    spiked = {name: values.copy() for name, values in experiment.signals.items()}
+    where = np.random.default_rng(0).choice(len(experiment), 80, replace=False)
+    spiked["M_b"][where] += 0.5 * POINT["M_b"]
+    spiked["n_e"][where] += 30.0
+    data = Experiment("x", RATE, spiked, POINT)
+    plain = identify(data, structure, noise="white", weighting="variance")
+    robust = identify(data, structure, noise="white", weighting="variance", huber=1.5)
+    error = {
+        k: [abs(f[n].value / LAUNCH[n] - 1) for n in ("tau_n", "vK_p")]
+        for k, f in (("plain", plain), ("robust", robust))
+    }
+    assert max(error["robust"]) < 0.25 * max(error["plain"])
+
+
+def test_a_ridge_pulls_to_the_nominal_value_as_its_weight_grows():
+    structure = Structure.linear(products=True)
+    data = made(structure, LAUNCH, noise=0.2, seed=6)
+    free = identify(data, structure, noise="white")["g"].value
+    pulled = [
+        identify(data, structure, noise="white", ridge={"g": (-2.0, weight)})["g"].value
+        for weight in (1e2, 1e8)
+    ]
+    assert pulled[1] == pytest.approx(-2.0, abs=1e-3)
+    assert min(free, -2.0) <= pulled[0] <= max(free, -2.0)
+
+
+def test_a_record_that_starts_in_the_middle_needs_its_initial_state_estimated():
+    structure = Structure.linear(products=True)
+    late = made(structure, LAUNCH).window(15.03 // 0.05 * 0.05, 150.0)
+    estimated = identify(late, structure, noise="white")
+    zero = identify(late, structure, noise="white", initial_state="zero", offsets=False)
+    assert estimated["tau_n"].value == pytest.approx(LAUNCH["tau_n"], rel=1e-5)
+    assert abs(zero["vK_i"].value / LAUNCH["vK_i"] - 1) > 1e-3
+
+
+def test_random_search_and_several_starts_reach_the_same_minimum():
+    structure = Structure.linear(products=True)
+    data = made(structure, LAUNCH, noise=0.02, seed=7)
+    one = identify(data, structure, noise="white")
+    many = identify(data, structure, noise="white", starts=3, random_search=20, seed=11)
+    assert many["tau_n"].value == pytest.approx(one["tau_n"].value, rel=1e-4)
+    assert len(many.settings["minima"]) == 3
+    assert max(row["criterion"] for row in many.settings["minima"][:2]) - many.settings["criterion"] < 1.0
+
+
+def test_coloured_noise_gets_wider_and_honest_intervals():
+    structure = Structure.linear(products=True)
+    errors, spans = {"white": [], "ar": []}, {"white": [], "ar": []}
+    for seed in range(12):
+        data = made(structure, LAUNCH, noise=0.05, rho=0.95, seed=seed)
+        for noise in errors:
+            estimate = identify(data, structure, noise=noise)["vK_i"]
+            errors[noise].append((estimate.value - LAUNCH["vK_i"]) / estimate.std)
+            spans[noise].append(estimate.std)
+    # The normalised errors should have a spread near one; 12 draws tell 1 from 2.
+    assert np.sqrt(np.mean(np.square(errors["ar"]))) < 1.8
+    assert np.sqrt(np.mean(np.square(errors["white"]))) > 1.8
+
+
+def test_limits_and_failures_are_typed():
+    structure = Structure.linear(products=True)
+    data = made(structure, LAUNCH, noise=0.02)
+    with pytest.raises(IdentificationError, match="no minimum within 1e-06 s"):
+        identify(data, structure, time_limit_s=1e-6)
+    with pytest.raises(InputError, match="ridge: no free parameter 'v'"):
+        identify(data, structure, ridge={"v": (1.0, 1.0)})
+    with pytest.raises(InputError, match="no state 'initial n'"):
+        identify(data, structure, initial_state={"initial n": 0.0})
+    blank = {name: values.copy() for name, values in data.signals.items()}
+    blank["n_e"][:] = np.nan
+    with pytest.raises(InputError, match="every sample of n_e, M_b is masked"):
+        identify(Experiment("x", RATE, blank, POINT), structure)
+    with pytest.raises(InputError, match="the plant structure has no frequency response"):
+        Structure.plant(Vessel.load("stan-launch-804")).equations.response({}, np.array([1.0]), [])
+
+
+def test_the_same_seed_gives_the_same_fingerprint(tmp_path):
+    structure = Structure.linear(products=True)
+    data = made(structure, LAUNCH, noise=0.05, seed=8)
+    first, second = (identify(data, structure, starts=2, seed=3) for _ in range(2))
+    assert first.to_dict() == second.to_dict()
+    path = first.save(tmp_path / "fingerprint.json")
+    assert type(first).load(path).to_dict() == first.to_dict()
 
 
 def test_the_parameters_come_back_from_a_chirp_though_it_starts_off_balance_and_the_gauge_has_an_offset():

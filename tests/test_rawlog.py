@@ -8,7 +8,7 @@ import pytest
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.linearise import linearise
+from shipfp_rs.linear_model import linearise
 from shipfp_rs.log import Log
 from shipfp_rs.rawlog import Sensors, Truth, simulate_raw_log, trial_toml
 from shipfp_rs.tacho import pulse_times, reflector_angles

@@ -13,7 +13,7 @@ import pytest
 from shipfp_rs import _core, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import UNITS, Experiment
-from shipfp_rs.linearise import Output, linearise
+from shipfp_rs.linear_model import Output, linearise
 from shipfp_rs.operating_point import steady_state
 from shipfp_rs.simulation import simulate
 from shipfp_rs.vessel import Vessel

@@ -13,11 +13,12 @@ from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
 
 if TYPE_CHECKING:
-    from shipfp_rs import frequency, linearise, plot, published, signals, tacho
+    from shipfp_rs import frequency, plot, published, signals, tacho
     from shipfp_rs.experiment import Experiment
     from shipfp_rs.fingerprint import Fingerprint
     from shipfp_rs.frequency import FrequencyResponse
     from shipfp_rs.identification import identify
+    from shipfp_rs.linear_model import linearise
     from shipfp_rs.log import Log
     from shipfp_rs.processing import process
     from shipfp_rs.simulation import simulate
@@ -34,10 +35,11 @@ _WHERE = {
     "Trial": "trial",
     "Vessel": "vessel",
     "identify": "identification",
+    "linearise": "linear_model",
     "process": "processing",
     "simulate": "simulation",
 }
-_MODULES = ("frequency", "linearise", "plot", "published", "signals", "tacho")
+_MODULES = ("frequency", "plot", "published", "signals", "tacho")
 
 __all__ = [
     "Experiment",

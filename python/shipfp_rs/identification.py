@@ -43,7 +43,7 @@ def identify(
     offsets: bool = True,
     initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
     random_search: int = 0,
-    starts: int = 1,
+    starts: int | None = None,
     seed: int | None = 0,
     max_evaluations: int = 500,
     tolerance: float = 1e-12,
@@ -77,7 +77,8 @@ def identify(
     random_search
         Start from the best of this many vectors drawn within the bounds.
     starts, seed
-        Number of starts, the first one declared by the structure, the others drawn within the bounds.
+        Number of starts, the first one declared by the structure, the others drawn within the bounds. Default: 1, or 5
+        where a dead time is free, since the cost then has several minima.
     max_evaluations, tolerance, time_limit_s
         Limits of each search.
     vessel
@@ -102,6 +103,8 @@ def identify(
     Intervals are local: Gauss-Newton covariance of the whitened problem, Student's t. "variance" and "determinant":
     eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
     """
+    if starts is None:
+        starts = 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
     _check(weighting, noise, starts)
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
     _check_names(structure, ridge or {}, given)

@@ -15,7 +15,7 @@ from scipy import signal
 from shipfp_rs.calibration import Calibration
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.linearise import linearise
+from shipfp_rs.linear_model import linearise
 from shipfp_rs.log import Log
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation import simulate

@@ -14,7 +14,7 @@ from scipy import signal
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import UNITS, Experiment
-from shipfp_rs.linearise import linearise
+from shipfp_rs.linear_model import linearise
 from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
 from shipfp_rs.signals import Excitation
 from shipfp_rs.vessel import Vessel

@@ -17,6 +17,8 @@ from shipfp_rs.structure import Parameter, Structure
 
 Array = npt.NDArray[np.float64]
 
+STABLE_DRAWS = 50
+"""Vectors drawn before a random start is given up because its loop is always unstable."""
 AR_ORDER = 8
 AR_ITERATIONS = 2
 WEIGHT_ITERATIONS = 100
@@ -128,8 +130,11 @@ class Search:
         evaluations = self.filtered(vector, noise)
         priors = self._priors(vector)
         gram = priors.T @ priors
-        for part in self._parts(evaluations, noise):
-            gram += part @ part.T
+        with np.errstate(over="ignore", invalid="ignore"):
+            for part in self._parts(evaluations, noise):
+                gram += part @ part.T
+        if not np.isfinite(gram).all():
+            raise SimulationError("the sensitivities left the range of finite numbers")
         return condense(gram)
 
     def _parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
@@ -245,7 +250,8 @@ class Search:
             active=np.asarray(solution.active_mask != 0),
         )
 
-    def _require_stable(self, vector: Array) -> None:
+    def require_stable(self, vector: Array) -> None:
+        """Raise SimulationError where the closed loop of a structure that can tell is unstable."""
         stable = getattr(self.structure.equations, "stable", None)
         if stable is not None and not stable(self.values(vector)):
             raise SimulationError("the closed loop is unstable, a ship that was measured is not")
@@ -263,7 +269,7 @@ class Search:
                 started = bool(cache)
                 cache.clear()
                 try:
-                    self._require_stable(vector)
+                    self.require_stable(vector)
                     cache[key] = self.condensed(vector, noise)
                 except SimulationError:
                     if not started:
@@ -353,16 +359,23 @@ def start_vectors(search: Search, count: int, seed: int | None) -> list[Array]:
     vectors = [np.concatenate([[parameter.start for parameter in search.free], rest])]
     random = np.random.default_rng(seed)
     for _ in range(count - 1):
-        drawn = []
-        for parameter in search.free:
-            if parameter.lower > 0 and parameter.upper / parameter.lower > 100:
-                drawn.append(np.exp(random.uniform(np.log(parameter.lower), np.log(parameter.upper))))
-            elif np.isfinite(parameter.lower) and np.isfinite(parameter.upper):
-                drawn.append(random.uniform(parameter.lower, parameter.upper))
-            else:
-                drawn.append(parameter.start * (1.0 + random.normal()))
-        vectors.append(np.concatenate([drawn, rest]))
+        for _ in range(STABLE_DRAWS):
+            vector = np.concatenate([[_drawn(parameter, random) for parameter in search.free], rest])
+            try:
+                search.require_stable(vector)
+            except SimulationError:
+                continue
+            vectors.append(vector)
+            break
     return vectors
+
+
+def _drawn(parameter: Parameter, random: np.random.Generator) -> float:
+    if parameter.lower > 0 and parameter.upper / parameter.lower > 100:
+        return float(np.exp(random.uniform(np.log(parameter.lower), np.log(parameter.upper))))
+    if np.isfinite(parameter.lower) and np.isfinite(parameter.upper):
+        return float(random.uniform(parameter.lower, parameter.upper))
+    return float(parameter.start * (1.0 + random.normal()))
 
 
 def best_of_random(search: Search, count: int, seed: int | None) -> Array:
@@ -370,6 +383,7 @@ def best_of_random(search: Search, count: int, seed: int | None) -> Array:
     noise, best, least = search.initial_noise(), None, np.inf
     for vector in start_vectors(search, count + 1, seed):
         try:
+            search.require_stable(vector)
             residual, _ = search.condensed(vector, noise)
         except SimulationError:
             continue

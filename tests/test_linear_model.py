@@ -10,7 +10,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.linearise import LinearModel, Output, linearise, linearise_numerically
+from shipfp_rs.linear_model import LinearModel, Output, linearise, linearise_numerically
 from shipfp_rs.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
