@@ -235,5 +235,5 @@ def test_an_experiment_refuses_what_can_not_be_fitted():
         Experiment("x", 10.0, good | {"n_e": np.ones(9)}, {"n_set": 1300.0})
     with pytest.raises(InputError, match="operating point of 'n_set' is 0"):
         Experiment("x", 10.0, good, {"n_set": 0.0})
-    with pytest.raises(InputError, match="window 3 to 0.5 s is empty or outside"):
+    with pytest.raises(InputError, match=r"window 3 to 0\.5 s is empty or outside"):
         Experiment("x", 10.0, good, {"n_set": 1300.0}).window(3, 0.5)
