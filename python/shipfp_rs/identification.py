@@ -28,6 +28,8 @@ Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
 NoiseModel = Literal["white", "ar"]
 
+AS_LOW = 1e-6
+"""Minima whose criteria differ by less are the same."""
 AT_BOUND = 1e-5
 """A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
 
@@ -216,7 +218,11 @@ def _minima(
             progress(done + 1, len(vectors))
     if not found:
         raise IdentificationError(f"none of {len(vectors)} starts led to a minimum; the first: {failures[0]}")
-    return sorted(found, key=lambda minimum: minimum.criterion)
+    found.sort(key=lambda minimum: minimum.criterion)
+    # Of minima as low as each other take one that is known to be one.
+    as_low = (minimum for minimum in found if minimum.criterion <= found[0].criterion + AS_LOW)
+    best = next((minimum for minimum in as_low if minimum.converged), found[0])
+    return [best, *(minimum for minimum in found if minimum is not best)]
 
 
 def _fingerprint(
@@ -311,7 +317,9 @@ def _fingerprint(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        verdict=verdict(parameters, derived, identifiability, fit, structure),
+        verdict=verdict(
+            parameters, derived, identifiability, fit, structure, "" if best.converged else best.message
+        ),
     )
 
 
