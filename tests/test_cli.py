@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import IdentificationError, InternalError
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.log import Log
 from shipfp_rs.reproduce import Reproduction, Row
+from shipfp_rs.storage import read_experiments
+from shipfp_rs.trial import Trial
 
 
-def shipfp(
-    *arguments: object, folder: Path | None = None, **environment: str
-) -> subprocess.CompletedProcess[str]:
+def shipfp(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "shipfp_rs.cli", *map(str, arguments)],
         capture_output=True,
         text=True,
-        cwd=folder,
-        env={**os.environ, **environment},
         check=False,
     )
 
@@ -55,7 +58,7 @@ class TestFrame:
         assert not {"matplotlib", "scipy", "pyarrow", "pydantic"} & set(loaded.split("\n")[-2].split())
 
     def test_every_subcommand_has_help(self, capsys) -> None:
-        for command in (["init"], ["reproduce"], ["reproduce", "fullscale"]):
+        for command in (["demo"], ["run"], ["init"], ["simulate"], ["reproduce"], ["reproduce", "fullscale"]):
             assert cli.main([*command, "--help"]) == 0
             assert "Usage: shipfp " + " ".join(command) in capsys.readouterr().out
 
@@ -126,6 +129,263 @@ class TestInit:
         assert cli.main(["init", str(tmp_path)]) == 2
         assert "TRIAL.toml: is there already" in one_line(capsys.readouterr().err)
         assert (tmp_path / "TRIAL.toml").read_text() == "mine"
+
+
+class TestSimulate:
+    @pytest.mark.parametrize("kind", ["chirp", "steps", "multisine", "sines"])
+    def test_a_clean_experiment_comes_with_its_truth(self, kind, tmp_path, capsys) -> None:
+        out = tmp_path / "sub" / f"{kind}.parquet"
+        options = ["--excitation", kind, "--duration", "60", "--amplitude-rpm", "20", "--out", str(out)]
+        assert cli.main(["simulate", "stan-launch-804", *options]) == 0
+        assert capsys.readouterr().err == ""
+        (experiment,) = read_experiments(out)
+        assert experiment.duration == pytest.approx(60.0, abs=0.02)
+        assert np.abs(experiment.signals["n_set"] - 1300.0).max() == pytest.approx(20.0, rel=0.02)
+        truth = json.loads(out.with_suffix(".truth.json").read_text())["parameters"]
+        assert truth["tau_n"] == pytest.approx(
+            1.513, abs=0.002
+        )  # eq. 3.23 with the shaft torque of Table 3.5
+        assert truth["vK_p"] == pytest.approx(15.83, abs=0.005)  # eq. 5.1 and Table 3.6
+
+    def test_the_seed_decides_the_noise(self, tmp_path) -> None:
+        speeds = []
+        for seed in (1, 1, 2):
+            out = tmp_path / "noisy.parquet"
+            options = [
+                "--noise",
+                "0.1",
+                "--duration",
+                "20",
+                "--seed",
+                str(seed),
+                "--force",
+                "--out",
+                str(out),
+            ]
+            assert cli.main(["simulate", "stan-tug-1205", *options]) == 0
+            speeds.append(read_experiments(out)[0].signals["n_e"])
+        assert np.array_equal(speeds[0], speeds[1])
+        assert not np.array_equal(speeds[0], speeds[2])
+
+    def test_a_raw_log_comes_with_a_trial_that_reads_it(self, tmp_path, capsys) -> None:
+        out = tmp_path / "raw.parquet"
+        assert (
+            cli.main(["simulate", "stan-tug-1205", "--raw", "--duration", "5", "--json", "--out", str(out)])
+            == 0
+        )
+        told = json.loads(capsys.readouterr().out)
+        trial = Trial.load(told["files"]["trial"])
+        log = Log.open(trial.trial.log[0])
+        assert {channel.rate_hz for channel in log.channels.values()} == {2000.0}
+        assert [window.name for window in trial.windows] == [window["name"] for window in told["windows"]]
+        assert set(told["faults"]) == {"A", "C", "D1"}
+
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            (["stan-tug-1206"], "stan-tug-1206"),
+            (["missing.toml"], "missing.toml"),
+            (["stan-tug-1205", "--duration", "-1"], "--duration -1"),
+            (["stan-tug-1205", "--excitation", "noise"], "'--excitation'"),
+            (["stan-tug-1205", "--raw", "--noise", "0.1"], "--noise"),
+            (["stan-tug-1205", "--out", "log.csv"], "log.csv"),
+            (["stan-tug-1205", "--amplitude-rpm", "0"], "amplitude_rpm"),
+        ],
+    )
+    def test_bad_input_costs_one_line_and_leaves_nothing(
+        self, arguments, words, tmp_path, monkeypatch, capsys
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        assert cli.main(["simulate", *arguments]) == 2
+        assert words in one_line(capsys.readouterr().err)
+        assert not list(tmp_path.iterdir())
+
+    def test_files_that_are_there_stay(self, tmp_path, capsys) -> None:
+        (tmp_path / "log.truth.json").write_text("mine")
+        assert cli.main(["simulate", "stan-tug-1205", "--out", str(tmp_path / "log.parquet")]) == 2
+        assert "log.truth.json: is there already" in one_line(capsys.readouterr().err)
+        assert [file.name for file in tmp_path.iterdir()] == ["log.truth.json"]
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory) -> tuple[dict, Path]:
+    """Run the demo once; return what it told as JSON, and its folder."""
+    out = tmp_path_factory.mktemp("demo") / "shipfp-demo"
+    done = shipfp("demo", "--json", "--out", out)
+    assert done.stderr == ""
+    assert done.returncode == 0
+    return json.loads(done.stdout), out
+
+
+class TestDemo:
+    def test_the_folder_holds_the_log_the_settings_and_the_results(self, shown) -> None:
+        told, out = shown
+        assert told["folder"] == str(out)
+        names = [
+            "TRIAL.toml",
+            "experiments.parquet",
+            "fingerprint.json",
+            "log.parquet",
+            "report.html",
+            "truth.json",
+        ]
+        assert sorted(file.name for file in out.iterdir()) == names
+        assert [entry.name for entry in out.parent.iterdir()] == [out.name]
+
+    def test_what_the_data_tell_agrees_with_the_truth(self, shown) -> None:
+        told, _ = shown
+        estimates = {**told["fingerprint"]["parameters"], **told["fingerprint"]["derived"]}
+        known = {name: entry for name, entry in estimates.items() if entry["std"] is not None}
+        assert {"p", "tau_prop", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n"} <= set(known)
+        for name, entry in known.items():
+            # 1 % besides the interval: the plant is nonlinear, the model is not.
+            allowed = 3.0 * entry["std"] + 0.01 * abs(told["truth"][name])
+            assert abs(entry["value"] - told["truth"][name]) < allowed, name
+
+    def test_what_the_data_can_not_tell_is_said(self, shown) -> None:
+        told, _ = shown
+        for name in ("tau_n", "g", "vK_p", "vK_i"):
+            assert told["fingerprint"]["parameters"][name]["status"] == "unidentifiable"
+        assert told["fingerprint"]["identifiability"]["rank"] == 5
+
+    def test_the_saved_results_are_those_told(self, shown) -> None:
+        told, out = shown
+        assert Fingerprint.load(out / "fingerprint.json").to_dict() == told["fingerprint"]
+        assert [experiment.name for experiment in read_experiments(out / "experiments.parquet")] == [
+            "chirp",
+            "multisine",
+        ]
+        page = (out / "report.html").read_text(encoding="utf-8")
+        assert "http" not in page
+        assert str(out.parent) not in page
+
+    def test_every_kind_of_fault_that_was_put_in_was_repaired(self, shown) -> None:
+        _, out = shown
+        repairs = [
+            repair
+            for experiment in read_experiments(out / "experiments.parquet")
+            for repair in experiment.provenance["repairs"]
+        ]
+        assert {repair["kind"] for repair in repairs} >= {"A", "C", "D1"}
+
+    def test_the_published_data_follow(self, shown) -> None:
+        assert {row["way"] for row in shown[0]["fullscale"]["rows"]} == {"printed", "thesis", "ours"}
+
+
+def test_ctrl_c_ends_a_run_with_one_line_and_leaves_nothing(tmp_path) -> None:
+    running = subprocess.Popen(
+        [sys.executable, "-m", "shipfp_rs.cli", "demo", "--out", str(tmp_path / "demo")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not list(tmp_path.iterdir()) and running.poll() is None:
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate()
+    assert (err, out) == ("shipfp: interrupted\n", "")
+    # CPython ends by the signal itself where it struck inside a string passed to exec, as dataclasses do on import.
+    assert running.returncode in (130, -signal.SIGINT)
+    assert not list(tmp_path.iterdir())
+
+
+class TestRun:
+    """The demo's trial, spoilt in turn; the search itself is replaced by what the demo found."""
+
+    @pytest.fixture
+    def trial(self, shown, tmp_path, monkeypatch) -> Path:
+        found = Fingerprint.load(shown[1] / "fingerprint.json")
+        self.seeds: list[int] = []
+
+        def identify(*_: object, seed: int, **__: object) -> Fingerprint:
+            self.seeds.append(seed)
+            return found
+
+        monkeypatch.setattr("shipfp_rs.pipeline.identify", identify)
+        monkeypatch.chdir(tmp_path)
+        text = (shown[1] / "TRIAL.toml").read_text()
+        path = tmp_path / "TRIAL.toml"
+        path.write_text(text.replace('"log.parquet"', f'"{shown[1] / "log.parquet"}"'))
+        return path
+
+    def spoil(self, trial: Path, old: str, new: str) -> None:
+        text = trial.read_text()
+        assert old in text
+        trial.write_text(text.replace(old, new))
+
+    def test_the_same_log_gives_the_demo_s_experiments_and_report(
+        self, trial, shown, tmp_path, capsys
+    ) -> None:
+        assert cli.main(["run", str(trial), "--out", "result", "--seed", "7"]) == 0
+        assert "wrote result" in capsys.readouterr().out
+        out = tmp_path / "result"
+        names = ["TRIAL.toml", "experiments.parquet", "fingerprint.json", "report.html"]
+        assert sorted(file.name for file in out.iterdir()) == names
+        assert (out / "TRIAL.toml").read_text() == trial.read_text()
+        for mine, theirs in zip(
+            read_experiments(out / "experiments.parquet"),
+            read_experiments(shown[1] / "experiments.parquet"),
+            strict=True,
+        ):
+            assert mine.provenance == theirs.provenance
+            np.testing.assert_array_equal(mine.signals["M_g"], theirs.signals["M_g"])
+        assert self.seeds == [7]
+        assert (
+            cli.main(["run", str(trial), "--out", "result", "--json"]) == 0
+        )  # a previous run may be replaced
+        assert json.loads(capsys.readouterr().out)["folder"] == "result"
+        assert self.seeds == [7, 0]
+
+    def test_a_failure_leaves_nothing_half_written(self, trial, tmp_path, monkeypatch, capsys) -> None:
+        monkeypatch.setattr("shipfp_rs.pipeline.write_report", raising(ZeroDivisionError("in the report")))
+        assert cli.main(["run", str(trial), "--out", str(tmp_path / "result")]) == 1
+        assert "internal error" in one_line(capsys.readouterr().err)
+        assert [file.name for file in tmp_path.iterdir()] == ["TRIAL.toml"]
+
+    def test_a_folder_of_something_else_is_left_alone(self, trial, tmp_path, capsys) -> None:
+        (tmp_path / "mine").mkdir()
+        (tmp_path / "mine" / "notes.txt").write_text("mine")
+        assert cli.main(["run", str(trial), "--out", "mine"]) == 2
+        assert "notes.txt" in one_line(capsys.readouterr().err)
+        assert [file.name for file in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ('column = "U_torque"', 'column = "U_torqe"', "U_torqe"),
+            ('log = "', 'log = "missing-', "missing-"),
+            ('unit = "V"', 'unit = "mV"', "mV"),
+            ("products = true", "starts = 0", "starts"),
+            ("products = true", "product = true", "product"),
+            ("products = true", "fixed = { tau = 1.2 }", "tau"),
+            ("scale = 1059.0", "scale = 1.059", "torque"),
+            ("pulses_per_rev = 4", "pulses_per_rev = 3", "pulses_per_rev"),
+            ("steady_s = [0.0, ", "steady_s = [-9.0, ", "-9"),
+            ('vessel = "stan-tug-1205"', 'vessel = "stan-tug"', "stan-tug"),
+            ("[trial]", "[trial", "TOML"),
+        ],
+    )
+    def test_bad_input_costs_one_line_that_names_it(self, trial, tmp_path, capsys, old, new, words) -> None:
+        self.spoil(trial, old, new)
+        assert cli.main(["run", str(trial), "--out", "result"]) == 2
+        assert words in one_line(capsys.readouterr().err)
+        assert [file.name for file in tmp_path.iterdir()] == ["TRIAL.toml"]
+
+    def test_a_trial_that_is_not_there_is_named(self, tmp_path, capsys) -> None:
+        assert cli.main(["run", str(tmp_path / "nowhere.toml")]) == 2
+        assert "nowhere.toml" in one_line(capsys.readouterr().err)
+
+    def test_a_gap_in_the_set_point_is_named_with_its_time(self, trial, shown, tmp_path, capsys) -> None:
+        log = Log.open(shown[1] / "log.parquet")
+        samples = {name: np.array(log.read(name)) for name in log.channels}
+        samples["U_setpoint"][round(100.0 * 2000.0)] = np.nan
+        units = {name: channel.unit for name, channel in log.channels.items()}
+        Log.from_arrays(samples, rate_hz=2000.0, units=units, name="gap").write(tmp_path / "gap.parquet")
+        self.spoil(trial, str(shown[1] / "log.parquet"), "gap.parquet")
+        assert cli.main(["run", str(trial), "--out", "result"]) == 2
+        line = one_line(capsys.readouterr().err)
+        assert "U_setpoint" in line
+        assert "100 s" in line
 
 
 @pytest.fixture(scope="module")

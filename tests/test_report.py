@@ -20,14 +20,28 @@ NASTY = "<script>alert('&')</script>"
 def experiments() -> list[Experiment]:
     time = np.arange(0.0, 600.0, 0.01)
     speed = 1183.8 + 76.0 * np.sin(0.3 * time) + np.random.default_rng(0).normal(0.0, 5.0, time.size)
+    torque = 1.45 * speed
+    torque[1000:1200] = np.nan
     return [
         Experiment(
             name=f"{NASTY} {index}",
             rate_hz=100.0,
-            signals={"n_set": 1183.8 + 76.0 * np.sin(0.3 * time), "n_e": speed, "M_g": 1.45 * speed},
+            signals={"n_set": 1183.8 + 76.0 * np.sin(0.3 * time), "n_e": speed, "M_g": torque},
             operating_point={"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0},
             kind=NASTY,
-            provenance={"log": NASTY, "repairs": {"torque spikes": 3, "spans": [[1.0, 1.1]]}},
+            provenance={
+                "log": NASTY,
+                "speed": {"train": "PTM_4", "reflectors": {"fractions": [0.2535, 0.2465]}},
+                "repairs": [
+                    {
+                        "kind": "C",
+                        "channel": NASTY,
+                        "method": "masked",
+                        "count": 120,
+                        "spans": [[10 * k, 10 * k + 3] for k in range(120)],
+                    }
+                ],
+            },
         )
         for index in range(2)
     ]
@@ -127,7 +141,15 @@ def test_what_can_not_be_told_says_why_in_its_row(page) -> None:
 
 
 def test_repairs_of_the_data_are_listed(page) -> None:
-    assert "torque spikes: 3" in page
+    row = re.search(r"<tr><td>torque spikes \(C\)</td>.*?</tr>", page).group()
+    assert re.findall(r">([^<>]+)</td>", row)[1:] == ["masked", "120", "360"]
+    assert "0–2, 10–12" in page
+    assert "and 20 more" in page
+    assert "fractions: 0.2535, 0.2465" in page
+
+
+def test_masked_samples_are_counted(page) -> None:
+    assert "Masked samples: 0.33 % of M_g." in page
 
 
 def test_long_signals_are_thinned_to_a_page_of_a_few_megabytes(page) -> None:

@@ -24,8 +24,8 @@ def predict(
         Its parameters are taken as the search left them; where the data leave some open, any choice along the
         open directions gives the same outputs.
     experiment
-        The set point; where it holds the measured outputs too, the initial state and a constant offset of each
-        output are fitted to them by least squares, else they are zero.
+        Set point and measured outputs; the initial state and a constant offset of each output are fitted to them
+        by least squares.
     structure
         The fingerprint's; None rebuilds a linear one.
 
@@ -45,9 +45,8 @@ def predict(
         structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
     )
     measured = np.array([experiment.normalised(signal) for signal in signals])
-    own = structure.equations.states
-    model, slopes = structure.equations.sensitivities(values, experiment, own)
-    # The model is linear in its initial state: one least-squares solution is exact.
+    model, slopes = structure.equations.sensitivities(values, experiment, structure.equations.states)
+    # A linear model is linear in its initial state, too: one least-squares solution is exact.
     offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
     basis = np.concatenate([slopes, offsets])
     valid = np.isfinite(measured).all(axis=0)

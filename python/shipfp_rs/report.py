@@ -12,6 +12,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from shipfp_rs import plot, wording
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.files import write_text_atomically
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 
 INK = "#010203"
 """Colour of text and axes in a picture; the page replaces it by its own, light or dark."""
+SPANS_SHOWN = 100
+"""Places of one kind of repair that are listed; experiments.parquet holds all."""
 DIALS = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 
 
@@ -197,6 +201,7 @@ def _data_quality(experiments: Sequence[Experiment], pictures: _Pictures) -> str
             f"<p>{escape(kind)}{experiment.duration:g} s at {experiment.rate_hz:g} Hz; "
             f"operating point {escape(about)}.</p>"
         )
+        parts.append(_repairs(experiment))
         parts.append(_provenance(experiment.provenance))
         panels = len(plot.units(experiment))
         parts.append(
@@ -209,26 +214,76 @@ def _data_quality(experiments: Sequence[Experiment], pictures: _Pictures) -> str
     return "\n".join(parts)
 
 
+def _repairs(experiment: Experiment) -> str:
+    """Say what happened to the samples: how many were masked, and every repair of a raw channel with its place."""
+    masked = {
+        name: float(np.isnan(samples).mean())
+        for name, samples in experiment.signals.items()
+        if np.isnan(samples).any()
+    }
+    shares = ", ".join(f"{100.0 * share:.2g} % of {name}" for name, share in masked.items()) or "none"
+    parts = [f"<p>Masked samples: {escape(shares)}.</p>"]
+    repairs = experiment.provenance.get("repairs", ())
+    if repairs:
+        body, places = [], []
+        for repair in repairs:
+            kind = wording.FAULTS.get(repair["kind"], repair["kind"])
+            spans = repair["spans"]
+            samples = sum(stop - start for start, stop in spans)
+            body.append(
+                f"<tr><td>{escape(kind)}</td><td><code>{escape(repair['channel'])}</code></td>"
+                f"<td>{escape(repair['method'])}</td>{_figure(str(repair['count']))}{_figure(str(samples))}</tr>"
+            )
+            shown = ", ".join(f"{start}–{stop - 1}" for start, stop in spans[:SPANS_SHOWN])
+            rest = f" and {len(spans) - SPANS_SHOWN} more" if len(spans) > SPANS_SHOWN else ""
+            places.append(f"{kind}, {repair['channel']}: {shown}{rest}")
+        parts += [
+            _table(["fault", "channel", "what was done", "count", "samples"], body, figures={3, 4}),
+            "<details><summary>Which samples, counted from each channel's first</summary>",
+            _list(places),
+            "</details>",
+        ]
+    return "\n".join(parts)
+
+
 def _provenance(provenance: Mapping[str, Any]) -> str:
     body = [
         f"<tr><td>{escape(key)}</td><td>{escape(_plain(value))}</td></tr>"
         for key, value in provenance.items()
+        if key != "repairs"
     ]
-    return _table(["", ""], body) if body else ""
+    return (
+        f"<details><summary>How the signals were made</summary>{_table(['', ''], body)}</details>"
+        if body
+        else ""
+    )
 
 
 def _settings(fingerprint: Fingerprint) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in fingerprint.versions.items())
     content = {
-        "structure": dict(fingerprint.structure),
-        "settings": dict(fingerprint.settings),
+        "structure": fingerprint.structure,
+        "settings": fingerprint.settings,
         "seed": fingerprint.seed,
     }
     return (
         f"<h2>Settings</h2>\n<p>{escape(versions)}</p>\n"
         "<details><summary>Structure, settings and seed</summary>"
-        f"<pre>{escape(json.dumps(content, indent=1, ensure_ascii=False))}</pre></details>"
+        f"<pre>{escape(_outline(content))}</pre></details>"
     )
+
+
+def _outline(content: Mapping[str, Any], indent: str = "") -> str:
+    """Write nested settings one a line; what is not a table of its own stays on its line."""
+    lines = []
+    for key, value in content.items():
+        if isinstance(value, Mapping) and any(isinstance(entry, Mapping) for entry in value.values()):
+            lines += [f"{indent}{key}:", _outline(value, indent + "  ")]
+        elif not indent and isinstance(value, Mapping):
+            lines += [f"{key}:", _outline(value, "  ")]
+        else:
+            lines.append(f"{indent}{key}: {json.dumps(value, ensure_ascii=False)}")
+    return "\n".join(lines)
 
 
 class _Pictures:
@@ -273,7 +328,8 @@ def _per_cent(value: float | None) -> str:
 
 def _plain(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "; ".join(f"{key}: {_plain(entry)}" for key, entry in value.items())
+        told = {key: entry for key, entry in value.items() if entry is not None and entry != ""}
+        return "; ".join(f"{key}: {_plain(entry)}" for key, entry in told.items())
     if isinstance(value, str):
         return value
     if isinstance(value, float):

@@ -36,6 +36,15 @@ STATUS: Mapping[str, str] = {
     "unidentifiable": "not identifiable",
 }
 
+FAULTS: Mapping[str, str] = {
+    "A": "double crossings (A)",
+    "B": "lost pulses (B)",
+    "C": "torque spikes (C)",
+    "D1": "set-point jumps (D1)",
+    "gap": "missing samples",
+}
+"""Faults of a log, lettered as in Table 6.10."""
+
 
 @dataclass(frozen=True)
 class Row:

@@ -12,8 +12,11 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
+from shipfp_rs.cli.demo import demo
 from shipfp_rs.cli.init import init
 from shipfp_rs.cli.reproduce import reproduce
+from shipfp_rs.cli.run import run
+from shipfp_rs.cli.simulate import simulate
 from shipfp_rs.errors import InputError, InternalError, ShipfpError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -25,7 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (init,):
+for command in (demo, run, init, simulate):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 

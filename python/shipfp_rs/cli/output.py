@@ -43,13 +43,15 @@ def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) 
     _console().print(table)
 
 
-def print_fingerprint(fingerprint: Fingerprint, truth: Mapping[str, float] | None = None) -> None:
+def print_fingerprint(
+    fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
+) -> None:
     """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
     from shipfp_rs.wording import rows
 
     head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(
-        f"Fingerprint of {fingerprint.vessel or 'a ship not named'}",
+        title or f"Fingerprint of {fingerprint.vessel or 'a ship not named'}",
         head,
         [
             [row.name, *([row.truth] if truth else []), row.value, row.low, row.high, row.unit, row.status]

@@ -59,13 +59,6 @@ def fullscale(
     if json:
         print_json(content)
         return
-    print_reproduction(found)
-    if out is not None:
-        print_text(f"wrote {out}")
-
-
-def print_reproduction(found: Reproduction) -> None:
-    """Print the rows as a table, then the verdict."""
     print_table(
         found.title,
         ["case, way, structure", *COLUMNS, *FITS.values()],
@@ -79,6 +72,8 @@ def print_reproduction(found: Reproduction) -> None:
         ],
     )
     print_text(*found.verdict)
+    if out is not None:
+        print_text(f"wrote {out}")
 
 
 def _shown(value: float | None) -> str:

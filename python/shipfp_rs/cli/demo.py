@@ -1,0 +1,73 @@
+"""`shipfp demo`: the whole chain on a simulated log of a tug, then on the only published full-scale data."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+
+from shipfp_rs.cli.options import Force, Json, OutFolder, Seed
+from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
+from shipfp_rs.cli.truth import true_values
+
+VESSEL = "stan-tug-1205"
+LOG, TRUTH = "log.parquet", "truth.json"
+AMPLITUDE_RPM = 40.0
+"""Half of the amplitude of the tug's trial (Table 6.7): the plant is nearly linear over it."""
+TOP_HZ = 1.5
+TONES_HZ = (0.035, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.55, 0.77, 1.08, TOP_HZ)
+
+
+def demo(
+    out: OutFolder = Path("shipfp-demo"), seed: Seed = 0, force: Force = False, json: Json = False
+) -> None:
+    """Show the whole chain: a simulated 2 kHz log of a tug with faults, its fingerprint beside the truth."""
+    from shipfp_rs import pipeline
+    from shipfp_rs.files import replacing_folder
+    from shipfp_rs.reproduce import fullscale
+    from shipfp_rs.trial import Trial
+
+    with progress() as notify:
+        with replacing_folder(
+            out, marker=pipeline.MARKER, others=[*pipeline.RESULTS, LOG, TRUTH], force=force
+        ) as folder:
+            notify("simulating a raw log")
+            truth = _write_log(folder, seed)
+            trial = Trial.load(folder / "TRIAL.toml")
+            result = pipeline.evaluate(trial, folder, seed=seed, truth=truth, notify=notify)
+        published = fullscale.reproduce(
+            lambda done, jobs: notify(f"published data, {done} of {jobs} fits done")
+        )
+    if json:
+        print_json(
+            {
+                "folder": str(out),
+                "truth": truth,
+                "fingerprint": result.fingerprint.to_dict(),
+                "fullscale": published.to_dict(),
+            }
+        )
+        return
+    print_fingerprint(result.fingerprint, truth, title="A simulated trial of the tug, truth beside estimate")
+    *_, (name, best) = published.fingerprints.items()
+    print_fingerprint(best, title=f"The tug's own trial, its published sine fits ({name})")
+    print_text("", "How that compares with what was printed: shipfp reproduce fullscale", f"wrote {out}")
+
+
+def _write_log(folder: Path, seed: int) -> dict[str, float]:
+    """Write the log, its TRIAL.toml and the truth as a trial's own folder would hold them; return the truth."""
+    from shipfp_rs import signals
+    from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
+    from shipfp_rs.vessel import Vessel
+
+    sensors = Sensors()
+    rate = sensors.rate_hz
+    excitations = [
+        signals.chirp(0.01, TOP_HZ, 240.0, AMPLITUDE_RPM, rate_hz=rate, name="chirp"),
+        signals.multisine(TONES_HZ, 60.0, AMPLITUDE_RPM, rate_hz=rate, name="multisine"),
+    ]
+    log, made_from = simulate_raw_log(Vessel.load(VESSEL), excitations, sensors=sensors, seed=seed)
+    log.write(folder / LOG)
+    (folder / "TRIAL.toml").write_text(trial_toml(VESSEL, LOG, sensors, made_from), encoding="utf-8")
+    truth = true_values(made_from.linear)
+    (folder / TRUTH).write_text(json_format.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    return truth

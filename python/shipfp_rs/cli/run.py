@@ -1,0 +1,32 @@
+"""`shipfp run`: the main job on the user's own log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from shipfp_rs.cli.options import Force, Json, OutFolder
+from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
+
+
+def run(
+    trial: Annotated[Path, typer.Argument(metavar="TRIAL.toml", help="Description of the trial.")],
+    out: OutFolder = Path("shipfp-run"),
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of the random starts, in place of the trial's.")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Turn a raw log into a fingerprint: calibrate, clean, identify, report."""
+    from shipfp_rs import pipeline
+
+    with progress() as notify:
+        result = pipeline.run(trial, out, seed=seed, force=force, notify=notify)
+    if json:
+        print_json({"folder": str(out), **result.fingerprint.to_dict()})
+        return
+    print_fingerprint(result.fingerprint)
+    print_text(f"wrote {out}")

@@ -1,0 +1,151 @@
+"""`shipfp simulate`: virtual experiments, clean signals or the raw log of a measurement chain with faults."""
+
+from __future__ import annotations
+
+import dataclasses
+import json as json_format
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shipfp_rs.cli.options import Json, Seed
+from shipfp_rs.cli.output import print_json, print_text, progress
+from shipfp_rs.cli.truth import true_values
+from shipfp_rs.errors import InputError
+
+if TYPE_CHECKING:
+    from shipfp_rs.signals import Excitation
+    from shipfp_rs.vessel import Vessel
+
+CLEAN_RATE_HZ, RAW_RATE_HZ = 100.0, 2000.0
+AMPLITUDE = 0.03
+"""Usual amplitude, as a share of the operating speed: large enough to measure, small enough to be linear."""
+TOP_HZ = 5.0
+"""Nothing of interest lies above: the pulse trains do not show it, and the governors do not follow it."""
+TONES = 16
+
+
+class Kind(StrEnum):
+    """Kinds of excitation."""
+
+    chirp = "chirp"
+    steps = "steps"
+    multisine = "multisine"
+    sines = "sines"
+
+
+def simulate(
+    vessel: Annotated[
+        str, typer.Argument(metavar="VESSEL", help="Built-in ship, or the path of a vessel file.")
+    ],
+    excitation: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.chirp,
+    amplitude_rpm: Annotated[
+        float | None, typer.Option(help="Amplitude, engine rpm; default 3 % of the operating speed.")
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Length of the excitation, s.")] = 300.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Sample rate, Hz; default 100, or 2000 for a raw log.")
+    ] = None,
+    noise: Annotated[
+        float, typer.Option(help="White noise on speeds and torques, over each signal's own deviation.")
+    ] = 0.0,
+    raw: Annotated[
+        bool,
+        typer.Option(
+            "--raw", help="Write the raw log of a measurement chain with faults, and its TRIAL.toml."
+        ),
+    ] = False,
+    out: Annotated[Path, typer.Option(metavar="FILE.parquet", help="File to write.")] = Path(
+        "simulation.parquet"
+    ),
+    seed: Seed = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    json: Json = False,
+) -> None:
+    """Simulate a trial and write it with the true parameters beside it."""
+    from shipfp_rs.files import write_text_atomically
+    from shipfp_rs.vessel import Vessel
+
+    if out.suffix != ".parquet":
+        raise InputError(f"--out {out}: expected a name that ends in .parquet")
+    if raw and noise:
+        raise InputError("--noise: expected none with --raw, whose sensors have a noise of their own")
+    files = {"data": out, "truth": out.with_suffix(".truth.json")}
+    if raw:
+        files["trial"] = out.with_suffix(".toml")
+    for path in files.values():
+        if path.exists() and not force:
+            raise InputError(f"{path}: is there already; choose another name, or --force to replace it")
+    ship = Vessel.load(vessel)
+    signal = _excitation(
+        excitation, ship, amplitude_rpm, duration, rate or (RAW_RATE_HZ if raw else CLEAN_RATE_HZ)
+    )
+    with progress() as notify:
+        notify("simulating")
+        truth = _raw(ship, vessel, signal, files, seed) if raw else _clean(ship, signal, noise, out, seed)
+        write_text_atomically(files["truth"], json_format.dumps(truth, indent=2) + "\n")
+    if json:
+        print_json({"files": {name: str(path) for name, path in files.items()}, **truth})
+    else:
+        print_text(*(f"wrote {path}" for path in files.values()))
+
+
+def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int) -> dict[str, Any]:
+    from shipfp_rs.linear_model import linearise
+    from shipfp_rs.simulation import simulate as run
+    from shipfp_rs.storage import write_experiments
+
+    levels = dict.fromkeys(("n_e", "n_s", "M_b", "M_s", "M_g"), noise) if noise else None
+    write_experiments(out, [run(ship, signal, noise=levels, seed=seed)])
+    return {"vessel": ship.name, "seed": seed, "parameters": true_values(dataclasses.asdict(linearise(ship)))}
+
+
+def _raw(ship: Vessel, name: str, signal: Excitation, files: dict[str, Path], seed: int) -> dict[str, Any]:
+    from shipfp_rs.files import write_text_atomically
+    from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
+
+    sensors = Sensors(rate_hz=signal.rate_hz)
+    log, truth = simulate_raw_log(ship, signal, sensors=sensors, seed=seed)
+    log.write(files["data"])
+    write_text_atomically(files["trial"], trial_toml(name, files["data"].name, sensors, truth))
+    return {
+        "vessel": ship.name,
+        "seed": seed,
+        "parameters": true_values(truth.linear),
+        "windows": [dataclasses.asdict(window) for window in truth.windows],
+        "faults": {
+            fault: {channel: spans.tolist() for channel, spans in places.items()}
+            for fault, places in truth.faults.items()
+        },
+        "reflector_angles": {train: places.tolist() for train, places in truth.reflector_angles.items()},
+    }
+
+
+def _excitation(
+    kind: Kind, ship: Vessel, amplitude_rpm: float | None, duration: float, rate: float
+) -> Excitation:
+    import numpy as np
+
+    from shipfp_rs import signals
+
+    amplitude = ship.operating_point.n_e_rpm * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
+    if not duration > 0.0 or not rate > 0.0:
+        raise InputError(f"--duration {duration:g}, --rate {rate:g}: expected positive numbers")
+    top = min(TOP_HZ, rate / 5.0)
+    if kind is Kind.chirp:
+        return signals.chirp(2.0 / duration, top, duration, amplitude, rate_hz=rate)
+    if kind is Kind.steps:
+        return signals.steps(
+            [amplitude, -amplitude, -amplitude, amplitude],
+            duration / 5.0,
+            lead_s=duration / 5.0,
+            rate_hz=rate,
+        )
+    if kind is Kind.multisine:
+        lines = np.unique(np.geomspace(2.0, top * duration, TONES).round())
+        return signals.multisine(lines / duration, duration, amplitude, rate_hz=rate)
+    # Four periods of each frequency fill the duration.
+    ratios = np.geomspace(1.0, 100.0, TONES)
+    return signals.sine_sequence(4.0 * np.sum(1.0 / ratios) / duration * ratios, 4, amplitude, rate_hz=rate)

@@ -1,0 +1,133 @@
+"""The main job, TRIAL.toml to results: log to experiments to fingerprint to report, in a folder that appears whole."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.files import replacing_folder
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification import identify
+from shipfp_rs.prediction import predict
+from shipfp_rs.processing import process
+from shipfp_rs.report import write_report
+from shipfp_rs.storage import write_experiments
+from shipfp_rs.structure import Structure, Torque
+from shipfp_rs.trial import Trial
+from shipfp_rs.vessel import Vessel
+
+MARKER = "fingerprint.json"
+RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")
+"""Names of the files in the folder of a run."""
+
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run found."""
+
+    fingerprint: Fingerprint
+    experiments: tuple[Experiment, ...]
+
+
+def run(
+    path: str | Path,
+    out: str | Path,
+    *,
+    seed: int | None = None,
+    force: bool = False,
+    notify: Notify = lambda _: None,
+) -> Run:
+    """Process and identify a trial and write `RESULTS` into a folder, which appears whole or not at all.
+
+    Parameters
+    ----------
+    path
+        TRIAL.toml.
+    out
+        Folder to write; a previous run's is replaced.
+    seed
+        Seed of the random starts; None: the trial's own.
+    force
+        Write into a folder that holds other files, too; these stay.
+    notify
+        Called with what is being done.
+
+    Raises
+    ------
+    InputError
+        Where the trial, the log or the folder can't be used.
+    IdentificationError
+        Where no start led to a minimum.
+    """
+    trial = Trial.load(path)
+    with replacing_folder(Path(out), marker=MARKER, others=RESULTS, force=force) as folder:
+        shutil.copyfile(path, folder / "TRIAL.toml")
+        return evaluate(trial, folder, seed=seed, notify=notify)
+
+
+def evaluate(
+    trial: Trial,
+    folder: Path,
+    *,
+    seed: int | None = None,
+    truth: Mapping[str, float] | None = None,
+    notify: Notify = lambda _: None,
+) -> Run:
+    """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
+    notify("reading and cleaning the log")
+    vessel = Vessel.load(trial.trial.vessel)
+    structure = structure_of(trial)
+    experiments = [
+        # A result is handed on: it names the file, not where it lay on this machine.
+        replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
+        for log in trial.logs()
+        for experiment in process(log, trial, vessel)
+    ]
+    options = trial.identify
+    fingerprint = identify(
+        experiments,
+        structure,
+        weighting=options.weighting,
+        starts=options.starts,
+        seed=options.seed if seed is None else seed,
+        vessel=vessel.name,
+        progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
+    )
+    notify("writing the report")
+    fingerprint.save(folder / MARKER)
+    write_experiments(folder / "experiments.parquet", experiments)
+    write_report(
+        folder / "report.html",
+        fingerprint,
+        experiments,
+        simulated=[predict(fingerprint, experiment, structure) for experiment in experiments],
+        truth=truth,
+        title=trial.trial.name,
+    )
+    return Run(fingerprint, tuple(experiments))
+
+
+def structure_of(trial: Trial) -> Structure:
+    """Return the structure that a trial's [identify] table asks for.
+
+    Raises
+    ------
+    InputError
+        Where it names an unknown parameter or output.
+    """
+    options, torque = trial.identify, trial.channels.torque
+    located: Torque = "gauge" if torque is not None and torque.location == "gauge" else "brake"
+    structure = Structure.linear(
+        torque=options.torque or located,
+        products=options.products,
+        free_exponent=options.free_exponent,
+        dead_time_loop=options.dead_time_loop,
+        dead_time_set_point=options.dead_time_set_point,
+        outputs=[output for output in options.outputs if output != "dM" or torque is not None],
+    )
+    return structure.with_fixed(**options.fixed).with_prior(**options.priors)
