@@ -232,3 +232,62 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
 def test_arguments_out_of_range_are_named(build: Callable[[], object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         build()
+
+
+@pytest.mark.parametrize("law", ["linear", "logarithmic"])
+@pytest.mark.parametrize("ends", [(0.1, 10.0), (10.0, 0.1)])
+def test_a_chirp_jumps_over_the_bands_it_must_leave_out(law: signals.Law, ends: tuple[float, float]) -> None:
+    plain = signals.chirp(*ends, 400.0, 13.0, law=law)
+    careful = signals.chirp(*ends, 400.0, 13.0, law=law, avoid_hz=[(4.5, 6.0)])
+    # What is left of the band is the leakage of a sweep that stops at its edge.
+    assert plain.power_in(4.8, 5.7) > 0.02
+    assert careful.power_in(4.8, 5.7) < 1e-3
+    assert np.abs(np.diff(careful.samples)).max() <= 13.0 * 2 * np.pi * 10.0 / 100.0
+    assert careful.duration == plain.duration
+
+
+def test_a_chirp_without_bands_is_the_textbook_chirp() -> None:
+    from scipy.signal import chirp
+
+    ours = signals.chirp(0.0014, 20.0, 100.0, 1.0)
+    theirs = chirp(ours.time, 0.0014, 100.0, 20.0, method="logarithmic", phi=-90.0)
+    np.testing.assert_allclose(ours.samples, theirs, atol=1e-9)
+
+
+def test_sines_multisine_and_noise_leave_bands_out() -> None:
+    avoid = [(0.9, 1.1)]
+    assert [
+        s.frequency_hz for s in signals.sine_sequence([0.5, 1.0, 2.0], 4, 13.0, avoid_hz=avoid).segments
+    ] == [0.5, 2.0]
+    assert signals.multisine([0.5, 1.0, 2.0], 10.0, 13.0, avoid_hz=avoid).power_in(0.9, 1.1) < 1e-20
+    assert signals.band_limited_noise(0.1, 4.0, 60.0, 5.0, seed=1, avoid_hz=avoid).power_in(0.9, 1.1) < 1e-20
+    with pytest.raises(InputError, match="every frequency lies in a band of avoid_hz"):
+        signals.sine_sequence([1.0], 4, 13.0, avoid_hz=avoid)
+    with pytest.raises(InputError, match=r"avoid_hz\[0\] is \(2.0, 1.0\), expected"):
+        signals.chirp(0.1, 4.0, 10.0, 13.0, avoid_hz=[(2.0, 1.0)])
+    with pytest.raises(InputError, match=r"cover all of 0\.5 to 2 Hz"):
+        signals.chirp(0.5, 2.0, 10.0, 13.0, avoid_hz=[(0.1, 3.0)])
+
+
+def test_a_ramp_starts_and_ends_at_zero_and_leaves_the_middle_alone() -> None:
+    steps = signals.steps([65.0], 10.0)
+    ramped = steps.ramped(2.0)
+    assert ramped.samples[0] == 0.0
+    assert ramped.samples[-1] == pytest.approx(0.0, abs=0.1)
+    np.testing.assert_array_equal(ramped.samples[200:800], steps.samples[200:800])
+    with pytest.raises(InputError, match="ramp_s is 6, two ramps expected within the 10 s"):
+        steps.ramped(6.0)
+
+
+def test_settling_holds_the_operating_point_and_moves_the_segments() -> None:
+    sines = signals.sine_sequence([1.0, 2.0], 4, 13.0)
+    settled = sines.settled(3.0, 2.0)
+    assert settled.duration == pytest.approx(sines.duration + 5.0)
+    assert not settled.samples[:300].any()
+    assert settled.segments[0].start_s == pytest.approx(3.0)
+
+
+def test_the_spectrum_shows_the_amplitude_of_a_sine() -> None:
+    frequency, amplitude = signals.sine_sequence([2.0], 20, 13.0).spectrum()
+    assert frequency[np.argmax(amplitude)] == pytest.approx(2.0)
+    assert amplitude.max() == pytest.approx(13.0)

@@ -1,0 +1,21 @@
+"""Excitations: what is put on the set point of the engine speed, as deviations from the operating point."""
+
+from shipfp_rs.signals.chirps import Law, chirp
+from shipfp_rs.signals.excitation import Excitation, Segment, join
+from shipfp_rs.signals.noise import band_limited_noise, prbs
+from shipfp_rs.signals.sines import multisine, published_sine_sequence, sine_sequence
+from shipfp_rs.signals.stairs import steps
+
+__all__ = [
+    "Excitation",
+    "Law",
+    "Segment",
+    "band_limited_noise",
+    "chirp",
+    "join",
+    "multisine",
+    "prbs",
+    "published_sine_sequence",
+    "sine_sequence",
+    "steps",
+]

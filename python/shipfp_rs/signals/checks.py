@@ -1,0 +1,74 @@
+"""Checks of the arguments that the builders share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Bands = Sequence[tuple[float, float]]
+
+_LARGEST_SAMPLES = 200_000_000
+
+
+def sample_times(duration_s: float, rate_hz: float) -> Array:
+    """Sample times of a stretch, at least one."""
+    positive("duration", duration_s)
+    positive("rate_hz", rate_hz)
+    samples = duration_s * rate_hz
+    if not 1.0 <= samples + 0.5 <= _LARGEST_SAMPLES:
+        raise InputError(
+            f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples, expected 1 to {_LARGEST_SAMPLES}"
+        )
+    return np.arange(round(samples)) / rate_hz
+
+
+def numbers(name: str, values: npt.ArrayLike) -> list[float]:
+    """Return a list of finite numbers, at least one."""
+    numbers = np.array(values, dtype=np.float64)
+    if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
+        raise InputError(f"{name} is {values!r}, expected a list of at least one finite number")
+    return [float(number) for number in numbers]
+
+
+def positive(name: str, value: float) -> None:
+    """Refuse what is not a positive number."""
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{name} is {value}, expected a positive number")
+
+
+def below_nyquist(name: str, frequency: float, rate_hz: float) -> None:
+    """Refuse a frequency that the sample rate can not carry."""
+    positive(name, frequency)
+    positive("rate_hz", rate_hz)
+    if frequency >= 0.5 * rate_hz:
+        raise InputError(
+            f"{name} is {frequency:g} Hz, expected less than half of rate_hz {rate_hz:g}; sample faster"
+        )
+
+
+def bands(avoid_hz: Bands) -> list[tuple[float, float]]:
+    """Return bands to leave out [Hz], sorted; each a pair from low to high."""
+    for index, band in enumerate(avoid_hz):
+        if len(band) != 2 or not 0.0 <= band[0] < band[1] or not math.isfinite(band[1]):
+            raise InputError(f"avoid_hz[{index}] is {tuple(band)}, expected (low, high) with 0 <= low < high")
+    return sorted((float(low), float(high)) for low, high in avoid_hz)
+
+
+def outside(frequencies: Sequence[float], avoid_hz: Bands) -> list[float]:
+    """Return the frequencies [Hz] that lie in none of the bands.
+
+    Raises
+    ------
+    InputError
+        Where none is left.
+    """
+    left = [f for f in frequencies if not any(low <= f <= high for low, high in bands(avoid_hz))]
+    if not left:
+        raise InputError(f"every frequency lies in a band of avoid_hz {list(avoid_hz)}; leave some outside")
+    return left

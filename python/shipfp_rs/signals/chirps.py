@@ -1,0 +1,96 @@
+"""Chirps: sines whose frequency runs."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.signals.checks import Array, Bands, bands, below_nyquist, positive, sample_times
+from shipfp_rs.signals.excitation import Excitation
+
+Law = Literal["linear", "logarithmic"]
+
+
+def chirp(
+    start_hz: float,
+    stop_hz: float,
+    duration_s: float,
+    amplitude_rpm: float,
+    law: Law = "logarithmic",
+    *,
+    avoid_hz: Bands = (),
+    rate_hz: float = 100.0,
+    name: str = "chirp",
+) -> Excitation:
+    """Return a sine whose frequency runs from `start_hz` to `stop_hz` (section 5.1.2).
+
+    Parameters
+    ----------
+    start_hz, stop_hz
+        Frequencies at the ends [Hz], below half the sample rate.
+    duration_s
+        Length [s].
+    amplitude_rpm
+        Amplitude [rpm].
+    law
+        "linear": equal time for each Hz; "logarithmic": equal time for each decade.
+    avoid_hz
+        Bands (low, high) around resonances [Hz], which the frequency jumps over; the phase goes on, and the rest of
+        the range gets their time.
+    rate_hz
+        Sample rate [Hz].
+    name
+        Label.
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+    """
+    below_nyquist("start_hz", start_hz, rate_hz)
+    below_nyquist("stop_hz", stop_hz, rate_hz)
+    positive("amplitude_rpm", amplitude_rpm)
+    if law not in ("linear", "logarithmic"):
+        raise InputError(f"law is {law!r}, expected 'linear' or 'logarithmic'")
+    time = sample_times(duration_s, rate_hz)
+    pieces = _kept(start_hz, stop_hz, avoid_hz)
+    measure = np.log if law == "logarithmic" else np.asarray
+    shares = np.array([abs(measure(stop) - measure(start)) for start, stop in pieces])
+    ends = duration_s * np.cumsum(shares) / shares.sum() if shares.sum() > 0.0 else np.array([duration_s])
+    phase, turned, begun = np.empty_like(time), 0.0, 0.0
+    for (start, stop), end in zip(pieces, ends, strict=True):
+        # The last piece takes the last sample whatever rounding did to its end.
+        inside = (time >= begun) & ((time < end) | (end == ends[-1]))
+        phase[inside] = turned + _turns(time[inside] - begun, start, stop, end - begun, law)
+        turned += float(_turns(np.array([end - begun]), start, stop, end - begun, law)[0])
+        begun = end
+    return Excitation(name, "chirp", rate_hz, amplitude_rpm * np.sin(2.0 * math.pi * phase))
+
+
+def _kept(start_hz: float, stop_hz: float, avoid_hz: Bands) -> list[tuple[float, float]]:
+    """Ranges from start to stop with the bands cut out, in the order of the sweep."""
+    low, high = min(start_hz, stop_hz), max(start_hz, stop_hz)
+    pieces, at = [], low
+    for lower, upper in bands(avoid_hz):
+        if at < lower < high:
+            pieces.append((at, lower))
+        if upper > low:
+            at = max(at, upper)
+    if at < high or low == high:
+        pieces.append((at, high))
+    if not pieces:
+        raise InputError(
+            f"the bands of avoid_hz {list(avoid_hz)} cover all of {low:g} to {high:g} Hz; leave some outside"
+        )
+    return pieces if start_hz <= stop_hz else [(upper, lower) for lower, upper in reversed(pieces)]
+
+
+def _turns(time: Array, start: float, stop: float, duration: float, law: Law) -> Array:
+    """Turns made since the start of a sweep, the integral of its frequency."""
+    if law == "linear":
+        return start * time + 0.5 * (stop - start) / duration * time**2
+    rate = math.log(stop / start) / duration
+    return start * np.expm1(rate * time) / rate if rate != 0.0 else start * time

@@ -1,0 +1,198 @@
+"""Excitation: deviations of the set point from the operating point, and what can be done to any of them."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Hold
+from shipfp_rs.files import write_text_atomically
+from shipfp_rs.signals.checks import positive
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of an excitation: what it holds, from when to when [s], its frequency [Hz] if it has one."""
+
+    label: str
+    start_s: float
+    stop_s: float
+    frequency_hz: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """Deviations of the set point, uniformly sampled.
+
+    Parameters
+    ----------
+    name, kind
+        Label, and kind of signal for tables ("chirp", "steps", ...).
+    rate_hz
+        Sample rate [Hz].
+    samples
+        Deviation of the set point from the operating point [rpm of the engine], shape (N,).
+    hold
+        How the set point runs between samples: "first" (straight lines) or "zero" (stairs).
+    segments
+        Stretches that are analysed one by one; empty where the excitation is one piece.
+    """
+
+    name: str
+    kind: str
+    rate_hz: float
+    samples: Array
+    hold: Hold = "first"
+    segments: tuple[Segment, ...] = ()
+
+    def __post_init__(self) -> None:
+        positive("rate_hz", self.rate_hz)
+        samples = np.array(self.samples, dtype=np.float64)
+        if samples.ndim != 1 or samples.size < 2:
+            raise InputError(
+                f"excitation {self.name!r}: samples have shape {samples.shape}, expected (N,), N >= 2"
+            )
+        bad = np.flatnonzero(~np.isfinite(samples))
+        if bad.size:
+            raise InputError(
+                f"excitation {self.name!r}: sample {bad[0]} is {samples[bad[0]]}, expected finite ones"
+            )
+        samples.flags.writeable = False
+        object.__setattr__(self, "samples", samples)
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @property
+    def time(self) -> Array:
+        """Time from the first sample [s], shape (N,)."""
+        return np.arange(len(self)) / self.rate_hz
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return len(self) / self.rate_hz
+
+    @property
+    def amplitude_rpm(self) -> float:
+        """Largest deviation [rpm]."""
+        return float(np.abs(self.samples).max())
+
+    @property
+    def crest_factor(self) -> float:
+        """Largest deviation over root mean square [-]: 1.41 for a sine; low: much power, little motion."""
+        return self.amplitude_rpm / self.rms_rpm if self.rms_rpm > 0.0 else math.nan
+
+    @property
+    def rms_rpm(self) -> float:
+        """Root mean square of the deviation [rpm]."""
+        return float(np.sqrt(np.mean(self.samples**2)))
+
+    def spectrum(self) -> tuple[Array, Array]:
+        """Return frequencies [Hz] and amplitudes [rpm] of the discrete Fourier lines, each shape (N // 2 + 1,).
+
+        A sine of whole periods shows its amplitude at its line.
+        """
+        lines = 2.0 * np.abs(np.fft.rfft(self.samples)) / len(self)
+        lines[0] /= 2.0
+        if len(self) % 2 == 0:
+            lines[-1] /= 2.0
+        return np.asarray(np.fft.rfftfreq(len(self), 1.0 / self.rate_hz), dtype=np.float64), lines
+
+    def power_in(self, low_hz: float, high_hz: float) -> float:
+        """Return the part of the mean square that lies from `low_hz` to `high_hz` [-], the mean left out."""
+        frequency, amplitude = self.spectrum()
+        power = amplitude**2
+        power[0] = 0.0
+        return float(power[(frequency >= low_hz) & (frequency <= high_hz)].sum() / power.sum())
+
+    def ramped(self, ramp_s: float) -> Excitation:
+        """Return a copy that swells from zero and dies away to zero, each over `ramp_s` as half a cosine.
+
+        The ship is spared the jump of a signal that starts or ends off zero; the ramps cost excitation.
+        """
+        positive("ramp_s", ramp_s)
+        count = round(ramp_s * self.rate_hz)
+        if 2 * count > len(self):
+            raise InputError(
+                f"ramp_s is {ramp_s:g}, two ramps expected within the {self.duration:g} s of the excitation"
+            )
+        rise = 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / max(count, 1))
+        window = np.ones(len(self))
+        window[:count] *= rise
+        window[len(self) - count :] *= rise[::-1]
+        return replace(self, samples=self.samples * window)
+
+    def settled(self, before_s: float, after_s: float = 0.0) -> Excitation:
+        """Return a copy with the operating point held before and after, for the ship to settle."""
+        for name, value in (("before_s", before_s), ("after_s", after_s)):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} is {value}, expected zero or more")
+        lead, tail = round(before_s * self.rate_hz), round(after_s * self.rate_hz)
+        shift = lead / self.rate_hz
+        moved = tuple(replace(s, start_s=s.start_s + shift, stop_s=s.stop_s + shift) for s in self.segments)
+        return replace(self, samples=np.pad(self.samples, (lead, tail)), segments=moved)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write time [s] and deviation [rpm] for a signal generator; the file appears whole or not at all."""
+        text = io.StringIO()
+        text.write("time_s,set_point_deviation_rpm\n")
+        np.savetxt(text, np.column_stack([self.time, self.samples]), fmt="%.17g", delimiter=",")
+        return write_text_atomically(Path(path), text.getvalue())
+
+
+def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str = "joined") -> Excitation:
+    """Return excitations one after the other, with pauses at the operating point between them.
+
+    Parameters
+    ----------
+    excitations
+        What to join, all of one rate and hold.
+    pause_s
+        Length of each pause [s].
+    name
+        Label.
+
+    Returns
+    -------
+    Excitation
+        With a segment for each part, or its parts' own segments where they have some.
+
+    Raises
+    ------
+    InputError
+        Where the parts do not go together.
+    """
+    if not excitations:
+        raise InputError("excitations is empty, expected at least one")
+    if not (math.isfinite(pause_s) and pause_s >= 0.0):
+        raise InputError(f"pause_s is {pause_s}, expected zero or more")
+    first = excitations[0]
+    for part in excitations[1:]:
+        if (part.rate_hz, part.hold) != (first.rate_hz, first.hold):
+            raise InputError(
+                f"excitation {part.name!r} has {part.rate_hz:g} Hz and hold {part.hold!r}, expected "
+                f"{first.rate_hz:g} Hz and {first.hold!r} as {first.name!r} has"
+            )
+    pause = np.zeros(round(pause_s * first.rate_hz))
+    pieces: list[Array] = []
+    segments: list[Segment] = []
+    length = 0
+    for part in excitations:
+        start = length / first.rate_hz
+        own = part.segments or (Segment(part.name, 0.0, part.duration),)
+        segments += [
+            replace(piece, start_s=start + piece.start_s, stop_s=start + piece.stop_s) for piece in own
+        ]
+        pieces += [part.samples, pause]
+        length += len(part) + len(pause)
+    return Excitation(name, "joined", first.rate_hz, np.concatenate(pieces[:-1]), first.hold, tuple(segments))

@@ -1,0 +1,123 @@
+"""Signals that look random: binary sequences and noise in a band."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import signal
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.signals.checks import Bands, bands, below_nyquist, positive, sample_times
+from shipfp_rs.signals.excitation import Excitation, Segment
+
+
+def prbs(
+    order: int,
+    bit_s: float,
+    amplitude_rpm: float,
+    *,
+    periods: int = 1,
+    seed: int = 0,
+    rate_hz: float = 100.0,
+    name: str = "PRBS",
+) -> Excitation:
+    """Return a pseudo-random binary sequence of greatest length, 2^order - 1 bits a period.
+
+    Parameters
+    ----------
+    order
+        Length of the shift register, 2 to 20.
+    bit_s
+        Length of a bit [s], a whole number of samples.
+    amplitude_rpm
+        Deviation, up or down [rpm].
+    periods
+        Number of periods.
+    seed
+        Chooses where in the sequence the signal starts.
+    rate_hz
+        Sample rate [Hz].
+    name
+        Label.
+
+    Returns
+    -------
+    Excitation
+        With one segment for each period.
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+    """
+    if not 2 <= order <= 20:
+        raise InputError(f"order is {order}, expected 2 to 20")
+    if periods < 1:
+        raise InputError(f"periods is {periods}, expected 1 or more")
+    positive("amplitude_rpm", amplitude_rpm)
+    positive("bit_s", bit_s)
+    bit = round(bit_s * rate_hz)
+    if bit < 1 or not math.isclose(bit, bit_s * rate_hz, rel_tol=1e-9):
+        raise InputError(
+            f"bit_s is {bit_s:g}, {bit_s * rate_hz:g} samples, expected a whole number of samples"
+        )
+    sequence, _ = signal.max_len_seq(order)
+    start = int(np.random.default_rng(seed).integers(len(sequence)))
+    one_period = np.repeat(amplitude_rpm * (2.0 * np.roll(sequence, -start) - 1.0), bit)
+    length = len(one_period) / rate_hz
+    segments = tuple(Segment(f"period {k + 1}", k * length, (k + 1) * length) for k in range(periods))
+    return Excitation(name, "prbs", rate_hz, np.tile(one_period, periods), hold="zero", segments=segments)
+
+
+def band_limited_noise(
+    low_hz: float,
+    high_hz: float,
+    duration_s: float,
+    rms_rpm: float,
+    *,
+    seed: int,
+    avoid_hz: Bands = (),
+    rate_hz: float = 100.0,
+    name: str = "noise",
+) -> Excitation:
+    """Return Gaussian noise whose spectrum is flat between two frequencies and empty outside.
+
+    Parameters
+    ----------
+    low_hz, high_hz
+        Band [Hz]; at least one multiple of 1/duration_s lies in it.
+    duration_s
+        Length [s], also the period.
+    rms_rpm
+        Root mean square [rpm].
+    seed
+        Seed of the draw.
+    avoid_hz
+        Bands (low, high) around resonances [Hz], left empty too.
+    rate_hz
+        Sample rate [Hz].
+    name
+        Label.
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+    """
+    below_nyquist("low_hz", low_hz, rate_hz)
+    below_nyquist("high_hz", high_hz, rate_hz)
+    positive("rms_rpm", rms_rpm)
+    samples = len(sample_times(duration_s, rate_hz))
+    spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(samples))
+    frequency = np.fft.rfftfreq(samples, 1.0 / rate_hz)
+    spectrum[(frequency < low_hz) | (frequency > high_hz)] = 0.0
+    for low, high in bands(avoid_hz):
+        spectrum[(frequency >= low) & (frequency <= high)] = 0.0
+    if not spectrum.any():
+        raise InputError(
+            f"the band {low_hz:g} to {high_hz:g} Hz holds no multiple of 1/duration_s, "
+            f"{1.0 / duration_s:g} Hz; give low_hz below high_hz and a longer duration"
+        )
+    noise = np.fft.irfft(spectrum, samples)
+    return Excitation(name, "noise", rate_hz, rms_rpm / np.sqrt(np.mean(noise**2)) * noise)

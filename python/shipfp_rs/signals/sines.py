@@ -1,0 +1,182 @@
+"""Sines one after the other, and all at once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs import published
+from shipfp_rs.errors import InputError
+from shipfp_rs.signals.checks import Array, Bands, below_nyquist, numbers, outside, positive, sample_times
+from shipfp_rs.signals.excitation import Excitation, Segment
+
+
+def sine_sequence(
+    frequencies_hz: npt.ArrayLike,
+    periods: float,
+    amplitude_rpm: float,
+    *,
+    avoid_hz: Bands = (),
+    rate_hz: float = 100.0,
+    name: str = "sine sequence",
+) -> Excitation:
+    """Return sines one after the other, each for a whole number of periods (section 5.1.1).
+
+    Parameters
+    ----------
+    frequencies_hz
+        Frequencies in order [Hz], each below half the sample rate.
+    periods
+        Periods of each, a whole number, so that the set point has no jumps.
+    amplitude_rpm
+        Amplitude [rpm].
+    avoid_hz
+        Bands (low, high) around resonances [Hz]; frequencies in them are left out.
+    rate_hz
+        Sample rate [Hz].
+    name
+        Label.
+
+    Returns
+    -------
+    Excitation
+        With one segment for each frequency.
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+
+    Examples
+    --------
+    >>> sine_sequence([0.1, 1.0], 4, 13.0).duration
+    44.0
+    """
+    frequencies = outside(numbers("frequencies_hz", frequencies_hz), avoid_hz)
+    positive("periods", periods)
+    if periods != round(periods):
+        raise InputError(
+            f"periods is {periods:g}, expected a whole number; a part of one would end in a jump"
+        )
+    positive("amplitude_rpm", amplitude_rpm)
+    for index, frequency in enumerate(frequencies):
+        below_nyquist(f"frequencies_hz[{index}]", frequency, rate_hz)
+    stops = np.cumsum([periods / frequency for frequency in frequencies])
+    starts = np.concatenate([[0.0], stops[:-1]])
+    time = sample_times(float(stops[-1]), rate_hz)
+    at = np.minimum(np.searchsorted(stops, time, side="right"), len(stops) - 1)
+    phase = 2.0 * math.pi * np.array(frequencies)[at] * (time - starts[at])
+    segments = tuple(
+        Segment(f"{frequency:.4g} Hz", float(start), float(stop), frequency)
+        for frequency, start, stop in zip(frequencies, starts, stops, strict=True)
+    )
+    return Excitation(name, "sines", rate_hz, amplitude_rpm * np.sin(phase), segments=segments)
+
+
+def published_sine_sequence(amplitude_rpm: float = 13.0, *, rate_hz: float = 100.0) -> Excitation:
+    """Return the sixteen sines of the virtual trial, four periods each (Table 5.1).
+
+    The frequencies are those of the printed times, of which a period holds whole hundredths of a second; the
+    printed frequencies are rounded.
+    """
+    rows = published.virtual_schedule()
+    frequencies = [4.0 / (row.end_s - row.begin_s) for row in rows]
+    return sine_sequence(frequencies, 4, amplitude_rpm, rate_hz=rate_hz, name="virtual multisine")
+
+
+def multisine(
+    frequencies_hz: npt.ArrayLike,
+    period_s: float,
+    amplitude_rpm: float,
+    *,
+    periods: int = 1,
+    avoid_hz: Bands = (),
+    rate_hz: float = 100.0,
+    iterations: int = 300,
+    name: str = "multisine",
+) -> Excitation:
+    """Return all frequencies at once, of equal amplitude, with phases that keep the crest factor low.
+
+    Parameters
+    ----------
+    frequencies_hz
+        Wanted frequencies [Hz]; each moves to the nearest multiple of 1/period_s.
+    period_s
+        Period [s], a whole number of samples.
+    amplitude_rpm
+        Largest deviation [rpm].
+    periods
+        Number of periods; the first one lets the ship settle.
+    avoid_hz
+        Bands (low, high) around resonances [Hz]; frequencies in them are left out.
+    rate_hz
+        Sample rate [Hz].
+    iterations
+        Rounds of clipping; each cuts the peaks, keeps the new phases and restores the amplitudes. Evenly
+        spaced lines reach a crest factor near 1.5, lines spread over decades near 2.5.
+    name
+        Label.
+
+    Returns
+    -------
+    Excitation
+        With one segment for each period.
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range, or two frequencies fall on one multiple.
+
+    Notes
+    -----
+    Start: M. Schroeder, doi:10.1109/TIT.1970.1054411. Clipping: E. van der Ouderaa, J. Schoukens,
+    J. Renneboog, IEEE Transactions on Instrumentation and Measurement 37 (1988) 145.
+
+    Examples
+    --------
+    >>> multisine([0.1, 0.2, 0.3, 0.4], 10.0, 13.0).crest_factor < 2.0
+    True
+    """
+    positive("period_s", period_s)
+    positive("amplitude_rpm", amplitude_rpm)
+    if periods < 1:
+        raise InputError(f"periods is {periods}, expected 1 or more")
+    frequencies = outside(numbers("frequencies_hz", frequencies_hz), avoid_hz)
+    samples = len(sample_times(period_s, rate_hz))
+    if not math.isclose(samples, period_s * rate_hz, rel_tol=1e-9):
+        raise InputError(
+            f"period_s is {period_s:g}, {period_s * rate_hz:g} samples, expected a whole number of samples"
+        )
+    lines = [round(frequency * period_s) for frequency in frequencies]
+    for index, (line, frequency) in enumerate(zip(lines, frequencies, strict=True)):
+        below_nyquist(f"frequencies_hz[{index}]", frequency, rate_hz)
+        if line < 1 or line in lines[:index] or 2 * line >= samples:
+            raise InputError(
+                f"frequencies_hz[{index}] is {frequency:g}, nearest multiple {line / period_s:g} of "
+                "1/period_s, expected one of its own between zero and half of rate_hz; take a longer period"
+            )
+    lines.sort()
+    one_period = _flattened(np.array(lines), samples, iterations)
+    tones = np.tile(amplitude_rpm / np.abs(one_period).max() * one_period, periods)
+    segments = tuple(Segment(f"period {k + 1}", k * period_s, (k + 1) * period_s) for k in range(periods))
+    return Excitation(name, "multisine", rate_hz, tones, segments=segments)
+
+
+def _flattened(lines: npt.NDArray[np.int64], samples: int, iterations: int) -> Array:
+    """One period of equal cosines on the given lines, with the lowest crest factor that clipping found."""
+    order = np.arange(len(lines))
+    spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
+    spectrum[lines] = np.exp(-1j * math.pi * order * (order + 1) / len(lines))
+    best = trial = np.fft.irfft(spectrum, samples)
+    for round_ in range(iterations):
+        # Cutting more at first leaves the start's local minimum, cutting less at last refines.
+        ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
+        clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
+        spectrum[lines] = np.exp(1j * np.angle(clipped))
+        trial = np.fft.irfft(spectrum, samples)
+        # All trials have the same power, so the lowest peak is the lowest crest factor.
+        if np.abs(trial).max() < np.abs(best).max():
+            best = trial
+    return best

@@ -1,0 +1,53 @@
+"""Steps: levels that stand upon each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.signals.checks import numbers, sample_times
+from shipfp_rs.signals.excitation import Excitation
+
+
+def steps(
+    sizes_rpm: npt.ArrayLike,
+    hold_s: float,
+    *,
+    lead_s: float = 0.0,
+    rate_hz: float = 100.0,
+    name: str = "steps",
+) -> Excitation:
+    """Return steps one upon the other, each held (section 5.1.3).
+
+    Parameters
+    ----------
+    sizes_rpm
+        Size of each step [rpm], up or down from the level before.
+    hold_s
+        Time at each level [s].
+    lead_s
+        Time at the operating point before the first step [s].
+    rate_hz
+        Sample rate [Hz].
+    name
+        Label.
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+
+    Examples
+    --------
+    >>> steps([65.0, -65.0], 1.0, rate_hz=2.0).samples.tolist()
+    [65.0, 65.0, 0.0, 0.0]
+    """
+    sizes = numbers("sizes_rpm", sizes_rpm)
+    if not (math.isfinite(lead_s) and lead_s >= 0.0):
+        raise InputError(f"lead_s is {lead_s}, expected zero or more")
+    hold, lead = len(sample_times(hold_s, rate_hz)), round(lead_s * rate_hz)
+    levels = np.repeat(np.cumsum(sizes), hold)
+    return Excitation(name, "steps", rate_hz, np.concatenate([np.zeros(lead), levels]), hold="zero")
