@@ -28,6 +28,8 @@ Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
 NoiseModel = Literal["white", "ar"]
 
+AS_LOW = 1e-6
+"""Minima whose criteria differ by less are the same."""
 AT_BOUND = 1e-5
 """A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
 
@@ -108,6 +110,10 @@ def identify(
     _check(weighting, noise, starts)
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
     _check_names(structure, ridge or {}, given)
+    if weighting == "none" and any(parameter.prior is not None for parameter in structure.free):
+        raise InputError(
+            "a prior needs residuals in units of their deviation; choose weighting 'determinant' or 'variance'"
+        )
     blocks = _blocks(
         data, structure, offsets=offsets, initial_state=initial_state == "estimated", weigh=weighting == "std"
     )
@@ -216,7 +222,11 @@ def _minima(
             progress(done + 1, len(vectors))
     if not found:
         raise IdentificationError(f"none of {len(vectors)} starts led to a minimum; the first: {failures[0]}")
-    return sorted(found, key=lambda minimum: minimum.criterion)
+    found.sort(key=lambda minimum: minimum.criterion)
+    # Of minima as low as each other take one that is known to be one.
+    as_low = (minimum for minimum in found if minimum.criterion <= found[0].criterion + AS_LOW)
+    best = next((minimum for minimum in as_low if minimum.converged), found[0])
+    return [best, *(minimum for minimum in found if minimum is not best)]
 
 
 def _fingerprint(
@@ -311,7 +321,9 @@ def _fingerprint(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        verdict=verdict(parameters, derived, identifiability, fit, structure),
+        verdict=verdict(
+            parameters, derived, identifiability, fit, structure, "" if best.converged else best.message
+        ),
     )
 
 
@@ -348,24 +360,27 @@ def _covariance(
     residual: Array,
     freedom: int,
 ) -> Array:
-    """Covariance (P, P) of the inner parameters: Gauss-Newton, each output's residual variance where not weighted."""
+    """Covariance (P, P) of the inner parameters: the sandwich H S H' of the Gauss-Newton inverse H.
+
+    S holds the variance of every row: of each output's weighted residuals, 1 for a known deviation and for a prior, 0
+    for a ridge, which is a wish and no measurement.
+    """
     base = inner.covariance()
-    if search.weighting == "std":
-        return base
-    if freedom <= 0:
+    if freedom <= 0 and search.weighting != "std":
         return np.full_like(base, np.inf)
-    priors = len(residual) - sum(evaluation.residual.size for evaluation in evaluations)
-    if search.weighting == "none" and priors == 0:
-        # Plain least squares over outputs of unequal scatter: the sandwich J+ S J+'.
-        samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
-        inflate = samples * len(search.structure.outputs) / freedom
-        spread = np.concatenate(
-            [np.repeat(np.diag(scatter_of(evaluations)), e.residual.shape[1]) for e in evaluations]
-        )
-        middle = jacobian.T @ (jacobian * spread[:, None])
-        return np.asarray(base @ middle @ base * inflate)
-    used = residual[: len(residual) - priors]
-    return np.asarray(base * float(used @ used) / freedom) if priors == 0 else base
+    outputs = len(search.structure.outputs)
+    widths = [evaluation.residual.shape[1] for evaluation in evaluations]
+    ends = np.cumsum([0, *(outputs * width for width in widths)])
+    blocks = [residual[ends[i] : ends[i + 1]].reshape(outputs, width) for i, width in enumerate(widths)]
+    samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+    variance = np.ones(outputs)
+    if search.weighting != "std":
+        inflation = samples * outputs / freedom
+        variance = sum((block**2).sum(axis=1) for block in blocks) / samples * inflation
+    rows = np.ones(len(residual))
+    rows[: ends[-1]] = np.concatenate([np.repeat(variance, width) for width in widths])
+    rows[len(rows) - len(search.ridge) :] = 0.0
+    return np.asarray(base @ (jacobian.T @ (jacobian * rows[:, None])) @ base)
 
 
 def _why_unknown(

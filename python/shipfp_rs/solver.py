@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiment import Experiment
+from shipfp_rs.least_squares import Solution, minimise
 from shipfp_rs.problem import Block, Evaluation, autoregressive_model, prewhiten
 from shipfp_rs.structure import Parameter, Structure
 
@@ -26,8 +25,6 @@ CRITERION_TOLERANCE = 1e-8
 """Change of N ln det(E'E/N) that ends the iteration of the weights: parameters then move by 1e-4 of their deviation."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends it where there is no noise to measure the change by."""
-FAILED_RESIDUAL = 1e6
-"""Stands for every residual of a parameter vector whose simulation diverged, so that the search turns back."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,6 @@ class Minimum:
     message: str
     evaluations: int
     noise: Noise
-    active: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -232,22 +228,21 @@ class Search:
         rounds = WEIGHT_ITERATIONS if self.weighting in ("variance", "determinant") else 1
         for _ in range(rounds):
             solution = self._solve(vector, noise, tick)
-            evaluations_used += int(solution.nfev)
-            moved = np.max(np.abs(solution.x - vector) / (np.abs(vector) + 1e-9))
-            vector, before = np.asarray(solution.x), criterion
+            evaluations_used += solution.evaluations
+            moved = np.max(np.abs(solution.vector - vector) / (np.abs(vector) + 1e-9))
+            vector, before = solution.vector, criterion
             evaluations = self.filtered(vector, noise)
-            criterion = self.criterion(evaluations, solution.fun)
+            criterion = self.criterion(evaluations, solution.residual)
             if rounds == 1 or moved < UNMOVED or abs(before - criterion) < CRITERION_TOLERANCE:
                 break
             noise = self.noise_of(evaluations, noise.models)
         return Minimum(
             vector=vector,
             criterion=criterion,
-            converged=bool(solution.status > 0),
-            message=str(solution.message),
+            converged=solution.converged,
+            message=solution.message,
             evaluations=evaluations_used,
             noise=noise,
-            active=np.asarray(solution.active_mask != 0),
         )
 
     def require_stable(self, vector: Array) -> None:
@@ -256,55 +251,23 @@ class Search:
         if stable is not None and not stable(self.values(vector)):
             raise SimulationError("the closed loop is unstable, a ship that was measured is not")
 
-    def _solve(self, start: Array, noise: Noise, tick: Callable[[], None] | None):  # type: ignore[no-untyped-def]
+    def _solve(self, start: Array, noise: Noise, tick: Callable[[], None] | None) -> Solution:
         lower, upper = self.bounds()
-        deadline = None if self.time_limit_s is None else time.monotonic() + self.time_limit_s
-        cache: dict[bytes, tuple[Array, Array]] = {}
 
         def both(vector: Array) -> tuple[Array, Array]:
-            if deadline is not None and time.monotonic() > deadline:
-                raise TimeoutError
-            key = vector.tobytes()
-            if key not in cache:
-                started = bool(cache)
-                cache.clear()
-                try:
-                    self.require_stable(vector)
-                    cache[key] = self.condensed(vector, noise)
-                except SimulationError:
-                    if not started:
-                        raise
-                    failed = np.full(self.size + 1, FAILED_RESIDUAL)
-                    cache[key] = failed, np.zeros((self.size + 1, self.size))
-            if tick is not None:
-                tick()
-            return cache[key]
+            self.require_stable(vector)
+            return self.condensed(vector, noise)
 
-        # trf wants the start strictly inside; a start on a bound is a fair wish, so nudge it.
-        inside = np.clip(start, lower + 1e-10 * _width(lower, upper), upper - 1e-10 * _width(lower, upper))
-        try:
-            return least_squares(
-                lambda vector: both(vector)[0],
-                inside,
-                jac=lambda vector: both(vector)[1],
-                bounds=(lower, upper),
-                method="trf",
-                x_scale="jac",
-                ftol=self.tolerance,
-                xtol=self.tolerance,
-                gtol=self.tolerance,
-                max_nfev=self.max_evaluations,
-            )
-        except TimeoutError:
-            raise IdentificationError(
-                f"no minimum within {self.time_limit_s:g} s; raise time_limit_s, or use fewer samples"
-            ) from None
-        except SimulationError as error:
-            raise IdentificationError(f"the start vector can't be simulated: {error}") from error
-        except np.linalg.LinAlgError as error:
-            raise IdentificationError(
-                f"the search broke off: {error}; try another start or tighter bounds"
-            ) from error
+        return minimise(
+            both,
+            start,
+            lower,
+            upper,
+            tolerance=self.tolerance,
+            max_evaluations=self.max_evaluations,
+            time_limit_s=self.time_limit_s,
+            tick=tick,
+        )
 
 
 def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
@@ -346,11 +309,6 @@ def _robust_variance(evaluations: Sequence[Evaluation]) -> Array:
     joined = np.concatenate([evaluation.residual[:, evaluation.valid] for evaluation in evaluations], axis=1)
     spread = np.median(np.abs(joined - np.median(joined, axis=1, keepdims=True)), axis=1)
     return np.asarray((1.4826 * spread) ** 2)
-
-
-def _width(lower: Array, upper: Array) -> Array:
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isfinite(upper - lower), upper - lower, 0.0)
 
 
 def start_vectors(search: Search, count: int, seed: int | None) -> list[Array]:

@@ -14,9 +14,14 @@ def verdict(
     identifiability: Identifiability,
     fit: Mapping[str, Mapping[str, float | None]],
     structure: Structure,
+    trouble: str = "",
 ) -> tuple[str, ...]:
-    """Return the sentences of the verdict, most important first."""
-    lines = []
+    """Return the sentences of the verdict, most important first; `trouble` says why the search's end is no minimum."""
+    lines = (
+        [f"The search did not end in a minimum, so take no figure for an estimate: {trouble}."]
+        if trouble
+        else []
+    )
     known = [
         _shown(name, e)
         for name, e in parameters.items()
