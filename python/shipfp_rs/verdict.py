@@ -55,14 +55,25 @@ def verdict(
             + "; ".join(identifiability.closes_gap)
             + "."
         )
-    poor = [
-        f"{output} {row['nrmse_pct']:.1f} %"
-        for output, row in fit.items()
-        if (row["nrmse_pct"] or 0.0) < 60.0
-    ]
+    overall = fit.get("overall", {})
+    chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
+    if chi_squared is not None and freedom is not None:
+        # Known deviations judge a fit better than its share of the spread: some points may carry no weight.
+        poor = (
+            [f"chi-squared {chi_squared:.4g} at {freedom:.0f} degrees of freedom"]
+            if chi_squared > 2 * freedom
+            else []
+        )
+    else:
+        rows = {output: row["nrmse_pct"] for output, row in fit.items() if output != "overall"}
+        poor = [
+            f"fit of {output} {value:.1f} %"
+            for output, value in rows.items()
+            if value is not None and value < 60.0
+        ]
     if poor:
         lines.append(
-            f"The structure {structure.name!r} explains the data poorly (fit of "
+            f"The structure {structure.name!r} explains the data poorly ("
             + ", ".join(poor)
             + "): its intervals "
             "hold for the structure, not for the ship."
