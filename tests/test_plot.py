@@ -159,5 +159,8 @@ def test_intervals_between_pulses_lie_on_one_line_for_each_reflector() -> None:
     for reflector, share in enumerate(fractions):
         dots = next(line for line in ax.get_lines() if line.get_label() == f"interval {reflector + 1} of 4")
         np.testing.assert_allclose(dots.get_ydata(), 400.0 * share - 100.0, atol=1e-9)
+    lost = PulseTimes(np.delete(times, 201), np.empty((0, 2)), 1.0, 2.0, 3.0, 2000.0)
+    (mark,) = (line for line in plot.pulse_intervals(lost, 4).get_lines() if line.get_label() == "beyond, 1")
+    assert mark.get_xdata() == pytest.approx(times[202])
     with pytest.raises(InputError, match="3 pulses, expected more than the 4"):
         plot.pulse_intervals(PulseTimes(times[:3], np.empty((0, 2)), 1.0, 2.0, 3.0, 2000.0), 4)

@@ -231,8 +231,8 @@ def pulse_intervals(
 ) -> Axes:
     """Draw each interval between pulses relative to an even share of its turn: reflectors, extra and missed pulses.
 
-    The intervals of a train at steady speed lie on one line for each reflector; a missed pulse stands near
-    +100 %, an extra one makes a pair far below zero, and from there on the colours change places.
+    The intervals of a train at steady speed lie on one line for each reflector. A missed or an extra pulse is a
+    cross at the edge, and from there on the colours change places.
 
     Parameters
     ----------
@@ -260,15 +260,21 @@ def pulse_intervals(
     share = median_filter(uniform_filter1d(period, pulses_per_rev), 4 * pulses_per_rev + 1)
     deviation = 100.0 * (period / share - 1.0)
     place = np.arange(len(period)) % pulses_per_rev
+    # A few wrong pulses must not squeeze the reflectors into one line; they are marked at the edge.
+    reach = max(2.0 * float(np.percentile(np.abs(deviation), 98)), 0.1)
+    beyond = np.abs(deviation) > reach
     for reflector in range(pulses_per_rev):
-        chosen = place == reflector
+        chosen = (place == reflector) & ~beyond
         color = REFLECTORS[reflector % len(REFLECTORS)]
         label = f"interval {reflector + 1} of {pulses_per_rev}"
-        ax.plot(times[1:][chosen], deviation[chosen], ".", ms=2, color=color, label=label, rasterized=True)
+        ax.plot(times[1:][chosen], deviation[chosen], ".", ms=3, color=color, label=label, rasterized=True)
         if angles is not None:
-            ax.axhline(
-                100.0 * (angles.fractions[reflector] * pulses_per_rev - 1.0), color=color, lw=0.8, ls="--"
-            )
+            share_of_turn = 100.0 * (angles.fractions[reflector] * pulses_per_rev - 1.0)
+            ax.axhline(share_of_turn, color=color, lw=0.8, ls="--")
+    if beyond.any():
+        edge = np.clip(deviation[beyond], -reach, reach)
+        ax.plot(times[1:][beyond], edge, "x", ms=6, color=RED, label=f"beyond, {beyond.sum()}", clip_on=False)
+    ax.set_ylim(-reach, reach)
     ax.set_xlabel("time [s]")
     _dress(ax, "interval over even share of a turn [%]")
     return ax
@@ -352,7 +358,7 @@ def _dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.0, 1.0),
-            ncols=4,
+            ncols=5,
             frameon=False,
             fontsize="small",
             borderaxespad=0.2,
