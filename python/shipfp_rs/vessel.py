@@ -212,8 +212,8 @@ class Vessel(Section):
         if name.endswith(_SUFFIX) or Path(name).exists():
             return read_toml(name, cls)
         raise InputError(
-            f"vessel {name!r}: found no built-in ship of this name, {suggestion(name, cls.names())}; "
-            "a ship of your own is given by the path of its .toml file"
+            f"vessel {name!r}: found no built-in ship of this name, {suggestion(name, cls.names())} "
+            "(a ship of your own is given by the path of its .toml file)"
         )
 
     def replace(self, changes: Mapping[str, Any]) -> Self:
