@@ -1,6 +1,6 @@
 """Pulse detector against the speed of reading memory (np.max), a numba state machine and a vectorised NumPy version.
 
-Build with `maturin develop --release`, then `python benches/bench_pulse.py`. All figures come from one run on the same
+Build with `maturin develop --release`, then `python -m benches.bench_pulse`. All figures come from one run on the same
 array: 3.2 hours of a pulse train at 2 kHz, far larger than the caches.
 """
 
@@ -9,8 +9,8 @@ import argparse
 import numpy as np
 from numba import njit
 
+from benches.timing import median_time, print_table
 from shipfp_rs._core import PulseCrossings, pulse_levels
-from timing import median_time, print_table
 
 LOW, MIDDLE, HIGH = 1.0, 2.0, 3.0
 RATE = 2000.0
@@ -69,7 +69,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=23_000_000, help="length of the train")
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--quick", action="store_true", help="a short train, just to see that it runs")
     options = parser.parse_args()
+    if options.quick:
+        options.samples, options.repeats = 1_000_000, 3
     rows = []
     for pulses_per_s in (20.65, 60.0, 160.0):
         train = pulse_train(options.samples, pulses_per_s)

@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from shipfp_rs.reproduce.fullscale import measured_response, reproduce
+from shipfp_rs.reproduce.fullscale import measured_response
 
 
-@pytest.fixture(scope="module")
-def reproduction():
-    return reproduce()
+@pytest.fixture
+def reproduction(fullscale):
+    return fullscale
 
 
 def rows(reproduction, case: str, way: str):
