@@ -131,7 +131,7 @@ def agreeing(found, certified):
 
 def solve(problem, start):
     """Run the layer as it stands from start 1 or 2."""
-    return minimise(problem.function, problem.starts[start - 1], -np.inf, np.inf, max_evaluations=2000)
+    return minimise(problem.function, problem.starts[start - 1], -np.inf, np.inf, max_evaluations=5000)
 
 
 def main():

@@ -103,3 +103,20 @@ class PulseCrossings:
     def gaps(self) -> NDArray[np.int64]: ...
 
 def pulse_levels(samples: _Samples) -> tuple[float, float]: ...
+def simulate_statespace(
+    A: NDArray[np.float64],
+    B: NDArray[np.float64],
+    C: NDArray[np.float64],
+    D: NDArray[np.float64],
+    u: NDArray[np.float64],
+    dt: float,
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+) -> NDArray[np.float64]: ...
+def statespace_response(
+    A: NDArray[np.float64],
+    B: NDArray[np.float64],
+    C: NDArray[np.float64],
+    D: NDArray[np.float64],
+    frequency_hz: NDArray[np.float64],
+) -> NDArray[np.complex128]: ...

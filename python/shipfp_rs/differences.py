@@ -20,7 +20,7 @@ STEP = 1e-3
 SHRINK = 0.1
 """Factor on the step where two steps disagree by more than `AGREE`, at most `TRIES` times."""
 AGREE = 1e-5
-TRIES = 4
+TRIES = 6
 ROUNDING = 1e-14
 """Relative noise of a computed function."""
 

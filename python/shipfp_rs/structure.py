@@ -13,6 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 
 if TYPE_CHECKING:
+    from shipfp_rs.own_equations import Matrices, Response, Simulate
     from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +33,22 @@ def _signals(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...
         "dX": ("X_f",),
     }
     return {output: candidates[output] for output in outputs}
+
+
+def _own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    if isinstance(outputs, Mapping):
+        signals: dict[str, tuple[str, ...]] = {output: (signal,) for output, signal in outputs.items()}
+    else:
+        unknown = [output for output in outputs if output not in OUTPUTS]
+        if unknown:
+            raise InputError(
+                f"output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}, or a mapping from the outputs to the "
+                "signals that measure them"
+            )
+        signals = _signals(outputs, "brake")
+    if not signals or len(signals) != len(outputs):
+        raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+    return signals
 
 
 @dataclass(frozen=True)
@@ -239,6 +256,114 @@ class Structure:
                 "free_exponent": free_exponent,
             },
         )
+
+    @classmethod
+    def from_matrices(
+        cls,
+        matrices: Matrices,
+        parameters: Sequence[Parameter],
+        outputs: Sequence[str] | Mapping[str, str],
+        *,
+        name: str,
+    ) -> Structure:
+        """Declare a structure of one's own as x' = A x + B dn_set, y = C x + D dn_set, of any order.
+
+        Everything that works with `linear` works with it: initial states, joint fits, frequency responses. A dead time
+        needs an approximation by states, or `from_function`.
+
+        Parameters
+        ----------
+        matrices
+            Parameter values by name to (A, B, C, D) in continuous time [s], of shapes (n, n), (n,), (O, n), (O,).
+            Written with NumPy they take complex numbers too, which makes the derivatives exact.
+        parameters
+            Name, unit, start, bounds of each.
+        outputs
+            Some of "dn", "dM", "dE", "dX", or a mapping from names of one's own to the signals that measure them.
+        name
+            For reports.
+
+        Raises
+        ------
+        InputError
+            For outputs, or shapes at the start values, that do not fit.
+
+        Examples
+        --------
+        The rack follows the governor, and the shaft the rack, each with a lag of its own:
+
+        >>> import numpy as np
+        >>> def matrices(q):
+        ...     A = np.array([[-1 / q["tau_rack"], 0], [1 / q["tau_shaft"], -1 / q["tau_shaft"]]])
+        ...     return A, np.array([1 / q["tau_rack"], 0]), np.array([[0, 1]]), np.array([0])
+        >>> two_lags = Structure.from_matrices(
+        ...     matrices,
+        ...     [Parameter("tau_rack", "s", 0.2, 0.01, 2), Parameter("tau_shaft", "s", 1.0, 0.01, 10)],
+        ...     ["dn"],
+        ...     name="two lags",
+        ... )
+        >>> two_lags.equations.states
+        ('initial x1', 'initial x2')
+        """
+        from shipfp_rs.own_equations import MatrixEquations
+
+        signals = _own_signals(outputs)
+        equations = MatrixEquations(matrices, tuple(parameters), tuple(signals))
+        equations.states  # noqa: B018 the shapes are checked here, not in the middle of a fit
+        return cls(name, tuple(parameters), signals, equations, {"kind": "matrices"})
+
+    @classmethod
+    def from_function(
+        cls,
+        simulate: Simulate,
+        parameters: Sequence[Parameter],
+        outputs: Sequence[str] | Mapping[str, str],
+        *,
+        name: str,
+        response: Response | None = None,
+    ) -> Structure:
+        """Declare a structure of one's own as a function that simulates an experiment.
+
+        Derivatives are taken numerically, see `differences.Differences`. The function has the initial state in its own
+        hands: what is unknown of it is a parameter. An offset of each output is estimated along as always.
+
+        Parameters
+        ----------
+        simulate
+            (parameter values by name, `Experiment`) to the normalised outputs, shape (O, N). Where it can't, it raises
+            `SimulationError` or an ArithmeticError, or returns what is not finite, and the search turns back.
+        parameters, outputs, name
+            As for `from_matrices`.
+        response
+            (parameter values, frequencies [Hz] (F,)) to complex responses (O, F), for frequency data.
+
+        Raises
+        ------
+        InputError
+            For outputs that do not fit.
+
+        Examples
+        --------
+        The torque follows the set point with a gain and a lag:
+
+        >>> from scipy.signal import lsim
+        >>> def simulate(q, experiment):
+        ...     lag = [q["gain"]], [q["tau"], 1]
+        ...     return lsim(lag, experiment.normalised("n_set"), experiment.time)[1][None]
+        >>> lag = Structure.from_function(
+        ...     simulate,
+        ...     [Parameter("gain", "-", 1.0, 0.0, 10.0), Parameter("tau", "s", 1.0, 0.01, 10.0)],
+        ...     {"dM": "M_b"},
+        ...     name="lag of torque",
+        ... )
+        >>> lag.outputs
+        ('dM',)
+        """
+        from shipfp_rs.own_equations import FunctionEquations
+
+        signals = _own_signals(outputs)
+        equations = FunctionEquations(simulate, tuple(parameters), tuple(signals), response)
+        return cls(name, tuple(parameters), signals, equations, {"kind": "function"})
 
     def __getitem__(self, name: str) -> Parameter:
         """Return a parameter by name."""

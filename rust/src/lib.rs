@@ -7,6 +7,7 @@ pub mod linear;
 pub mod plant;
 pub mod pool;
 pub mod pulse;
+pub mod statespace;
 pub mod stop;
 
 #[cfg(feature = "python")]

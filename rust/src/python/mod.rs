@@ -9,6 +9,7 @@ mod guard;
 mod linear;
 mod plant;
 mod pulse;
+mod statespace;
 
 use pyo3::prelude::*;
 
@@ -20,5 +21,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     linear::register(module)?;
     plant::register(module)?;
     pulse::register(module)?;
+    statespace::register(module)?;
     Ok(())
 }
