@@ -18,6 +18,14 @@ pub enum Error {
         /// The signal that left the range.
         what: &'static str,
     },
+    /// One member of a batch failed.
+    #[error("member {member}: {error}")]
+    Member {
+        /// Its row.
+        member: usize,
+        /// How it failed.
+        error: Box<Error>,
+    },
     /// The caller asked to stop.
     #[error("stopped on request")]
     Stopped,

@@ -21,12 +21,32 @@ impl Engine {
     pub fn demand(&self, rack: Affine, engine_speed: Affine) -> Affine {
         rack * self.rack_gain + engine_speed * self.speed_gain + self.offset
     }
+}
 
-    /// Brake torque [Nm] between the envelope's torque at the present speed and the minimum; a NaN stays one.
-    #[inline(always)]
-    #[must_use]
-    pub fn limited(&self, demand: f64, envelope: f64) -> f64 {
-        let torque = if envelope < demand { envelope } else { demand };
-        if torque < self.minimum_torque { self.minimum_torque } else { torque }
+/// `demand` between `minimum` and `maximum`, of which the minimum wins; a NaN stays one.
+// Written so that each line is one instruction; `f64::min` and `f64::max` would drop a NaN and cost three.
+#[inline(always)]
+#[must_use]
+pub fn limited(demand: f64, minimum: f64, maximum: f64) -> f64 {
+    let torque = if maximum < demand { maximum } else { demand };
+    if minimum > torque { minimum } else { torque }
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)] // Exact on purpose.
+mod tests {
+    use super::limited;
+
+    #[test]
+    fn the_minimum_wins_over_the_maximum() {
+        assert_eq!(limited(300.0, -50.0, 250.0), 250.0);
+        assert_eq!(limited(-80.0, -50.0, 250.0), -50.0);
+        assert_eq!(limited(0.0, 20.0, 10.0), 20.0);
+        assert_eq!(limited(300.0, f64::NEG_INFINITY, f64::INFINITY), 300.0);
+    }
+
+    #[test]
+    fn a_demand_that_is_not_a_number_is_not_hidden_by_the_limits() {
+        assert!(limited(f64::NAN, -50.0, 250.0).is_nan());
     }
 }

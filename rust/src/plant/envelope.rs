@@ -8,76 +8,37 @@ pub trait Limit {
     fn torque(&mut self, engine_speed: f64) -> f64;
 }
 
-/// The same limit at every speed; infinity where there is none.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Constant(pub f64);
-
-impl Limit for Constant {
-    #[inline(always)]
-    fn torque(&mut self, _engine_speed: f64) -> f64 {
-        self.0
-    }
-}
-
-/// A straight piece of the envelope, valid for speeds in [from, to).
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Piece {
-    from: f64,
-    to: f64,
-    anchor: f64,
-    torque: f64,
-    slope: f64,
-}
-
-/// A piecewise linear limit, constant outside its points.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Table(Vec<Piece>);
-
-/// Looks a [`Table`] up, starting from the piece of the time before.
-///
-/// The speed moves little between stages, so the branches are predicted and the lookup costs no search. A speed belongs
-/// to one piece only: the result does not depend on where the search starts.
-#[derive(Debug, Clone, Copy)]
-pub struct Cursor<'a> {
-    table: &'a Table,
-    index: usize,
-    piece: Piece,
-}
-
-impl Table {
-    /// A cursor on the first piece.
-    #[must_use]
-    pub fn cursor(&self) -> Cursor<'_> {
-        Cursor { table: self, index: 0, piece: self.0[0] }
-    }
-}
-
-impl Limit for Cursor<'_> {
-    #[inline(always)]
-    fn torque(&mut self, engine_speed: f64) -> f64 {
-        while engine_speed < self.piece.from {
-            self.index -= 1;
-            self.piece = self.table.0[self.index];
-        }
-        while engine_speed >= self.piece.to {
-            self.index += 1;
-            self.piece = self.table.0[self.index];
-        }
-        self.piece.torque + self.piece.slope * (engine_speed - self.piece.anchor)
-    }
-}
-
 /// Torque-speed envelope of an engine.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub enum Envelope {
     /// One torque at every speed, infinity for no limit.
     Constant(Constant),
-    /// Linear between points.
+    /// Linear between points, constant outside.
     Table(Table),
 }
 
+/// The same limit at every speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Constant(pub f64);
+
+/// Straight pieces by ascending speed.
+#[derive(Debug, Clone)]
+pub struct Table(Vec<Piece>);
+
+/// torque = `intercept` + `slope` speed for speeds in [from, to).
+///
+/// A bound that is never to be reached is NaN, not infinity: it holds for an infinite speed too, which a simulation
+/// that diverges comes to.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    from: f64,
+    to: f64,
+    intercept: f64,
+    slope: f64,
+}
+
 impl Envelope {
-    /// Build from points; none means unlimited, one means constant.
+    /// Build from points, engine speed [rev/s] and torque [Nm]; none means unlimited, one means constant.
     ///
     /// # Errors
     /// Where the points differ in number, are not finite, or the speeds don't ascend.
@@ -87,38 +48,167 @@ impl Envelope {
         })?;
         for (name, values) in [("limit_speed", speed), ("limit_torque", torque)] {
             if let Some(bad) = values.iter().position(|value| !value.is_finite()) {
-                let value = values[bad];
-                return Err(Error::Invalid(format!("{name}[{bad}] is {value}, expected a finite number")));
+                let found = values[bad];
+                return Err(Error::Invalid(format!("{name}[{bad}] is {found}, expected a finite number")));
             }
         }
         if let Some(bad) = (1..speed.len()).find(|&i| speed[i] <= speed[i - 1]) {
+            let (found, before) = (speed[bad], speed[bad - 1]);
             return Err(Error::Invalid(format!(
-                "limit_speed[{bad}] is {} after {}, expected ascending speeds",
-                speed[bad],
-                speed[bad - 1]
+                "limit_speed[{bad}] is {found} after {before}, expected ascending speeds"
             )));
         }
         Ok(match *torque {
             [] => Self::Constant(Constant(f64::INFINITY)),
             [only] => Self::Constant(Constant(only)),
-            _ => Self::Table(Table(pieces(speed, torque))),
+            [first, .., last] => {
+                let level = |from, to, torque| Piece { from, to, intercept: torque, slope: 0.0 };
+                let between = (1..speed.len()).map(|i| {
+                    let slope = (torque[i] - torque[i - 1]) / (speed[i] - speed[i - 1]);
+                    Piece { from: speed[i - 1], to: speed[i], intercept: torque[i] - slope * speed[i], slope }
+                });
+                let mut pieces = vec![level(f64::NAN, speed[0], first)];
+                pieces.extend(between);
+                pieces.push(level(speed[speed.len() - 1], f64::NAN, last));
+                Self::Table(Table(pieces))
+            }
         })
     }
 }
 
-/// The straight pieces between the points, with a level one before the first and after the last.
-fn pieces(speed: &[f64], torque: &[f64]) -> Vec<Piece> {
-    let last = speed.len() - 1;
-    let before =
-        Piece { from: f64::NEG_INFINITY, to: speed[0], anchor: speed[0], torque: torque[0], slope: 0.0 };
-    let after =
-        Piece { from: speed[last], to: f64::INFINITY, anchor: speed[last], torque: torque[last], slope: 0.0 };
-    let between = (0..last).map(|i| Piece {
-        from: speed[i],
-        to: speed[i + 1],
-        anchor: speed[i],
-        torque: torque[i],
-        slope: (torque[i + 1] - torque[i]) / (speed[i + 1] - speed[i]),
-    });
-    std::iter::once(before).chain(between).chain(std::iter::once(after)).collect()
+impl Table {
+    /// A cursor on the first piece.
+    #[must_use]
+    pub fn cursor(&self) -> Cursor<'_> {
+        Cursor { pieces: &self.0, index: 0, piece: self.0[0] }
+    }
+
+    /// The table as a sum, where it has at most that many points.
+    #[must_use]
+    pub fn hinges<const POINTS: usize>(&self) -> Option<Hinges<POINTS>> {
+        // Every piece after the first begins at a point.
+        let hinge = |pair: &[Piece]| (pair[1].from, pair[1].slope - pair[0].slope);
+        let mut points = self.0.windows(2).map(hinge);
+        (self.0.len() <= POINTS + 1).then(|| Hinges {
+            level: self.0[0].intercept,
+            points: std::array::from_fn(|_| points.next().unwrap_or_default()),
+        })
+    }
+}
+
+/// Looks a table up from the piece of the time before.
+///
+/// The speed moves little between stages, so that the branches are predicted and no search is paid for. A speed
+/// belongs to one piece only: the result does not depend on where the search starts.
+#[derive(Debug, Clone, Copy)]
+pub struct Cursor<'a> {
+    pieces: &'a [Piece],
+    index: usize,
+    piece: Piece,
+}
+
+/// A table as its first torque and, for each point, its speed and by how much the slope changes there.
+///
+/// The sum has no branch and vectorises.
+#[derive(Debug, Clone, Copy)]
+pub struct Hinges<const POINTS: usize> {
+    level: f64,
+    points: [(f64, f64); POINTS],
+}
+
+impl Limit for Constant {
+    #[inline(always)]
+    fn torque(&mut self, _engine_speed: f64) -> f64 {
+        self.0
+    }
+}
+
+impl Limit for Cursor<'_> {
+    #[inline(always)]
+    fn torque(&mut self, engine_speed: f64) -> f64 {
+        while engine_speed < self.piece.from {
+            self.index -= 1;
+            self.piece = self.pieces[self.index];
+        }
+        while engine_speed >= self.piece.to {
+            self.index += 1;
+            self.piece = self.pieces[self.index];
+        }
+        self.piece.intercept + self.piece.slope * engine_speed
+    }
+}
+
+impl<const POINTS: usize> Limit for Hinges<POINTS> {
+    #[inline(always)]
+    fn torque(&mut self, engine_speed: f64) -> f64 {
+        let mut torque = self.level;
+        for (from, bend) in self.points {
+            let beyond = engine_speed - from;
+            torque += bend * if beyond > 0.0 { beyond } else { 0.0 };
+        }
+        torque
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const SPEED: [f64; 4] = [10.0, 15.0, 15.5, 30.0];
+    const TORQUE: [f64; 4] = [100.0, 460.0, 440.0, 300.0];
+
+    fn table() -> Table {
+        match Envelope::new(&SPEED, &TORQUE) {
+            Ok(Envelope::Table(table)) => table,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn interpolated(speed: f64) -> f64 {
+        let speed = speed.clamp(SPEED[0], SPEED[3]);
+        let i = (0..3).rev().find(|&i| speed >= SPEED[i]).unwrap_or(0);
+        let part = (speed - SPEED[i]) / (SPEED[i + 1] - SPEED[i]);
+        TORQUE[i] * (1.0 - part) + TORQUE[i + 1] * part
+    }
+
+    proptest! {
+        #[test]
+        fn every_lookup_is_the_interpolation_wherever_the_speed_was_before(speeds in prop::collection::vec(-5.0..40.0, 1..20)) {
+            let table = table();
+            let mut cursor = table.cursor();
+            let mut hinges = table.hinges::<8>().unwrap();
+            for speed in speeds {
+                let (found, expected) = (cursor.torque(speed), interpolated(speed));
+                prop_assert!((found - expected).abs() < 1e-12 * expected);
+                prop_assert!((hinges.torque(speed) - expected).abs() < 1e-12 * expected);
+                prop_assert_eq!(found.to_bits(), table.cursor().torque(speed).to_bits());
+            }
+        }
+    }
+
+    #[test]
+    fn speeds_without_end_are_survived() {
+        let table = table();
+        for speed in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN, 20.0] {
+            let _ = table.cursor().torque(speed);
+        }
+    }
+
+    #[test]
+    fn hinges_hold_as_many_points_as_they_have_room_for() {
+        assert!(table().hinges::<4>().is_some());
+        assert!(table().hinges::<3>().is_none());
+    }
+
+    #[test]
+    fn no_point_is_no_limit_and_one_is_a_constant() {
+        let constant = |speed: &[f64], torque: &[f64]| match Envelope::new(speed, torque) {
+            Ok(Envelope::Constant(Constant(torque))) => Some(torque),
+            _ => None,
+        };
+        assert_eq!(constant(&[], &[]), Some(f64::INFINITY));
+        assert_eq!(constant(&[20.0], &[446.0]), Some(446.0));
+    }
 }

@@ -1,7 +1,5 @@
 //! Reduction gear (eq. 3.6, 3.7).
 
-use super::Affine;
-
 /// Couples the engine to the slower propeller shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gearbox {
@@ -12,12 +10,6 @@ pub struct Gearbox {
 }
 
 impl Gearbox {
-    /// Engine speed [rev/s] at a shaft speed [rev/s].
-    #[must_use]
-    pub fn engine_speed(&self, shaft_speed: Affine) -> Affine {
-        shaft_speed * self.ratio
-    }
-
     /// Shaft torque [Nm] at a brake torque [Nm].
     #[must_use]
     pub fn shaft_torque(&self, brake_torque: f64) -> f64 {

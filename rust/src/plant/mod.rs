@@ -5,16 +5,22 @@ mod engine;
 mod envelope;
 mod gearbox;
 mod governor;
+mod motion;
+mod power;
 mod propeller;
 mod shaft;
 
 pub use affine::Affine;
 pub use engine::Engine;
-pub use envelope::{Constant, Cursor, Envelope, Limit, Table};
+pub use envelope::{Constant, Cursor, Envelope, Hinges, Limit, Table};
 pub use gearbox::Gearbox;
 pub use governor::Governor;
+pub use motion::Motion;
+pub use power::{Library, Polynomial, Power, Square};
 pub use propeller::Propeller;
 pub use shaft::Shaft;
+
+use std::ops::{Add, Mul};
 
 use crate::error::{Error, Result, require};
 
@@ -34,61 +40,43 @@ pub const PARAMETERS: [&str; 12] = [
     "minimum_torque",
 ];
 
-/// State of the plant, or its rate of change.
+/// State of the plant, or a change of it, in the units of a [`Motion`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// Shaft speed [rev/s].
+    /// Engine speed.
     pub speed: f64,
-    /// Integrated error of the engine speed [rev].
+    /// Integrated error of the engine speed.
     pub error: f64,
 }
 
-impl State {
-    /// The state after `step` at a constant `rate`.
+impl Add for State {
+    type Output = Self;
     #[inline(always)]
-    #[must_use]
-    pub fn after(self, step: f64, rate: Self) -> Self {
-        Self { speed: self.speed + step * rate.speed, error: self.error + step * rate.error }
+    fn add(self, other: Self) -> Self {
+        Self { speed: self.speed + other.speed, error: self.error + other.error }
+    }
+}
+
+impl Mul<f64> for State {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, factor: f64) -> Self {
+        Self { speed: self.speed * factor, error: self.error * factor }
     }
 }
 
 /// Engine, governor, gearbox, shaft and propeller as one plant.
-///
-/// All that is linear around the torque limit and the propeller is folded when the plant is built.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)]
 pub struct Plant {
-    rack: Affine,
-    demand: Affine,
-    engine: Engine,
-    gear_ratio: f64,
-    /// Acceleration of the shaft per brake torque [(rev/s2)/Nm].
-    drive: f64,
-    /// The propeller's coefficient gives an acceleration here, not a torque.
-    drag: Propeller,
+    pub governor: Governor,
+    pub engine: Engine,
+    pub gearbox: Gearbox,
+    pub propeller: Propeller,
+    pub shaft: Shaft,
 }
 
 impl Plant {
-    /// Compose the components.
-    #[must_use]
-    pub fn new(
-        governor: Governor,
-        engine: Engine,
-        gearbox: Gearbox,
-        propeller: Propeller,
-        shaft: Shaft,
-    ) -> Self {
-        let engine_speed = gearbox.engine_speed(Affine::SHAFT_SPEED);
-        let rack = governor.rack(Affine::SET_SPEED - engine_speed, Affine::INTEGRATED_ERROR);
-        Self {
-            rack,
-            demand: engine.demand(rack, engine_speed),
-            engine,
-            gear_ratio: gearbox.ratio,
-            drive: shaft.acceleration(gearbox.shaft_torque(1.0)),
-            drag: Propeller { coefficient: shaft.acceleration(propeller.coefficient), ..propeller },
-        }
-    }
-
     /// Build from a vector in the order of [`PARAMETERS`]; `label` names it in messages.
     ///
     /// # Errors
@@ -126,42 +114,12 @@ impl Plant {
             integral,
             minimum_torque,
         ] = parameters;
-        Ok(Self::new(
-            Governor { base_rack, proportional, integral },
-            Engine { rack_gain, speed_gain, offset, minimum_torque },
-            Gearbox { ratio, efficiency },
-            Propeller { coefficient, exponent },
-            Shaft { inertia },
-        ))
-    }
-
-    /// Whether [`Self::rate`] may take the propeller torque as a square.
-    #[must_use]
-    pub fn is_square(&self) -> bool {
-        self.drag.is_square()
-    }
-
-    /// Fuel rack [mm].
-    #[inline(always)]
-    #[must_use]
-    pub fn rack(&self, set_speed: f64, state: State) -> f64 {
-        self.rack.at(set_speed, state)
-    }
-
-    /// Brake torque [Nm].
-    #[inline(always)]
-    #[must_use]
-    pub fn torque(&self, limit: &mut impl Limit, set_speed: f64, state: State) -> f64 {
-        self.engine.limited(self.demand.at(set_speed, state), limit.torque(self.gear_ratio * state.speed))
-    }
-
-    /// Rate of change of the state under a brake torque [Nm].
-    #[inline(always)]
-    #[must_use]
-    pub fn rate<const SQUARE: bool>(&self, torque: f64, set_speed: f64, state: State) -> State {
-        State {
-            speed: self.drive * torque - self.drag.torque::<SQUARE>(state.speed),
-            error: set_speed - self.gear_ratio * state.speed,
-        }
+        Ok(Self {
+            governor: Governor { base_rack, proportional, integral },
+            engine: Engine { rack_gain, speed_gain, offset, minimum_torque },
+            gearbox: Gearbox { ratio, efficiency },
+            propeller: Propeller { coefficient, exponent },
+            shaft: Shaft { inertia },
+        })
     }
 }

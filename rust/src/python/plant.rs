@@ -6,12 +6,13 @@ use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow};
 use super::guard;
-use crate::error::require;
-use crate::integrate::{ROWS, Scheme, simulate, simulate_batch};
-use crate::plant::{Envelope, PARAMETERS, Plant};
+use crate::integrate::{ROWS, Rows, Runs, Scheme, simulate};
+use crate::plant::{Envelope, PARAMETERS};
 
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+
+/// Simulate one plant; rows `n_s`, `E_n`, `X_f`, `M_b`.
 #[pyfunction]
-#[pyo3(name = "simulate_plant")]
 #[allow(clippy::too_many_arguments)]
 fn simulate_plant<'py>(
     py: Python<'py>,
@@ -26,25 +27,21 @@ fn simulate_plant<'py>(
     initial: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
-    let plant = Plant::from_parameters(parameters.as_slice()?, "parameters")?;
+    let n_set: Vector<'_> = borrow("n_set", n_set)?;
+    let initial: Vector<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
     let scheme = Scheme::new(dt, substeps, method.parse()?, hold.parse()?)?;
-    let set_speed: Vector<'_> = borrow("n_set", n_set)?;
-    let initial: Vector<'_> = borrow("initial", initial)?;
-    let samples = set_speed.len();
-    let output = PyArray2::zeros(py, [ROWS, samples], false);
-    {
-        let mut output = output.readwrite();
-        let (values, start, rows) = (set_speed.as_slice()?, initial.as_slice()?, output.as_slice_mut()?);
-        guard::run(py, scheme.steps(samples), |stop| {
-            simulate(&plant, &envelope, values, &scheme, start, rows, stop)
-        })?;
-    }
+    let runs = Runs::one(parameters.as_slice()?, n_set.as_slice()?, initial.as_slice()?)?;
+    let output: Bound<'_, PyArray2<f64>> = zeros(py, (ROWS, n_set.len()))?.cast_into()?;
+    let mut rows = output.readwrite();
+    let values = rows.as_slice_mut()?;
+    guard::run(py, scheme.steps(n_set.len()), |stop| simulate(&runs, &envelope, &scheme, 1, values, stop))?;
+    drop(rows);
     Ok(output)
 }
 
+/// Simulate many plants; for each the rows of `simulate_plant`.
 #[pyfunction]
-#[pyo3(name = "simulate_plant_batch")]
 #[allow(clippy::too_many_arguments)]
 fn simulate_plant_batch<'py>(
     py: Python<'py>,
@@ -59,38 +56,19 @@ fn simulate_plant_batch<'py>(
     initial: &Bound<'py, PyAny>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let parameters: PyReadonlyArray2<'_, f64> = borrow("parameters", parameters)?;
+    let parameters: Matrix<'_> = borrow("parameters", parameters)?;
+    let n_set: Matrix<'_> = borrow("n_set", n_set)?;
+    let initial: Matrix<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
     let scheme = Scheme::new(dt, substeps, method.parse()?, hold.parse()?)?;
-    let set_speed: PyReadonlyArray2<'_, f64> = borrow("n_set", n_set)?;
-    let initial: PyReadonlyArray2<'_, f64> = borrow("initial", initial)?;
-    let (members, width) = (parameters.shape()[0], parameters.shape()[1]);
-    let (rows, samples) = (set_speed.shape()[0], set_speed.shape()[1]);
-    let shaped = |ok: bool, name: &str, found: &[usize], expected: String| {
-        require(ok, || format!("{name} has shape {found:?}, expected {expected}"))
-    };
-    shaped(
-        width == PARAMETERS.len(),
-        "parameters",
-        parameters.shape(),
-        format!("[members, {}]", PARAMETERS.len()),
-    )?;
-    shaped(
-        rows == 1 || rows == members,
-        "n_set",
-        set_speed.shape(),
-        format!("[1, samples] or [{members}, samples]"),
-    )?;
-    shaped(initial.shape() == [members, 2], "initial", initial.shape(), format!("[{members}, 2]"))?;
-    let output = PyArray3::zeros(py, [members, ROWS, samples], false);
-    {
-        let mut output = output.readwrite();
-        let (vectors, values, start) = (parameters.as_slice()?, set_speed.as_slice()?, initial.as_slice()?);
-        let results = output.as_slice_mut()?;
-        guard::run(py, scheme.steps(samples).saturating_mul(members), |stop| {
-            simulate_batch(vectors, &envelope, values, samples, &scheme, start, threads, results, stop)
-        })?;
-    }
+    let runs = Runs::many(rows(&parameters)?, rows(&n_set)?, rows(&initial)?)?;
+    let samples = n_set.shape()[1];
+    let output: Bound<'_, PyArray3<f64>> = zeros(py, (runs.len(), ROWS, samples))?.cast_into()?;
+    let mut trajectories = output.readwrite();
+    let values = trajectories.as_slice_mut()?;
+    let work = scheme.steps(samples).saturating_mul(runs.len());
+    guard::run(py, work, |stop| simulate(&runs, &envelope, &scheme, threads, values, stop))?;
+    drop(trajectories);
     Ok(output)
 }
 
@@ -98,6 +76,15 @@ fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> PyResult<Env
     let speed: Vector<'_> = borrow("limit_speed", speed)?;
     let torque: Vector<'_> = borrow("limit_torque", torque)?;
     Ok(Envelope::new(speed.as_slice()?, torque.as_slice()?)?)
+}
+
+fn rows<'a>(matrix: &'a Matrix<'_>) -> PyResult<Rows<'a>> {
+    Ok(Rows { values: matrix.as_slice()?, shape: [matrix.shape()[0], matrix.shape()[1]] })
+}
+
+/// `numpy.zeros`; too large a shape is a `MemoryError` there, and a panic in the crate's own constructor.
+fn zeros<'py>(py: Python<'py>, shape: impl IntoPyObject<'py>) -> PyResult<Bound<'py, PyAny>> {
+    py.import("numpy")?.call_method1("zeros", (shape,))
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

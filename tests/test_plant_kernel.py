@@ -1,0 +1,377 @@
+"""The plant kernel against its NumPy twin, an independent solution of high order, and what physics demands."""
+
+import csv
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError, SimulationError
+
+from .twins import plant as twin
+from .twins.plant import M_B, N_E, UNLIMITED, vector
+
+METHODS = ["euler", "heun", "rk4"]
+HOLDS = ["zero", "first"]
+AT_REST = np.array([N_E / 3.0, 0.0])
+SEVEN_POINTS = (
+    np.array([10.0, 15.0, 18.0, 21.0, 23.0, 26.0, 30.0]),
+    np.array([100.0, 220.0, 260.0, 300.0, 280.0, 330.0, 200.0]),
+)
+TEN_POINTS = (np.linspace(12.0, 30.0, 10), 250.0 + 60.0 * np.sin(np.arange(10.0)))
+ENVELOPES = {
+    "unlimited": UNLIMITED,
+    "constant": (np.array([20.0]), np.array([1.3 * M_B])),
+    "seven points": SEVEN_POINTS,
+    "ten points": TEN_POINTS,
+}
+REFERENCE = Path(__file__).parent / "data" / "reference_steps.csv"
+
+
+def wander(samples, seed=804, scale=0.06):
+    """A set point that wanders about the operating point."""
+    return N_E * (1.0 + scale * np.random.default_rng(seed).normal(size=samples).cumsum() / np.sqrt(samples))
+
+
+def simulate(parameters, envelope, n_set, dt=0.01, substeps=1, method="rk4", hold="first", initial=AT_REST):
+    return _core.simulate_plant(parameters, *envelope, n_set, dt, substeps, method, hold, initial)
+
+
+def simulate_batch(
+    parameters, envelope, n_set, initial, dt=0.01, substeps=1, method="rk4", hold="first", threads=1
+):
+    return _core.simulate_plant_batch(
+        parameters, *envelope, n_set, dt, substeps, method, hold, initial, threads
+    )
+
+
+def assert_close(found, expected, tolerance=1e-12):
+    """Equal to a part of each row's own size, since a torque may pass through zero."""
+    size = np.abs(expected).max(axis=-1, keepdims=True)
+    np.testing.assert_array_less(np.abs(found - expected), np.broadcast_to(tolerance * size, found.shape))
+
+
+def similar_ships(members, seed=1, exponent=2.0, spread=0.2):
+    """Launches of which each parameter lies up to `spread` from the launch's."""
+    factors = 1.0 + spread * np.random.default_rng(seed).uniform(-1.0, 1.0, (members, 12))
+    parameters = vector() * factors
+    parameters[:, _core.PLANT_PARAMETERS.index("torque_exponent")] = exponent
+    return parameters
+
+
+@pytest.mark.parametrize("envelope", ENVELOPES)
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("substeps", "changes"),
+    [
+        (1, {}),
+        (3, {}),
+        (1, {"torque_exponent": 2.17, "torque_coefficient": 8.7, "minimum_torque": 150.0, "A3": 5.0}),
+    ],
+)
+def test_agrees_with_the_equations_as_they_stand(method, hold, envelope, substeps, changes):
+    arguments = (vector(**changes), *ENVELOPES[envelope], wander(300), 0.02, substeps, method, hold)
+    initial = np.array([6.5, 0.8])
+    found = _core.simulate_plant(*arguments, initial)
+    expected = twin.simulate(*arguments, initial)
+    limited = 0 < np.count_nonzero(expected[3] == expected[3].max()) < 300
+    assert limited or envelope != "constant"
+    assert_close(found, expected)
+
+
+def test_euler_is_the_recursion_that_made_the_published_data():
+    h, n_set = 0.01, wander(50)
+    rows = simulate(vector(), UNLIMITED, n_set, dt=h, method="euler", hold="zero")
+    n_s, E_n, X_f, M_b = rows[:, :-1]
+    q = twin.LAUNCH
+    M_s, M_p = M_b * 3.0 * 0.95, q["torque_coefficient"] * n_s**2
+    expected = [n_s + h * (M_s - M_p) / (2 * np.pi * 21.2), E_n + h * (n_set[:-1] - 3.0 * n_s)]
+    np.testing.assert_allclose(rows[:2, 1:], expected, rtol=1e-14)
+    np.testing.assert_allclose(M_b, q["A1"] * X_f + q["A2"] * 3.0 * n_s, rtol=1e-13)
+
+
+def test_a_sample_already_has_its_own_set_point():
+    n_set = np.array([N_E, N_E, 1.1 * N_E, 1.1 * N_E])
+    for hold in HOLDS:
+        X_f = simulate(vector(), UNLIMITED, n_set, hold=hold)[2]
+        assert X_f[1] == pytest.approx(13.07, rel=1e-12)
+        assert X_f[2] - X_f[1] == pytest.approx(6.0323 * 0.1 * N_E, rel=0.01 if hold == "zero" else 0.1)
+
+
+@pytest.mark.parametrize(("limit", "tolerance"), [("none", 3e-9), ("2.0", 3e-6)])
+@pytest.mark.parametrize("step", ["0.05", "0.10", "0.20"])
+def test_steps_agree_with_an_independent_solution(step, limit, tolerance):
+    with REFERENCE.open() as file:
+        rows = [
+            [float(row[name]) for name in ("shaft_speed_rps", "integrated_error_rev", "shaft_torque_Nm")]
+            for row in csv.DictReader(file)
+            if (row["step_fraction"], row["torque_limit_over_Mb0"]) == (step, limit)
+        ]
+    reference = np.array(rows).T
+    envelope = UNLIMITED if limit == "none" else (np.array([10.0]), np.array([2.0 * M_B]))
+    n_set = np.full(reference.shape[1], N_E * (1.0 + float(step)))
+    n_s, E_n, _, M_b = simulate(vector(), envelope, n_set, dt=0.1, substeps=200)
+    assert_close(np.array([n_s, E_n, M_b * 3.0 * 0.95]), reference, tolerance)
+
+
+@pytest.mark.parametrize(("method", "order"), [("euler", 1), ("heun", 2), ("rk4", 4)])
+def test_error_falls_with_the_order_of_the_method(method, order):
+    n_set = N_E * (1.0 + 0.05 * np.sin(np.linspace(0.0, 2.0, 21)))
+
+    def run(substeps, method=method):
+        return simulate(
+            vector(torque_exponent=2.17), UNLIMITED, n_set, dt=0.1, substeps=substeps, method=method
+        )
+
+    exact = run(2000, "rk4")
+    errors = [np.abs(run(substeps) - exact)[0].max() for substeps in (8, 16, 32)]
+    orders = [np.log2(coarse / fine) for coarse, fine in pairwise(errors)]
+    assert orders == pytest.approx([order, order], abs=0.15)
+
+
+@given(
+    ratio=st.floats(1.0, 6.0),
+    n_s=st.floats(0.5, 30.0),
+    p=st.sampled_from([2.0]) | st.floats(1.5, 3.0),
+    method=st.sampled_from(METHODS),
+    rack_speed=st.floats(-10.0, 0.0),
+)
+@settings(max_examples=60)
+def test_a_steady_state_stays(ratio, n_s, p, method, rack_speed):
+    M_b = 12.18 * n_s**p / (ratio * 0.95)
+    X_0 = (M_b - rack_speed * ratio * n_s) / 27.0
+    parameters = vector(
+        gear_ratio=ratio, torque_exponent=p, torque_coefficient=12.18, A1=27.0, A2=rack_speed, X_0=X_0
+    )
+    rows = simulate(
+        parameters, UNLIMITED, np.full(200, ratio * n_s), method=method, initial=np.array([n_s, 0.0])
+    )
+    np.testing.assert_allclose(rows[[0, 2, 3]].T, np.tile([n_s, X_0, M_b], (200, 1)), rtol=1e-9)
+
+
+@given(factor=st.floats(0.1, 10.0), method=st.sampled_from(METHODS), seed=st.integers(0, 99))
+@settings(max_examples=30)
+def test_a_heavier_shaft_in_slower_time_moves_alike(factor, method, seed):
+    """With I, dt and 1/Ki in one ratio the equations keep their form, and E_n grows by it."""
+    n_set = wander(100, seed)
+    base = simulate(vector(), SEVEN_POINTS, n_set, method=method)
+    slow = vector(inertia=21.2 * factor, Ki_abs=twin.LAUNCH["Ki_abs"] / factor)
+    rows = simulate(slow, SEVEN_POINTS, n_set, dt=0.01 * factor, method=method)
+    rows[1] /= factor
+    assert_close(rows, base, 1e-11)
+
+
+@given(step=st.floats(0.001, 0.3), limit=st.floats(1.05, 3.0), method=st.sampled_from(METHODS))
+@settings(max_examples=30)
+def test_a_step_up_under_proportional_control_is_bounded_and_never_turns_back(step, limit, method):
+    n_set = np.full(400, N_E * (1.0 + step))
+    envelope = (np.array([1.0]), np.array([limit * M_B]))
+    n_s = simulate(vector(Ki_abs=0.0), envelope, n_set, method=method)[0]
+    assert np.all(np.diff(n_s) >= -1e-14 * n_s[0])
+    assert n_s[-1] < n_set[0] / 3.0
+
+
+@pytest.mark.parametrize("envelope", ["constant", "seven points", "ten points"])
+@given(seed=st.integers(0, 999), members=st.sampled_from([1, 3]))
+@settings(max_examples=15)
+def test_the_envelope_is_never_exceeded(envelope, seed, members):
+    parameters = similar_ships(members, seed)
+    parameters[:, -1] = -500.0
+    n_set = wander(200, seed, scale=0.5)[None, :]
+    runs = simulate_batch(parameters, ENVELOPES[envelope], n_set, np.tile(AT_REST, (members, 1)))
+    n_e = parameters[:, 1, None] * runs[:, 0]
+    allowed = np.interp(n_e, *ENVELOPES[envelope])
+    assert np.all(runs[:, 3] <= allowed * (1.0 + 1e-13))
+    assert np.all(runs[:, 3] >= -500.0 * (1.0 + 1e-13))
+
+
+@pytest.mark.parametrize("envelope", ENVELOPES)
+@pytest.mark.parametrize("exponent", [2.0, 2.17])
+@pytest.mark.parametrize("members", [1, 2, 16, 37])
+def test_a_batch_is_its_members_one_by_one(members, exponent, envelope):
+    parameters = similar_ships(members, exponent=exponent)
+    samples = 301
+    own = np.array([wander(samples, seed) for seed in range(members)])
+    initial = np.random.default_rng(2).normal(AT_REST, 0.1, (members, 2))
+    for n_set in (own, own[:1]):
+        runs = simulate_batch(parameters, ENVELOPES[envelope], n_set, initial, substeps=2)
+        for member, run in enumerate(runs):
+            alone = simulate(
+                parameters[member],
+                ENVELOPES[envelope],
+                n_set[member % len(n_set)],
+                substeps=2,
+                initial=initial[member],
+            )
+            assert_close(run, alone)
+
+
+@given(
+    members=st.integers(2, 50),
+    samples=st.integers(1, 300),
+    exponent=st.sampled_from([2.0, 2.17]),
+    envelope=st.sampled_from(sorted(ENVELOPES)),
+    method=st.sampled_from(METHODS),
+    threads=st.integers(0, 5),
+)
+@settings(max_examples=20, deadline=None)
+def test_the_number_of_threads_changes_no_bit(members, samples, exponent, envelope, method, threads):
+    arguments = (
+        similar_ships(members, exponent=exponent),
+        ENVELOPES[envelope],
+        wander(samples)[None, :],
+        np.tile(AT_REST, (members, 1)),
+    )
+    one = simulate_batch(*arguments, method=method, threads=1)
+    assert np.array_equal(simulate_batch(*arguments, method=method, threads=threads), one)
+
+
+def test_a_member_does_not_depend_on_its_neighbours():
+    parameters = similar_ships(40, exponent=2.17)
+    n_set, initial = wander(100)[None, :], np.tile(AT_REST, (40, 1))
+    runs = simulate_batch(parameters, SEVEN_POINTS, n_set, initial)
+    turned = simulate_batch(np.ascontiguousarray(parameters[::-1]), SEVEN_POINTS, n_set, initial)
+    assert np.array_equal(turned[::-1], runs)
+
+
+def test_standing_still_and_turning_astern():
+    """The propeller's torque is odd in the speed: the plant mirrored runs mirrored, through zero as well."""
+    mirrored = {"X_0": -13.07, "A3": 0.0}
+    for exponent in (2.0, 2.17):
+        n_set = np.linspace(-N_E, N_E, 300)
+        parameters = np.array(
+            [vector(torque_exponent=exponent), vector(torque_exponent=exponent, **mirrored)]
+        )
+        initial = np.array([[0.0, 0.0], [0.0, 0.0]])
+        ahead, astern = simulate_batch(parameters, UNLIMITED, np.array([n_set, -n_set]), initial, dt=0.02)
+        assert ahead[0].min() < 0.0 < ahead[0].max()
+        np.testing.assert_allclose(astern, -ahead, rtol=0, atol=1e-12)
+        assert_close(simulate(parameters[0], UNLIMITED, n_set, dt=0.02, initial=initial[0]), ahead)
+
+
+def test_no_samples_between_and_no_members():
+    assert simulate(vector(), UNLIMITED, np.array([N_E])).shape == (4, 1)
+    empty = simulate_batch(np.empty((0, 12)), UNLIMITED, np.full((1, 5), N_E), np.empty((0, 2)))
+    assert empty.shape == (0, 4, 5)
+
+
+@pytest.mark.parametrize("exponent", [2.0, 2.17])
+@pytest.mark.parametrize("envelope", ENVELOPES)
+def test_divergence_names_sample_and_time(envelope, exponent):
+    """Euler with steps far beyond the stable 2/12 s, and no lower limit to the torque."""
+    unstable = {"dt": 5.0, "method": "euler"}
+    n_set = np.full(5000, 2.0 * N_E)
+    expected = r"simulation diverged at sample \d+ \(t = \d+\.\d+ s\): \w+ is not finite"
+    with pytest.raises(SimulationError, match=expected) as raised:
+        simulate(vector(torque_exponent=exponent), ENVELOPES[envelope], n_set, **unstable)
+    sample = int(str(raised.value).split("sample ")[1].split()[0])
+    shorter = simulate(
+        vector(torque_exponent=exponent), ENVELOPES[envelope], n_set[:sample].copy(), **unstable
+    )
+    assert np.isfinite(shorter).all()
+    parameters = np.array([vector(torque_exponent=exponent)] * 20)
+    parameters[:, 0] = 1e9
+    parameters[18, 0] = 21.2
+    with pytest.raises(SimulationError, match=f"^member 18: {expected}"):
+        simulate_batch(parameters, ENVELOPES[envelope], n_set[None, :], np.tile(AT_REST, (20, 1)), **unstable)
+
+
+GOOD = {
+    "parameters": vector(),
+    "limit_speed": SEVEN_POINTS[0],
+    "limit_torque": SEVEN_POINTS[1],
+    "n_set": np.full(10, N_E),
+    "dt": 0.01,
+    "substeps": 1,
+    "method": "rk4",
+    "hold": "zero",
+    "initial": AT_REST,
+}
+
+
+def changed(values, index, value):
+    values = np.array(values)
+    values[index] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"parameters": np.ones(11)}, "parameters has 11 values, expected 12: inertia, gear_ratio,"),
+        ({"parameters": vector(inertia=0.0)}, "parameters: inertia is 0, expected a positive number"),
+        ({"parameters": vector(gear_ratio=-3.0)}, "gear_ratio is -3, expected a positive number"),
+        ({"parameters": vector(A1=np.nan)}, "A1 is NaN, expected a finite number"),
+        ({"parameters": vector(minimum_torque=np.inf)}, "minimum_torque is inf, expected a number, or minus"),
+        ({"limit_speed": np.array([1.0])}, "limit_torque has 7 values, expected 1 as in limit_speed"),
+        (
+            {"limit_speed": changed(SEVEN_POINTS[0], 3, 18.0)},
+            r"limit_speed\[3\] is 18 after 18, expected asc",
+        ),
+        ({"limit_torque": changed(SEVEN_POINTS[1], 2, np.nan)}, r"limit_torque\[2\] is NaN, expected a fini"),
+        ({"n_set": changed(np.full(10, N_E), 7, np.nan)}, "n_set is NaN at sample 7, expected finite"),
+        ({"n_set": np.empty(0)}, "n_set has no samples, expected at least 1"),
+        (
+            {"n_set": np.ones((2, 10))},
+            r"n_set: found float64 of shape \[2, 10\], expected a C-contiguous flo",
+        ),
+        ({"n_set": np.ones(20)[::2]}, "n_set: found float64 .* not C-contiguous, expected"),
+        (
+            {"n_set": np.ones(10, dtype=np.float32)},
+            "n_set: found float32 .*, expected a C-contiguous float64",
+        ),
+        ({"n_set": [1.0, 2.0]}, "n_set: found .*list.*, expected"),
+        ({"dt": 0.0}, "dt is 0, expected a positive sample time"),
+        ({"dt": np.nan}, "dt is NaN, expected a positive"),
+        ({"substeps": 0}, "substeps is 0, expected at least 1"),
+        ({"method": "rk45"}, "method is 'rk45', expected 'rk4', 'heun' or 'euler'"),
+        ({"hold": "second"}, "hold is 'second', expected 'zero' or 'first'"),
+        ({"initial": np.array([1.0])}, r"initial is \[1.0\], expected two finite numbers"),
+    ],
+)
+def test_bad_arguments_are_named(changes, message):
+    with pytest.raises(InputError, match=message):
+        _core.simulate_plant(*(GOOD | changes).values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"parameters": np.ones((3, 11))}, r"parameters has shape \[3, 11\], expected \[members, 12\]"),
+        (
+            {"n_set": np.ones((2, 10))},
+            r"n_set has shape \[2, 10\], expected \[1, samples\] or \[3, samples\]",
+        ),
+        ({"n_set": np.ones((1, 0))}, "n_set has no samples"),
+        ({"initial": np.ones((2, 2))}, r"initial has shape \[2, 2\], expected \[3, 2\]"),
+        (
+            {"initial": changed(np.ones((3, 2)), (1, 0), np.nan)},
+            r"initial\[1\] is \[NaN, 1.0\], expected two",
+        ),
+        (
+            {"n_set": changed(np.ones((3, 10)), (2, 4), np.inf)},
+            r"n_set\[2\] is inf at sample 4, expected finite",
+        ),
+        (
+            {"parameters": changed(np.tile(vector(), (3, 1)), (1, 0), -1.0)},
+            r"parameters\[1\]: inertia is -1, expected a positive",
+        ),
+    ],
+)
+def test_bad_arguments_of_a_batch_are_named(changes, message):
+    batch = {"parameters": np.tile(vector(), (3, 1)), "n_set": np.ones((1, 10)), "initial": np.ones((3, 2))}
+    with pytest.raises(InputError, match=message):
+        _core.simulate_plant_batch(*(GOOD | batch | changes).values(), 1)
+
+
+def test_a_batch_that_does_not_fit_is_a_memory_error():
+    members, samples = 300_000, 300_000
+    with pytest.raises(MemoryError):
+        simulate_batch(
+            np.tile(vector(), (members, 1)), UNLIMITED, np.full((1, samples), N_E), np.ones((members, 2))
+        )
