@@ -4,16 +4,17 @@
 //! signals that outputs are made of and these signals' derivatives in the few directions the loop depends on. Cost, gradient,
 //! Gauss-Newton matrix and scatter are then small combinations of these sums, so many parameters cost no more than few.
 
-use multiversion::multiversion;
-use multiversion::target::match_target;
+mod sums;
+
 use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
 use crate::linear::basis::Basis;
-use crate::linear::walk::{BLOCK, Layout, walk};
-use crate::linear::{By, Drive, Output, Parameters, combine, simulate};
+use crate::linear::walk::{Layout, walk};
+use crate::linear::{By, Drive, Output, Parameters, simulate};
 use crate::pool::on_threads;
 use crate::stop::Stop;
+use sums::{Combination, Sums};
 
 /// What a parameter vector is judged by: `sum_k e_k' W e_k` with `e` measured less simulated, over the samples where every
 /// measured output is finite.
@@ -24,7 +25,6 @@ pub struct Objective<'a> {
     measured: &'a [f64],
     weight: &'a [f64],
     wrt: Vec<By>,
-    count: usize,
 }
 
 /// An [`Objective`]'s value; matrices row after row.
@@ -38,14 +38,15 @@ pub struct Cost {
     pub gauss_newton: Vec<f64>,
     /// `sum_k e_k e_k'`.
     pub scatter: Vec<f64>,
+    /// Number of samples that count.
+    pub count: usize,
 }
 
 impl<'a> Objective<'a> {
     /// Check and collect; `measured` is `[output, sample]`, `weight` `[output, output]`.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for lengths that don't fit, a weight that is not symmetric and finite, or where no sample has every
-    /// output.
+    /// [`Error::Invalid`] for lengths that don't fit or a weight that is not symmetric and finite.
     pub fn new(
         drive: Drive<'a>,
         outputs: Vec<Output>,
@@ -70,18 +71,7 @@ impl<'a> Objective<'a> {
                 })?;
             }
         }
-        let count =
-            (0..samples).filter(|k| measured.chunks_exact(samples).all(|row| row[*k].is_finite())).count();
-        require(count > 0, || {
-            "measured has no sample where every output is finite, expected at least 1".to_owned()
-        })?;
-        Ok(Self { drive, outputs, measured, weight, wrt, count })
-    }
-
-    /// Number of samples that count.
-    #[must_use]
-    pub const fn count(&self) -> usize {
-        self.count
+        Ok(Self { drive, outputs, measured, weight, wrt })
     }
 
     /// Steps of one evaluation, each with its derivatives.
@@ -93,13 +83,17 @@ impl<'a> Objective<'a> {
     /// The cost of one parameter vector.
     ///
     /// # Errors
-    /// [`Error::Diverged`] where the simulation or the sums leave the finite numbers, [`Error::Stopped`] on request.
+    /// [`Error::Invalid`] where no sample has every output, [`Error::Diverged`] where the simulation or the sums leave the finite
+    /// numbers, [`Error::Stopped`] on request.
     pub fn evaluate(&self, parameters: &Parameters, stop: &Stop) -> Result<Cost> {
         let basis = Basis::new(&self.outputs, &self.wrt);
         // Where segments meet, infinity times zero can turn up before the simulation itself leaves the numbers: look again.
         for layout in [Layout::Segments, Layout::Sequential] {
             let sums = self.sums(parameters, &basis, layout, stop)?;
-            if sums.products.iter().all(|sum| sum.is_finite()) {
+            require(sums.count > 0, || {
+                "measured has no sample where every output is finite, expected at least 1".to_owned()
+            })?;
+            if sums.are_finite() {
                 return Ok(self.combine(parameters, &basis, &sums));
             }
         }
@@ -114,7 +108,8 @@ impl<'a> Objective<'a> {
     /// A vector whose simulation diverges costs infinity, and its derivatives are not numbers.
     ///
     /// # Errors
-    /// [`Error::Stopped`] on request, [`Error::Internal`] where the system gives no threads.
+    /// [`Error::Invalid`] where no sample has every output, [`Error::Stopped`] on request, [`Error::Internal`] where the system
+    /// gives no threads.
     pub fn evaluate_batch(
         &self,
         parameters: &[Parameters],
@@ -138,35 +133,31 @@ impl<'a> Objective<'a> {
             gradient: vec![f64::NAN; columns],
             gauss_newton: vec![f64::NAN; columns * columns],
             scatter: vec![f64::NAN; rows * rows],
+            count: 0,
         }
     }
 
     /// Sums of products: of the residuals, followed by the basis' rows where derivatives are wanted.
     fn sums(&self, parameters: &Parameters, basis: &Basis, layout: Layout, stop: &Stop) -> Result<Sums> {
         let (rows, samples) = (self.outputs.len(), self.drive.samples());
-        let combinations: Vec<_> =
-            self.outputs.iter().map(|&output| basis.output(output, parameters)).collect();
+        let combinations: Vec<Combination> = self
+            .outputs
+            .iter()
+            .map(|&output| {
+                basis
+                    .output(output, parameters)
+                    .into_iter()
+                    .enumerate()
+                    .filter(|(_, factor)| *factor != 0.0)
+                    .collect()
+            })
+            .collect();
         let mut sums = Sums::new(if self.wrt.is_empty() { rows } else { rows + basis.rows() });
-        let mut simulated = vec![[0.0; BLOCK]; rows];
         walk(parameters, &self.drive, basis, layout, rows, stop, |mut block| {
-            let (lanes, stride) = (block.lanes(samples), block.stride());
-            let (residuals, signals) = block.rows().split_at_mut(rows * BLOCK);
-            for (simulated, combination) in simulated.iter_mut().zip(&combinations) {
-                combine(signals, combination, simulated);
+            for (row, measured) in self.measured.chunks_exact(samples).enumerate() {
+                block.put(row, measured);
             }
-            residuals.fill(f64::NAN);
-            for (residuals, measured) in
-                residuals.chunks_exact_mut(BLOCK).zip(self.measured.chunks_exact(samples))
-            {
-                for (lane, start, steps) in lanes.clone() {
-                    let measured = &measured[start.min(samples)..][..steps];
-                    for (residual, &measured) in residuals[lane..].iter_mut().step_by(stride).zip(measured) {
-                        *residual = measured;
-                    }
-                }
-            }
-            subtract(block.rows(), &simulated);
-            sums.add(block.rows());
+            sums.add(block.rows(), &combinations);
             Ok(())
         })?;
         Ok(sums)
@@ -205,92 +196,6 @@ impl<'a> Objective<'a> {
                 gauss_newton[other * columns + one] = sum;
             }
         }
-        Cost { cost, gradient, gauss_newton, scatter }
-    }
-}
-
-/// Measured less simulated in the first rows; zero in all rows where not every output was measured.
-fn subtract(rows: &mut [f64], simulated: &[[f64; BLOCK]]) {
-    let mut valid = [true; BLOCK];
-    for measured in rows.chunks_exact(BLOCK).take(simulated.len()) {
-        for (valid, measured) in valid.iter_mut().zip(measured) {
-            *valid &= measured.is_finite();
-        }
-    }
-    for (residuals, simulated) in rows.chunks_exact_mut(BLOCK).zip(simulated) {
-        for (residual, simulated) in residuals.iter_mut().zip(simulated) {
-            *residual -= simulated;
-        }
-    }
-    if valid.contains(&false) {
-        for row in rows.chunks_exact_mut(BLOCK) {
-            for (value, valid) in row.iter_mut().zip(valid) {
-                *value = if valid { *value } else { 0.0 };
-            }
-        }
-    }
-}
-
-/// Sums of products of pairs of rows.
-struct Sums {
-    rows: usize,
-    width: usize,
-    products: Vec<f64>,
-}
-
-/// Columns that are summed together.
-const TILE: usize = 4;
-
-impl Sums {
-    fn new(rows: usize) -> Self {
-        let width = rows.next_multiple_of(TILE);
-        Self { rows, width, products: vec![0.0; rows * width] }
-    }
-
-    fn product(&self, row: usize, column: usize) -> f64 {
-        self.products[row.max(column) * self.width + row.min(column)]
-    }
-
-    fn add(&mut self, block: &[f64]) {
-        add_products(block, self.rows, self.width, &mut self.products);
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
-fn add_products(block: &[f64], rows: usize, width: usize, products: &mut [f64]) {
-    match_target! {
-        "x86_64+fma" => add_products_with::<true>(block, rows, width, products),
-        "aarch64" => add_products_with::<true>(block, rows, width, products),
-        _ => add_products_with::<false>(block, rows, width, products),
-    }
-}
-
-/// Add up a block's products: each row with `TILE` rows at a time up to itself, in eight partial sums each.
-#[inline(always)]
-#[allow(clippy::needless_range_loop)] // plain indices: iterators that are not inlined lose the target features
-fn add_products_with<const FUSED: bool>(block: &[f64], rows: usize, width: usize, products: &mut [f64]) {
-    const LANES: usize = 8;
-    for row in 0..rows {
-        let one = &block[row * BLOCK..(row + 1) * BLOCK];
-        for first in (0..=row).step_by(TILE) {
-            let others = &block[first * BLOCK..(first + TILE) * BLOCK];
-            let mut sums = [[0.0; LANES]; TILE];
-            for at in (0..BLOCK).step_by(LANES) {
-                for column in 0..TILE {
-                    for lane in 0..LANES {
-                        let (a, b) = (one[at + lane], others[column * BLOCK + at + lane]);
-                        let sum = &mut sums[column][lane];
-                        *sum = if FUSED { a.mul_add(b, *sum) } else { *sum + a * b };
-                    }
-                }
-            }
-            for column in 0..TILE {
-                let mut total = 0.0;
-                for lane in 0..LANES {
-                    total += sums[column][lane];
-                }
-                products[row * width + first + column] += total;
-            }
-        }
+        Cost { cost, gradient, gauss_newton, scatter, count: sums.count }
     }
 }

@@ -42,25 +42,41 @@ pub const SHORTEST_NETWORK: f64 = 1e-8;
 /// A dead time this close to a whole number of samples is one: 0.3 s at 100 Hz is 30 samples, not 29 and a rounding error.
 const WHOLE: f64 = 1e-9;
 
-/// One step and what is read from it, or the derivatives of both by one direction.
+/// One step and what is read at its start, or the derivatives of both by one direction.
 ///
 /// With `rho[j]` the samples `r[k-m-1], r[k-m], r[k-m+1]` of input `j` (`m` whole samples late):
 /// `x[k+1] = phi x[k] + sum_j taps[.][j] rho[j]`, `n'[k] = slope x[k] + sum_j slope_feed[j] rho[j]`, `u1[k] = set_feed rho[0]`.
+/// A step over `T - 2` samples at once has as many taps more.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Step<const N: usize, const J: usize> {
+pub struct Step<const N: usize, const J: usize, const T: usize> {
     pub phi: [[f64; N]; N],
-    pub taps: [[[f64; 3]; J]; N],
+    pub taps: [[[f64; T]; J]; N],
     pub slope: [f64; N],
-    pub slope_feed: [[f64; 3]; J],
-    pub set_feed: [f64; 3],
-    pub start: [f64; N],
+    pub slope_feed: [[f64; T]; J],
+    pub set_feed: [f64; T],
+    /// Whether `phi` is not zero: a dead time of the set point and the initial state leave the loop as it is.
+    pub moves_phi: bool,
 }
 
-/// The discrete model: its step, the derivatives asked for, and how many whole samples each input is late.
+/// A step and its derivatives by the directions asked for.
+#[derive(Debug, Clone)]
+pub struct Stepper<const N: usize, const J: usize, const T: usize> {
+    pub step: Step<N, J, T>,
+    pub by: Vec<Step<N, J, T>>,
+}
+
+/// Samples that a leap takes at once.
+pub const LEAP: usize = 8;
+
+/// The discrete model.
 #[derive(Debug, Clone)]
 pub struct Model<const N: usize, const J: usize> {
-    pub step: Step<N, J>,
-    pub by: Vec<Step<N, J>>,
+    pub stepper: Stepper<N, J, 3>,
+    /// The same over [`LEAP`] samples at once, for a pass that only wants the last state.
+    pub leaper: Stepper<N, J, { LEAP + 2 }>,
+    pub start: [f64; N],
+    pub start_by: Vec<[f64; N]>,
+    /// How many whole samples each input is late.
     pub late: [usize; J],
     /// `phi` to the power of the segment's length, and its derivatives.
     pub across: [[f64; N]; N],
@@ -235,35 +251,74 @@ fn discretise<const N: usize, const A: usize, const J: usize, const P: usize>(
         if j + 1 == J { feeds[j].scale(b, b_by) } else { Jet::constant(SMatrix::zeros()) }
     });
 
-    let [n, e] = initial;
-    let start = |direction| {
-        let (n, e, z) = match direction {
-            None => (n, e, c * e - b * n),
-            Some(BY_B) => (0.0, 0.0, -n),
-            Some(BY_C) => (0.0, 0.0, e),
-            Some(BY_START_N) => (1.0, 0.0, -b),
-            Some(BY_START_E) => (0.0, 1.0, c),
-            Some(_) => (0.0, 0.0, 0.0),
-        };
-        // z stood still before the record: only the network's constant part is filled.
-        std::array::from_fn(|i| [n, e, z].get(i).copied().unwrap_or(0.0))
-    };
+    let mut leap_phi = Jet::constant(SMatrix::identity());
+    let mut leap_taps = [Jet::constant(SMatrix::<f64, N, { LEAP + 2 }>::zeros()); J];
+    for sample in 0..LEAP {
+        leap_phi = phi.mul(&leap_phi);
+        for (leap_taps, taps) in leap_taps.iter_mut().zip(&taps) {
+            let shifted = taps.map(|taps| {
+                let mut shifted = SMatrix::<f64, N, { LEAP + 2 }>::zeros();
+                shifted.fixed_view_mut::<N, 3>(0, sample).copy_from(taps);
+                shifted
+            });
+            *leap_taps = phi.mul(leap_taps).add(&shifted);
+        }
+    }
+
     let step = |direction: Option<usize>| Step {
         phi: rows(&part(&phi, direction)),
-        taps: std::array::from_fn(|i| std::array::from_fn(|j| rows(&part(&taps[j], direction))[i])),
+        taps: taps_by_state(&taps, direction),
         slope: rows(&part(&dynamics, direction))[0],
         slope_feed: std::array::from_fn(|j| rows(&part(&slope_feed[j], direction))[0]),
         set_feed: rows(&part(&feeds[0], direction))[0],
-        start: start(direction),
+        moves_phi: moves_phi(direction),
     };
+    let leap = |direction: Option<usize>| Step {
+        phi: rows(&part(&leap_phi, direction)),
+        taps: taps_by_state(&leap_taps, direction),
+        slope: [0.0; N],
+        slope_feed: [[0.0; LEAP + 2]; J],
+        set_feed: [0.0; LEAP + 2],
+        moves_phi: moves_phi(direction),
+    };
+    let start = |direction| start(direction, initial, b, c);
     let across = phi.power(segment);
+    let each = directions.iter().map(|&direction| Some(direction));
     Model {
-        step: step(None),
-        by: directions.iter().map(|&direction| step(Some(direction))).collect(),
+        stepper: Stepper { step: step(None), by: each.clone().map(step).collect() },
+        leaper: Stepper { step: leap(None), by: each.clone().map(leap).collect() },
+        start: start(None),
+        start_by: each.clone().map(start).collect(),
         late: std::array::from_fn(|j| delays[j].whole),
         across: rows(&across.value),
-        across_by: directions.iter().map(|&direction| rows(&part(&across, Some(direction)))).collect(),
+        across_by: each.map(|direction| rows(&part(&across, direction))).collect(),
     }
+}
+
+/// Whether the loop's own matrix depends on that direction.
+const fn moves_phi(direction: Option<usize>) -> bool {
+    !matches!(direction, Some(BY_T_SET | BY_START_N | BY_START_E))
+}
+
+fn taps_by_state<const N: usize, const J: usize, const T: usize, const P: usize>(
+    taps: &[Jet<N, T, P>; J],
+    direction: Option<usize>,
+) -> [[[f64; T]; J]; N] {
+    let by_input: [[[f64; T]; N]; J] = std::array::from_fn(|j| rows(&part(&taps[j], direction)));
+    std::array::from_fn(|i| std::array::from_fn(|j| by_input[j][i]))
+}
+
+/// The state at the first sample, or its derivative. z stood still before the record: only the network's constant part is filled.
+fn start<const N: usize>(direction: Option<usize>, [n, e]: [f64; 2], b: f64, c: f64) -> [f64; N] {
+    let (n, e, z) = match direction {
+        None => (n, e, c * e - b * n),
+        Some(BY_B) => (0.0, 0.0, -n),
+        Some(BY_C) => (0.0, 0.0, e),
+        Some(BY_START_N) => (1.0, 0.0, -b),
+        Some(BY_START_E) => (0.0, 1.0, c),
+        Some(_) => (0.0, 0.0, 0.0),
+    };
+    std::array::from_fn(|i| [n, e, z].get(i).copied().unwrap_or(0.0))
 }
 
 /// The three rates of the loop, a, b, c.
@@ -301,5 +356,110 @@ pub fn delayed(
         discretise::<DELAYED, 10, 2, 0>(parameters, dt, hold, initial, directions, segment)
     } else {
         discretise::<DELAYED, 10, 2, STEP_DIRECTIONS>(parameters, dt, hold, initial, directions, segment)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Complex, DMatrix, DVector};
+
+    use super::*;
+
+    const LAUNCH: [f64; 9] = [1.5, -0.583, 1.583, 4.0, 1.0, 2.0, 1.0, 0.12, 0.033];
+
+    fn parameters(vector: &[f64; 9]) -> Parameters {
+        Parameters::new(vector, "parameters").expect("valid parameters")
+    }
+
+    /// The network alone, from z to y, at `omega T_d`: rows and columns 2 on of the matrix with `T_d` = 1 s.
+    fn network(omega: f64) -> Complex<f64> {
+        let matrix = Entries { one: 1.0, a: 0.0, b: 0.0, c: 1.0, rate: 1.0 }.matrix::<DELAYED>();
+        let order = DELAYED - 2;
+        let system = DMatrix::from_fn(order, order, |i, j| {
+            let diagonal = if i == j { Complex::new(0.0, omega) } else { Complex::ZERO };
+            diagonal - Complex::from(matrix[(i + 2, j + 2)])
+        });
+        let from_z = DVector::from_fn(order, |i, _| Complex::from(matrix[(i + 2, 1)]));
+        let states = system.lu().solve(&from_z).expect("the network has no pole on the axis");
+        (0..order).map(|i| states[i] * matrix[(0, i + 2)]).sum()
+    }
+
+    #[test]
+    fn the_network_delays() {
+        for (omega, tolerance) in [(0.0, 1e-14), (0.3, 1e-14), (1.0, 1e-11), (3.0, 2.4e-6), (6.0, 4.5e-3)] {
+            let error = (network(omega) - Complex::new(0.0, -omega).exp()).norm();
+            assert!(error <= tolerance, "error {error} at omega T_d = {omega}");
+        }
+    }
+
+    #[test]
+    fn a_leap_is_as_many_steps() {
+        let model =
+            delayed(&parameters(&LAUNCH), 0.05, Hold::First, [0.1, -0.2], &[BY_A, BY_T_D, BY_T_SET], 11);
+        let samples: [f64; LEAP + 2] = std::array::from_fn(|k| (k as f64).sin());
+        let apply = |phi: &[[f64; DELAYED]; DELAYED], x: &[f64; DELAYED]| -> [f64; DELAYED] {
+            phi.map(|row| row.iter().zip(x).map(|(factor, x)| factor * x).sum())
+        };
+        let fed = |taps: &[&[f64]; 2], at: usize| -> f64 {
+            taps.iter()
+                .flat_map(|taps| taps.iter().zip(&samples[at..]))
+                .map(|(tap, sample)| tap * sample)
+                .sum()
+        };
+        let (mut x, mut by) = (model.start, model.start_by.clone());
+        for k in 0..LEAP {
+            for (s, step) in by.iter_mut().zip(&model.stepper.by) {
+                let (from_s, from_x) = (apply(&model.stepper.step.phi, s), apply(&step.phi, &x));
+                *s = std::array::from_fn(|i| {
+                    from_s[i] + from_x[i] + fed(&std::array::from_fn(|j| &step.taps[i][j][..]), k)
+                });
+            }
+            let from_x = apply(&model.stepper.step.phi, &x);
+            let taps = &model.stepper.step.taps;
+            x = std::array::from_fn(|i| from_x[i] + fed(&std::array::from_fn(|j| &taps[i][j][..]), k));
+        }
+        let leap = apply(&model.leaper.step.phi, &model.start);
+        for i in 0..DELAYED {
+            let taps = &model.leaper.step.taps;
+            let found = leap[i] + fed(&std::array::from_fn(|j| &taps[i][j][..]), 0);
+            assert!((found - x[i]).abs() < 1e-12, "state {i}");
+        }
+        for ((step, start), expected) in model.leaper.by.iter().zip(&model.start_by).zip(&by) {
+            let (from_s, from_x) = (apply(&model.leaper.step.phi, start), apply(&step.phi, &model.start));
+            for i in 0..DELAYED {
+                let found = from_s[i] + from_x[i] + fed(&std::array::from_fn(|j| &step.taps[i][j][..]), 0);
+                assert!((found - expected[i]).abs() < 1e-11 * (1.0 + expected[i].abs()), "state {i}");
+            }
+        }
+    }
+
+    /// Constant set point: what comes in over a step must not depend on where the hold has its corner.
+    #[test]
+    fn taps_sum_to_the_response_to_a_constant() {
+        let mut vector = LAUNCH;
+        let mut sums = Vec::new();
+        for t_set in [0.0, 0.012, 0.049, 0.05, 0.07] {
+            vector[8] = t_set;
+            for hold in [Hold::Zero, Hold::First] {
+                let model = delayed(&parameters(&vector), 0.05, hold, [0.0; 2], &[], 1);
+                sums.push(model.stepper.step.taps.map(|inputs| inputs.as_flattened().iter().sum::<f64>()));
+            }
+        }
+        for sum in &sums {
+            for (one, first) in sum.iter().zip(&sums[0]) {
+                assert!((one - first).abs() < 1e-14);
+            }
+        }
+    }
+
+    #[test]
+    fn a_whole_number_of_samples_stays_whole_in_spite_of_rounding() {
+        for (time, dt, whole) in [(0.3, 0.01, 30), (0.7, 0.1, 7), (0.0, 0.1, 0), (1e-12, 0.1, 0)] {
+            let delay = Delay::<0>::new(time, dt, &[]);
+            assert_eq!((delay.whole, delay.fraction), (whole, 0.0));
+        }
+        let late = Delay::<0>::new(0.37, 0.1, &[]);
+        assert_eq!(late.whole, 3);
+        assert!((late.fraction - 0.7).abs() < 1e-12);
     }
 }

@@ -77,3 +77,73 @@ impl<const N: usize, const P: usize> Jet<N, N, P> {
         result
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Matrix4};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn close<const N: usize>(
+        found: &SMatrix<f64, N, N>,
+        expected: &SMatrix<f64, N, N>,
+        tolerance: f64,
+    ) -> bool {
+        (found - expected).amax() <= tolerance * expected.amax().max(1.0)
+    }
+
+    #[test]
+    fn a_turn_is_a_rotation() {
+        let jet = Jet::<2, 2, 1> {
+            value: Matrix2::new(0.0, -2.5, 2.5, 0.0),
+            by: [Matrix2::new(0.0, -1.0, 1.0, 0.0)], // by the angle
+        }
+        .exp();
+        let (sine, cosine) = 2.5_f64.sin_cos();
+        assert!(close(&jet.value, &Matrix2::new(cosine, -sine, sine, cosine), 1e-15));
+        assert!(close(&jet.by[0], &Matrix2::new(-sine, -cosine, cosine, -sine), 1e-15));
+    }
+
+    /// A decay of 1e9/s beside one of 1/s: squaring the exponential itself would leave seven digits of the slow one.
+    #[test]
+    fn a_slow_mode_keeps_its_digits_beside_a_fast_one() {
+        let jet = Jet::<2, 2, 0>::constant(Matrix2::new(-1.0, 0.0, 1e9, -1e9)).exp();
+        let slow = (-1.0_f64).exp();
+        assert!((jet.value[(0, 0)] / slow - 1.0).abs() < 1e-14);
+        assert!((jet.value[(1, 0)] / (slow / (1.0 - 1e-9)) - 1.0).abs() < 1e-14);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn agrees_with_the_block_exponential(
+            entries in prop::array::uniform16(-3.0..3.0),
+            slopes in prop::array::uniform16(-1.0..1.0),
+        ) {
+            let (value, by) = (Matrix4::from_row_slice(&entries), Matrix4::from_row_slice(&slopes));
+            let mut block = SMatrix::<f64, 8, 8>::zeros();
+            block.fixed_view_mut::<4, 4>(0, 0).copy_from(&value);
+            block.fixed_view_mut::<4, 4>(4, 4).copy_from(&value);
+            block.fixed_view_mut::<4, 4>(0, 4).copy_from(&by);
+            let expected = block.exp();
+            let found = Jet::<4, 4, 1> { value, by: [by] }.exp();
+            let tolerance = 1e-12 * expected.amax();
+            prop_assert!(close(&found.value, &expected.fixed_view::<4, 4>(0, 0).into_owned(), tolerance));
+            prop_assert!(close(&found.by[0], &expected.fixed_view::<4, 4>(0, 4).into_owned(), tolerance));
+        }
+
+        #[test]
+        fn a_power_is_a_repeated_product(entries in prop::array::uniform4(-1.0..1.0), exponent in 0_usize..20) {
+            let jet = Jet::<2, 2, 1> { value: Matrix2::from_row_slice(&entries), by: [Matrix2::new(1.0, 2.0, 3.0, 4.0)] };
+            let mut expected = Jet::constant(Matrix2::identity());
+            for _ in 0..exponent {
+                expected = expected.mul(&jet);
+            }
+            let found = jet.power(exponent);
+            prop_assert!(close(&found.value, &expected.value, 1e-12));
+            prop_assert!(close(&found.by[0], &expected.by[0], 1e-10));
+        }
+    }
+}

@@ -10,6 +10,7 @@
 //! Outputs: `dn = n`, `dE = E`, `dM_b = g n + w = p n + tau_n n'` (engine), `dM_g = p n + tau_prop n'` (strain gauge between
 //! the inertias), `dX = X` (rack position as commanded, before the dead time).
 
+mod advance;
 pub(crate) mod basis;
 mod discrete;
 mod jet;
@@ -20,6 +21,5 @@ pub(crate) mod walk;
 
 pub use parameters::{By, OUTPUTS, Output, PARAMETERS, Parameters};
 pub use response::{Response, response};
-pub(crate) use simulate::combine;
 pub use simulate::simulate;
 pub use walk::Drive;

@@ -36,20 +36,13 @@ pub fn simulate(
         .collect();
     let mut fill = |layout| -> Result<Option<(usize, &'static str)>> {
         walk(parameters, drive, &basis, layout, 0, stop, |mut block| {
-            let (lanes, stride) = (block.lanes(samples), block.stride());
-            let rows = block.rows();
-            let mut sum = [0.0; BLOCK];
+            let mut finished = [0.0; BLOCK];
             let values = values.chunks_exact_mut(samples).zip(&value_rows);
-            for (row, combination) in
+            for (series, combination) in
                 values.chain(derivatives.chunks_exact_mut(samples).zip(&derivative_rows))
             {
-                combine(rows, combination, &mut sum);
-                for (lane, start, steps) in lanes.clone() {
-                    let finished = sum[lane..].iter().step_by(stride);
-                    for (value, &finished) in row[start.min(samples)..][..steps].iter_mut().zip(finished) {
-                        *value = finished;
-                    }
-                }
+                combine(block.rows(), combination, &mut finished);
+                block.take(&finished, series);
             }
             Ok(())
         })?;
@@ -63,7 +56,7 @@ pub fn simulate(
 }
 
 /// The combination of a block's rows with those factors.
-pub fn combine(rows: &[f64], combination: &[f64], sum: &mut [f64; BLOCK]) {
+fn combine(rows: &[f64], combination: &[f64], sum: &mut [f64; BLOCK]) {
     sum.fill(0.0);
     for (row, &factor) in rows.chunks_exact(BLOCK).zip(combination) {
         if factor != 0.0 {

@@ -6,23 +6,20 @@
 //! The cut depends on the record's length alone, so results don't depend on threads.
 
 use std::array::from_fn;
+use std::ops::Range;
 
-use multiversion::multiversion;
-use multiversion::target::match_target;
-
-use super::basis::{Basis, E, N as SPEED, SLOPE};
-use super::discrete::{DELAYED, DIRECT, Model, SHORTEST_NETWORK, delayed, direct};
+use super::advance::{Advance, LANES, Pack, States};
+use super::basis::Basis;
+use super::discrete::{LEAP, Model, SHORTEST_NETWORK, delayed, direct};
 use super::parameters::Parameters;
-use crate::error::{Result, require};
+use crate::error::{Error, Result, require};
 use crate::integrate::Hold;
-use crate::stop::{CHECK_EVERY, Stop};
+use crate::stop::Stop;
 
-/// Segments that run side by side.
-const LANES: usize = 8;
-/// Records shorter than this run as one segment.
-const LONG: usize = 64 * LANES;
-/// Values of one row in a block: `BLOCK / lanes` steps of each lane. Rows of a block then fit into the fastest cache.
-pub const BLOCK: usize = 256;
+/// Steps in a block; its rows then fit into the fastest cache.
+const STEPS: usize = 32;
+/// Values of one row in a block.
+pub const BLOCK: usize = STEPS * LANES;
 
 /// What drives a simulation.
 #[derive(Debug, Clone, Copy)]
@@ -44,10 +41,13 @@ impl<'a> Drive<'a> {
     /// state that is not two finite numbers.
     pub fn new(dn_set: &'a [f64], dt: f64, hold: Hold, initial: &[f64]) -> Result<Self> {
         require(!dn_set.is_empty(), || "dn_set has no samples, expected at least 1".to_owned())?;
-        if let Some(bad) = dn_set.iter().position(|value| !value.is_finite()) {
-            require(false, || {
-                format!("dn_set[{bad}] is {}, expected a finite number; bridge gaps before", dn_set[bad])
-            })?;
+        // All of them, without an early exit: that much the compiler turns into vector code.
+        if !dn_set.iter().fold(true, |finite, value| finite & value.is_finite()) {
+            let bad = dn_set.iter().position(|value| !value.is_finite()).unwrap_or_default();
+            return Err(Error::Invalid(format!(
+                "dn_set[{bad}] is {}, expected a finite number; bridge gaps before",
+                dn_set[bad]
+            )));
         }
         require(dt.is_finite() && dt > 0.0, || format!("dt is {dt}, expected a positive sample time [s]"))?;
         let start: [f64; 2] = initial.try_into().unwrap_or([f64::NAN; 2]);
@@ -73,7 +73,6 @@ impl<'a> Drive<'a> {
 /// A stretch of the pass: `BLOCK` values of every row of the basis, lane after lane within a step.
 pub struct Block<'a> {
     rows: &'a mut [f64],
-    lanes: usize,
     segment: usize,
     first: usize,
     steps: usize,
@@ -81,31 +80,49 @@ pub struct Block<'a> {
 
 impl Block<'_> {
     /// All rows, one after the other.
-    pub fn rows(&mut self) -> &mut [f64] {
+    pub const fn rows(&mut self) -> &mut [f64] {
         self.rows
     }
 
-    /// For each lane its number, the sample it starts at and how many samples of a record it holds.
-    pub fn lanes(&self, samples: usize) -> impl Iterator<Item = (usize, usize, usize)> + Clone + use<> {
-        let (segment, first, steps) = (self.segment, self.first, self.steps);
-        (0..self.lanes).map(move |lane| {
-            let start = lane * segment + first;
-            (lane, start, steps.min(samples.saturating_sub(start)))
-        })
+    /// Where the samples of a lane lie in a series of so many; the last lane's may be cut short.
+    fn stretch(&self, lane: usize, samples: usize) -> Range<usize> {
+        let start = (lane * self.segment + self.first).min(samples);
+        start..(start + self.steps).min(samples)
     }
 
-    /// How far apart a lane's values are in a row.
-    pub const fn stride(&self) -> usize {
-        self.lanes
+    /// Lay the block's part of a series of samples into row number `row`, NaN where there is none.
+    pub fn put(&mut self, row: usize, series: &[f64]) {
+        let stretches: [&[f64]; LANES] = from_fn(|lane| &series[self.stretch(lane, series.len())]);
+        let row = &mut self.rows[row * BLOCK..(row + 1) * BLOCK];
+        if stretches.iter().all(|stretch| stretch.len() == STEPS) {
+            interleave(&stretches, row.as_chunks_mut().0);
+        } else {
+            row.fill(f64::NAN);
+            for (lane, stretch) in stretches.into_iter().enumerate() {
+                for (value, sample) in row[lane..].iter_mut().step_by(LANES).zip(stretch) {
+                    *value = *sample;
+                }
+            }
+        }
+    }
+
+    /// Lay the values of a row into its part of a series of samples.
+    pub fn take(&self, row: &[f64; BLOCK], series: &mut [f64]) {
+        for lane in 0..LANES {
+            let stretch = self.stretch(lane, series.len());
+            for (sample, value) in series[stretch].iter_mut().zip(row[lane..].iter().step_by(LANES)) {
+                *sample = *value;
+            }
+        }
     }
 }
 
 /// How a pass is laid out.
 #[derive(Debug, Clone, Copy)]
 pub enum Layout {
-    /// Cut long records into segments.
+    /// Segments side by side.
     Segments,
-    /// One segment, as the samples come.
+    /// One segment in the first lane; the others idle.
     Sequential,
 }
 
@@ -125,25 +142,17 @@ pub fn walk(
     consume: impl FnMut(Block<'_>) -> Result<()>,
 ) -> Result<()> {
     let network = parameters.t_d >= SHORTEST_NETWORK * drive.dt || basis.needs_network();
-    let long = matches!(layout, Layout::Segments) && drive.samples() >= LONG;
-    let segment = if long { drive.samples().div_ceil(LANES) } else { drive.samples() };
+    let segment = match layout {
+        Layout::Segments => drive.samples().div_ceil(LANES),
+        Layout::Sequential => drive.samples(),
+    };
     let Drive { dt, hold, initial, .. } = *drive;
     let directions = &basis.directions;
     let course = Course { dn_set: drive.dn_set, segment, stop };
     if network {
-        let model = delayed(parameters, dt, hold, initial, directions, segment);
-        if long {
-            pass::<DELAYED, 2, LANES>(&model, course, basis, spare, consume)
-        } else {
-            pass::<DELAYED, 2, 1>(&model, course, basis, spare, consume)
-        }
+        pass(&delayed(parameters, dt, hold, initial, directions, segment), course, basis, spare, consume)
     } else {
-        let model = direct(parameters, dt, hold, initial, directions, segment);
-        if long {
-            pass::<DIRECT, 1, LANES>(&model, course, basis, spare, consume)
-        } else {
-            pass::<DIRECT, 1, 1>(&model, course, basis, spare, consume)
-        }
+        pass(&direct(parameters, dt, hold, initial, directions, segment), course, basis, spare, consume)
     }
 }
 
@@ -155,42 +164,90 @@ struct Course<'a> {
     stop: &'a Stop,
 }
 
-/// One number of each lane.
-type Pack<const L: usize> = [f64; L];
+impl Course<'_> {
+    /// First step and number of steps of every block of a segment.
+    fn blocks(self) -> impl Iterator<Item = (usize, usize)> {
+        (0..self.segment).step_by(STEPS).map(move |first| (first, STEPS.min(self.segment - first)))
+    }
+}
 
-/// States of all lanes, and their derivatives.
-#[derive(Clone)]
-struct States<const N: usize, const L: usize> {
-    x: [Pack<L>; N],
-    by: Vec<[Pack<L>; N]>,
+/// A block's samples of each input, lane after lane.
+struct Inputs<const J: usize>([Vec<Pack>; J]);
+
+impl<const J: usize> Inputs<J> {
+    fn new() -> Self {
+        Self(from_fn(|_| vec![[0.0; LANES]; STEPS + 2]))
+    }
+
+    /// Lay down the samples from one before those `late` before `first`; outside the record its ends hold.
+    fn fill(&mut self, course: Course<'_>, late: &[usize; J], first: usize, steps: usize) {
+        let Course { dn_set, segment, .. } = course;
+        for (input, &late) in self.0.iter_mut().zip(late) {
+            let input = &mut input[..steps + 2];
+            if first > late && (LANES - 1) * segment + first - late + steps < dn_set.len() {
+                interleave(&from_fn(|lane| &dn_set[lane * segment + first - late - 1..]), input);
+            } else {
+                for (offset, pack) in input.iter_mut().enumerate() {
+                    *pack = from_fn(|lane| {
+                        let sample = (lane * segment + first + offset).saturating_sub(late).saturating_sub(1);
+                        dn_set[sample.min(dn_set.len() - 1)]
+                    });
+                }
+            }
+        }
+    }
+}
+
+/// Lay series side by side, one in each lane.
+#[allow(clippy::needless_range_loop)] // `from_fn` is not inlined here, and costs as much as the simulation
+fn interleave(series: &[&[f64]; LANES], into: &mut [Pack]) {
+    let length = into.len();
+    let mut cut = *series;
+    for lane in 0..LANES {
+        cut[lane] = &cut[lane][..length];
+    }
+    for k in 0..length {
+        for lane in 0..LANES {
+            into[k][lane] = cut[lane][k];
+        }
+    }
 }
 
 /// `matrix` times the state of one lane.
-fn times<const N: usize, const L: usize>(
-    matrix: &[[f64; N]; N],
-    packs: &[Pack<L>; N],
-    lane: usize,
-) -> [f64; N] {
+fn times<const N: usize>(matrix: &[[f64; N]; N], packs: &[Pack; N], lane: usize) -> [f64; N] {
     matrix.map(|row| row.iter().zip(packs).map(|(factor, pack)| factor * pack[lane]).sum())
 }
 
+/// States at the end of every segment, each begun from rest.
+fn ends<const N: usize, const J: usize>(model: &Model<N, J>, course: Course<'_>) -> Result<States<N>> {
+    let mut states = States { x: [[0.0; LANES]; N], by: vec![[[0.0; LANES]; N]; model.stepper.by.len()] };
+    let mut inputs = Inputs::new();
+    for (first, steps) in course.blocks() {
+        course.stop.check()?;
+        inputs.fill(course, &model.late, first, steps);
+        let (inputs, states) = (&inputs.0, &mut states);
+        let (signals, most, rows): (&[usize], usize, &mut [Pack]) = (&[], 0, &mut []);
+        if steps % LEAP == 0 {
+            let (stepper, steps) = (&model.leaper, steps / LEAP);
+            Advance { stepper, inputs, steps, states, signals, most, rows }.run();
+        } else {
+            Advance { stepper: &model.stepper, inputs, steps, states, signals, most, rows }.run();
+        }
+    }
+    Ok(states)
+}
+
 /// States at the start of every segment.
-fn starts<const N: usize, const J: usize, const L: usize>(
-    model: &Model<N, J>,
-    course: Course<'_>,
-) -> Result<States<N, L>> {
+fn starts<const N: usize, const J: usize>(model: &Model<N, J>, course: Course<'_>) -> Result<States<N>> {
     let in_first_lane =
         |start: &[f64; N]| start.map(|value| from_fn(|lane| if lane == 0 { value } else { 0.0 }));
-    let mut starts = States {
-        x: in_first_lane(&model.step.start),
-        by: model.by.iter().map(|by| in_first_lane(&by.start)).collect(),
-    };
-    if L == 1 {
+    let mut starts =
+        States { x: in_first_lane(&model.start), by: model.start_by.iter().map(in_first_lane).collect() };
+    if course.segment == course.dn_set.len() {
         return Ok(starts);
     }
-    let mut ends = States { x: [[0.0; L]; N], by: vec![[[0.0; L]; N]; model.by.len()] };
-    run(model, course, &[], 0, &mut ends, |_, _, _| Ok(()))?;
-    for lane in 1..L {
+    let ends = ends(model, course)?;
+    for lane in 1..LANES {
         let before = lane - 1;
         for (direction, across_by) in model.across_by.iter().enumerate() {
             let from_s = times(&model.across, &starts.by[direction], before);
@@ -207,173 +264,31 @@ fn starts<const N: usize, const J: usize, const L: usize>(
     Ok(starts)
 }
 
-fn pass<const N: usize, const J: usize, const L: usize>(
+/// Run all lanes through their segments.
+fn pass<const N: usize, const J: usize>(
     model: &Model<N, J>,
     course: Course<'_>,
     basis: &Basis,
     spare: usize,
     mut consume: impl FnMut(Block<'_>) -> Result<()>,
 ) -> Result<()> {
-    let mut states = starts::<N, J, L>(model, course)?;
-    run(model, course, &basis.signals, spare, &mut states, |rows, first, steps| {
-        consume(Block { rows, lanes: L, segment: course.segment, first, steps })
-    })
-}
-
-/// Run all lanes through their segments.
-fn run<const N: usize, const J: usize, const L: usize>(
-    model: &Model<N, J>,
-    course: Course<'_>,
-    signals: &[usize],
-    spare: usize,
-    states: &mut States<N, L>,
-    mut consume: impl FnMut(&mut [f64], usize, usize) -> Result<()>,
-) -> Result<()> {
-    let Course { dn_set, segment, stop } = course;
-    let most = BLOCK / L;
-    let mut inputs: [Vec<Pack<L>>; J] = from_fn(|_| vec![[0.0; L]; most + 2]);
-    let mut rows = vec![[0.0; L]; (spare + signals.len() * (1 + model.by.len()) + 3) * most];
-    for first in (0..segment).step_by(most) {
-        if (first * L) % CHECK_EVERY < BLOCK {
-            stop.check()?;
+    let mut states = starts(model, course)?;
+    let mut inputs = Inputs::new();
+    let mut packs = vec![[0.0; LANES]; (spare + basis.rows() + 3) * STEPS];
+    for (first, steps) in course.blocks() {
+        course.stop.check()?;
+        inputs.fill(course, &model.late, first, steps);
+        Advance {
+            stepper: &model.stepper,
+            inputs: &inputs.0,
+            steps,
+            states: &mut states,
+            signals: &basis.signals,
+            most: STEPS,
+            rows: &mut packs[spare * STEPS..],
         }
-        let steps = most.min(segment - first);
-        for (input, &late) in inputs.iter_mut().zip(&model.late) {
-            for lane in 0..L {
-                let from = lane * segment + first;
-                gather(dn_set, from, late, lane, &mut input[..steps + 2]);
-            }
-        }
-        advance(model, &inputs, steps, signals, states, &mut rows[spare * most..]);
-        consume(rows.as_flattened_mut(), first, steps)?;
+        .run();
+        consume(Block { rows: packs.as_flattened_mut(), segment: course.segment, first, steps })?;
     }
     Ok(())
-}
-
-/// Lay the samples `from - late - 1` on of the set point into one lane; outside the record its ends hold.
-fn gather<const L: usize>(dn_set: &[f64], from: usize, late: usize, lane: usize, into: &mut [Pack<L>]) {
-    let last = dn_set.len() - 1;
-    let begin = from.saturating_sub(late).wrapping_sub(1);
-    if from > late && begin + into.len() <= dn_set.len() {
-        for (pack, &value) in into.iter_mut().zip(&dn_set[begin..]) {
-            pack[lane] = value;
-        }
-    } else {
-        for (offset, pack) in into.iter_mut().enumerate() {
-            pack[lane] = dn_set[(from + offset).saturating_sub(late).saturating_sub(1).min(last)];
-        }
-    }
-}
-
-/// Advance all lanes by `steps` and lay down the rows, if any are wanted.
-#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
-fn advance<const N: usize, const J: usize, const L: usize>(
-    model: &Model<N, J>,
-    inputs: &[Vec<Pack<L>>; J],
-    steps: usize,
-    signals: &[usize],
-    states: &mut States<N, L>,
-    rows: &mut [Pack<L>],
-) {
-    match_target! {
-        "x86_64+fma" => advance_with::<N, J, L, true>(model, inputs, steps, signals, states, rows),
-        "aarch64" => advance_with::<N, J, L, true>(model, inputs, steps, signals, states, rows),
-        _ => advance_with::<N, J, L, false>(model, inputs, steps, signals, states, rows),
-    }
-}
-
-// From here on plain indices: iterators that the compiler does not inline would not be compiled for the machine's features.
-
-/// `sum` plus the packs times their factors, fused where the machine can.
-#[inline(always)]
-#[allow(clippy::needless_range_loop)]
-fn add_products<const K: usize, const L: usize, const FUSED: bool>(
-    mut sum: Pack<L>,
-    factors: &[f64; K],
-    packs: &[Pack<L>; K],
-) -> Pack<L> {
-    for i in 0..K {
-        for lane in 0..L {
-            sum[lane] = if FUSED {
-                factors[i].mul_add(packs[i][lane], sum[lane])
-            } else {
-                sum[lane] + factors[i] * packs[i][lane]
-            };
-        }
-    }
-    sum
-}
-
-/// What the inputs feed through those taps.
-#[inline(always)]
-fn feed<const J: usize, const L: usize, const FUSED: bool>(
-    taps: &[[f64; 3]; J],
-    rho: &[[Pack<L>; 3]; J],
-) -> Pack<L> {
-    let mut sum = [0.0; L];
-    for j in 0..J {
-        sum = add_products::<3, L, FUSED>(sum, &taps[j], &rho[j]);
-    }
-    sum
-}
-
-#[inline(always)]
-#[allow(clippy::needless_range_loop)]
-fn advance_with<const N: usize, const J: usize, const L: usize, const FUSED: bool>(
-    model: &Model<N, J>,
-    inputs: &[Vec<Pack<L>>; J],
-    steps: usize,
-    signals: &[usize],
-    states: &mut States<N, L>,
-    rows: &mut [Pack<L>],
-) {
-    let most = BLOCK / L;
-    let step = &model.step;
-    let mut x = states.x;
-    for k in 0..steps {
-        let mut rho = [[[0.0; L]; 3]; J];
-        for j in 0..J {
-            for tap in 0..3 {
-                rho[j][tap] = inputs[j][k + tap];
-            }
-        }
-        for position in 0..signals.len() {
-            rows[position * most + k] = match signals[position] {
-                SPEED => x[0],
-                E => x[1],
-                SLOPE => {
-                    add_products::<N, L, FUSED>(feed::<J, L, FUSED>(&step.slope_feed, &rho), &step.slope, &x)
-                }
-                _ => add_products::<3, L, FUSED>([0.0; L], &step.set_feed, &rho[0]),
-            };
-        }
-        for direction in 0..model.by.len() {
-            let by = &model.by[direction];
-            let s = states.by[direction];
-            for position in 0..signals.len() {
-                rows[((1 + direction) * signals.len() + position) * most + k] = match signals[position] {
-                    SPEED => s[0],
-                    E => s[1],
-                    SLOPE => {
-                        let fed = feed::<J, L, FUSED>(&by.slope_feed, &rho);
-                        let from_x = add_products::<N, L, FUSED>(fed, &by.slope, &x);
-                        add_products::<N, L, FUSED>(from_x, &step.slope, &s)
-                    }
-                    _ => add_products::<3, L, FUSED>([0.0; L], &by.set_feed, &rho[0]),
-                };
-            }
-            let next = &mut states.by[direction];
-            for i in 0..N {
-                let fed = feed::<J, L, FUSED>(&by.taps[i], &rho);
-                let from_x = add_products::<N, L, FUSED>(fed, &by.phi[i], &x);
-                next[i] = add_products::<N, L, FUSED>(from_x, &step.phi[i], &s);
-            }
-        }
-        let before = x;
-        for i in 0..N {
-            let fed = feed::<J, L, FUSED>(&step.taps[i], &rho);
-            x[i] = add_products::<N, L, FUSED>(fed, &step.phi[i], &before);
-        }
-    }
-    states.x = x;
 }

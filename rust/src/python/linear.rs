@@ -114,14 +114,14 @@ fn linear_cost<'py>(
     let vector = Parameters::new(vector.as_slice()?, "parameters")?;
     let arrays = ObjectiveArrays::borrow(dn_set, initial, measured, weight)?;
     let objective = arrays.objective(dt, hold, &outputs, &wrt)?;
-    let Cost { cost, gradient, gauss_newton, scatter } =
+    let Cost { cost, gradient, gauss_newton, scatter, count } =
         guard::run(py, objective.work(), |stop| objective.evaluate(&vector, stop))?;
     Ok((
         cost,
         hand_back(py, gradient, [wrt.len()])?,
         hand_back(py, gauss_newton, [wrt.len(), wrt.len()])?,
         hand_back(py, scatter, [outputs.len(), outputs.len()])?,
-        objective.count(),
+        count,
     ))
 }
 
@@ -160,7 +160,7 @@ fn linear_cost_batch<'py>(
         hand_back(py, gather(|cost| &cost.gradient), [members, wrt.len()])?,
         hand_back(py, gather(|cost| &cost.gauss_newton), [members, wrt.len(), wrt.len()])?,
         hand_back(py, gather(|cost| &cost.scatter), [members, outputs.len(), outputs.len()])?,
-        objective.count(),
+        costs.iter().map(|cost| cost.count).max().unwrap_or_default(),
     ))
 }
 
