@@ -48,11 +48,12 @@ pub fn simulate(
     };
     let march = |(first, output)| run(envelope, Group { runs, first: LANES * first, scheme, output, stop });
     let size = LANES * ROWS * runs.samples;
-    if threads == 1 || runs.len() <= LANES {
+    let groups = runs.len().div_ceil(LANES);
+    if threads == 1 || groups <= 1 {
         return output.chunks_mut(size).enumerate().try_for_each(march);
     }
     let outcomes: Vec<_> =
-        on_threads(threads, || Ok(output.par_chunks_mut(size).enumerate().map(march).collect()))?;
+        on_threads(threads.min(groups), || Ok(output.par_chunks_mut(size).enumerate().map(march).collect()))?;
     outcomes.into_iter().collect()
 }
 
