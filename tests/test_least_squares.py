@@ -46,6 +46,12 @@ class TestMinimum:
         np.testing.assert_allclose(found.vector[1], upper**2, rtol=1e-12)
         np.testing.assert_allclose(found.cost, (1 - upper) ** 2, rtol=1e-12)
 
+    def test_with_every_entry_on_a_bound(self):
+        found = minimise(lambda q: (q - [3.0, -3.0], np.eye(2)), [0.5, 0.5], 0.0, 1.0)
+        assert found.converged
+        assert found.vector.tolist() == [1.0, 0.0]
+        assert found.active.all()
+
     def test_local_one_is_a_minimum_too(self):
         found = minimise(freudenstein_roth, [0.5, -2.0], -INF, INF)
         assert found.converged

@@ -13,11 +13,15 @@ EXACT_STEP = 1e-10
 PLATEAU = 1e-10
 """A parameter whose effect, relative to the residual, fell below this part of what it was does nothing any more."""
 FAR_AWAY = 1e4
-"""A parameter this many times its start has run away, if it lost its meaning on the way."""
+"""A parameter this many times its start has run away, if it lost its meaning on the way; the square, if it had none."""
+SMALLEST = 1e-300
+"""Stands for the size of what has none."""
 NEAR = 1e-2
 """Relative change of the parameters when a direction without slope is tried."""
 NO_EFFECT = 1e-15
 """A parameter which, changed by its own size, changes the residual by less than this part of it has no effect."""
+ACROSS = 1.1
+"""Relative change along a lost direction from which to search again: the smaller of two merged terms changes its sign."""
 FAR = (0.1, 0.01, 10.0)
 """Factors by which a parameter without any effect is tried elsewhere: it may have started on a plateau."""
 
@@ -47,17 +51,21 @@ def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
         return (
             f"entry {index} of the vector ran to {point.vector[index]:.3g}, where it has no effect any more"
         )
+    if point.cost > 0.0 and (slope * reach <= NO_EFFECT * np.sqrt(point.cost)).all():
+        return "no entry of the vector has an effect here"
+    # What starts at zero is measured by the change that would count beside the residual.
     typical = np.sqrt(start.cost) / np.where(slope_before > 0.0, slope_before, np.inf)
-    size = np.maximum(np.abs(start.vector), typical)
-    part = np.abs(step.step) / np.maximum(np.abs(point.vector), np.where(size > 0.0, typical, 1.0))
+    size = np.where(start.vector != 0.0, np.abs(start.vector), typical)
+    part = np.abs(step.step) / np.maximum(np.maximum(np.abs(point.vector), size), SMALLEST)
     worst = int(np.argmax(part))
     if part[worst] > STEP_TOLERANCE:
         return f"entry {worst} of the vector still wants to move by {part[worst]:.1e} of its size"
     if step.promise > tolerance * point.cost and part[worst] > EXACT_STEP:
         return f"the sum of squares can still fall by {step.promise / point.cost:.1e} of itself"
-    away = np.abs(point.vector) > FAR_AWAY * np.where(size > 0.0, size, np.inf)
-    if (free & away).any() and _lost_rank(point, start, step.held):
-        index = int(np.argmax(free & away))
+    far = FAR_AWAY if _lost_rank(point, start, step.held) else FAR_AWAY**2
+    away = free & (size > 0.0) & (np.abs(point.vector) > far * size)
+    if len(step.null) and away.any():
+        index = int(np.argmax(away))
         return f"entry {index} of the vector ran to {point.vector[index]:.3g}, where it has no effect of its own any more"
     return ""
 
@@ -79,10 +87,10 @@ def elsewhere(point: Point, start: Point, bounds: Bounds) -> list[Array]:
     for index in np.flatnonzero(~held & (reach <= NO_EFFECT * np.sqrt(point.cost))):
         for factor in FAR:
             vectors.append(point.vector.copy())
-            vectors[-1][index] *= factor
+            vectors[-1][index] = factor * (point.vector[index] or 1.0)
     if _lost_rank(point, start, held):
         directions = _directions(point, start, bounds)
-        vectors += [point.vector + sign * row for row in directions for sign in (1.0, -1.0)]
+        vectors += [point.vector + shift * row for row in directions for shift in (ACROSS, -ACROSS)]
     return [bounds.clip(vector) for vector in vectors]
 
 
@@ -91,7 +99,7 @@ def _directions(point: Point, start: Point, bounds: Bounds) -> Array:
     size = np.maximum(np.abs(point.vector), np.abs(start.vector))
     null = gauss_newton_step(point, bounds).null
     relative = np.abs(null) / np.where(size > 0.0, size, 1.0)
-    return np.asarray(null / relative.max(axis=1, initial=1e-300, keepdims=True))
+    return np.asarray(null / relative.max(axis=1, initial=SMALLEST, keepdims=True))
 
 
 def _lost_rank(point: Point, start: Point, held: Mask) -> bool:
