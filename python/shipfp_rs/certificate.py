@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipfp_rs.gauss_newton import NULL_TOLERANCE, Array, Bounds, Mask, Point, gauss_newton_step
+from shipfp_rs.identifiability import sparse_basis
 
 STEP_TOLERANCE = 1e-6
 """A Gauss-Newton step that would change a parameter by more than this part of it tells that the search stopped short."""
@@ -95,11 +96,11 @@ def elsewhere(point: Point, start: Point, bounds: Bounds) -> list[Array]:
 
 
 def _directions(point: Point, start: Point, bounds: Bounds) -> Array:
-    """Null directions (K, Q), the largest change in each as large as its parameter."""
+    """Null directions (K, Q), each over few entries, the largest change as large as its parameter."""
     size = np.maximum(np.abs(point.vector), np.abs(start.vector))
-    null = gauss_newton_step(point, bounds).null
-    relative = np.abs(null) / np.where(size > 0.0, size, 1.0)
-    return np.asarray(null / relative.max(axis=1, initial=SMALLEST, keepdims=True))
+    size = np.where(size > 0.0, size, 1.0)
+    relative = sparse_basis(gauss_newton_step(point, bounds).null / size)
+    return np.asarray(relative / np.abs(relative).max(axis=1, initial=SMALLEST, keepdims=True) * size)
 
 
 def _lost_rank(point: Point, start: Point, held: Mask) -> bool:

@@ -127,7 +127,7 @@ def gradient_of(
 def describe(sensitivity: Sensitivity) -> Identifiability:
     """Put rank and null directions into parameter names, and name what extra knowledge would close the gap."""
     names, null = sensitivity.names, sensitivity.null
-    directions = [_direction(names, row) for row in _sparse_basis(null)]
+    directions = [_direction(names, row) for row in sparse_basis(null)]
     members = [name for index, name in enumerate(names) if np.linalg.norm(null[:, index]) > NULL_PART]
     missing = len(null)
     closing: list[str] = []
@@ -146,7 +146,7 @@ def describe(sensitivity: Sensitivity) -> Identifiability:
     )
 
 
-def _sparse_basis(null: Array) -> Array:
+def sparse_basis(null: Array) -> Array:
     """Gauss-Jordan form with full pivoting: each direction has a leading 1 and zeros at the others' leads."""
     basis = null.copy()
     for row in range(len(basis)):
