@@ -1,17 +1,18 @@
-"""The plant kernel beside a scalar Numba twin: `python benches/bench_plant.py`, with a release build installed.
+"""The plant kernel beside a scalar Numba twin: `python -m benches.bench_plant`, with a release build installed.
 
 A run of the launch in RK4, zero hold. "steps" counts integration steps; with one step a sample the time holds the
 writing of four rows, with ten it is nearly the arithmetic alone.
 """
 
+import argparse
 import math
 import os
 
 import numpy as np
 from numba import njit
 
+from benches.timing import median_time, print_table
 from shipfp_rs import _core
-from timing import median_time, print_table
 
 PARAMETERS = np.array(
     [21.2, 3.0, 0.95, 27.0, -6.0, 0.0, 12.18, 2.0, 13.07, 6.03, 0.603, -np.inf],
@@ -127,15 +128,18 @@ def measure(members: int, samples: int, substeps: int, threads: tuple[int, ...])
 
 def main() -> None:
     """Print both tables."""
-    print("One run of 20,000 samples, ns a step")
+    parser = argparse.ArgumentParser(description="Benchmark the plant kernel")
+    parser.add_argument("--quick", action="store_true", help="short runs, just to see that it runs")
+    single, batch = (2_000, 200) if parser.parse_args().quick else (20_000, 2_000)
+    print(f"One run of {single:,} samples, ns a step")
     header = ["", "steps a sample", "numba"]
     print_table(
-        [*header, "kernel", "faster"], [row for steps in (1, 10) for row in measure(1, 20_000, steps, (1,))]
+        [*header, "kernel", "faster"], [row for steps in (1, 10) for row in measure(1, single, steps, (1,))]
     )
-    print(f"\n64 runs of 2,000 samples, ns a step and member; {os.cpu_count()} cores")
+    print(f"\n64 runs of {batch:,} samples, ns a step and member; {os.cpu_count()} cores")
     print_table(
         [*header, "1 thread", "faster", "all threads", "faster"],
-        [row for steps in (1, 10) for row in measure(64, 2_000, steps, (1, 0))],
+        [row for steps in (1, 10) for row in measure(64, batch, steps, (1, 0))],
     )
 
 

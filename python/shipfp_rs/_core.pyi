@@ -6,6 +6,27 @@ from typing import Literal, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "LINEAR_OUTPUTS",
+    "LINEAR_PARAMETERS",
+    "PLANT_PARAMETERS",
+    "PulseCrossings",
+    "__version__",
+    "_panic_for_test",
+    "_spin_for_test",
+    "linear_cost",
+    "linear_cost_batch",
+    "linear_response",
+    "linear_response_sensitivities",
+    "linear_sensitivities",
+    "pulse_levels",
+    "simulate_linear",
+    "simulate_plant",
+    "simulate_plant_batch",
+    "simulate_statespace",
+    "statespace_response",
+]
+
 __version__: str
 
 def _panic_for_test(message: str) -> None: ...
