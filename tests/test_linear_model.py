@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import get_args
 
@@ -158,3 +159,25 @@ def test_unknown_outputs_are_named() -> None:
         model.dc_gain("dM")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="outputs is empty"):
         model.state_space([])
+
+
+def test_python_control_takes_over_the_model_with_its_names_and_gains() -> None:
+    control = pytest.importorskip("control")
+    model = linearise(Vessel.load("stan-launch-804"))
+    system = model.to_control(("dn", "dE", "dM_b"))
+    assert system.output_labels == ["dn", "dE", "dM_b"]
+    np.testing.assert_allclose(
+        np.ravel(control.dcgain(system)),
+        [model.dc_gain("dn"), model.dc_gain("dE"), model.dc_gain("dM_b")],
+        rtol=1e-12,
+    )
+    frequency = np.array([0.01, 0.1, 1.0, 10.0])
+    theirs = np.array([system(2j * np.pi * f)[:, 0] for f in frequency]).T
+    np.testing.assert_allclose(model.response(frequency, ("dn", "dE", "dM_b")), theirs, rtol=1e-9)
+
+
+def test_a_dead_time_turns_the_phase_of_the_response_only() -> None:
+    model = linearise(Vessel.load("stan-tug-1205"))
+    late = dataclasses.replace(model, T_set=0.3)
+    ratio = late.response([0.5], ["dn"]) / model.response([0.5], ["dn"])
+    np.testing.assert_allclose(ratio, np.exp(-2j * np.pi * 0.5 * 0.3), rtol=1e-12)

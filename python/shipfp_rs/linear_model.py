@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -87,7 +87,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            Where the model has a dead time, which is not rational; use `_core.linear_response` there.
+            Where the model has a dead time, which is not rational; use `response` there.
         """
         self._require_no_dead_time()
         return signal.TransferFunction(self._numerator(output), self._denominator())
@@ -120,6 +120,34 @@ class LinearModel:
         }
         CD = np.array([rows[_known(output)] for output in outputs])
         return signal.StateSpace(A, B, CD[:, :2], CD[:, 2:])
+
+    def response(
+        self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b")
+    ) -> npt.NDArray[np.complex128]:
+        """Return the complex response of the outputs at frequencies [Hz], shape (O, F); dead times are exact here."""
+        chosen = [_core.LINEAR_OUTPUTS.index(_known(output)) for output in outputs]
+        return _core.linear_response(
+            self.kernel_parameters(), np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)), chosen
+        )
+
+    def to_control(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> Any:
+        """Return the state space as an object of python-control, signals named.
+
+        Raises
+        ------
+        InputError
+            Where python-control is not installed, or as `state_space`.
+        """
+        try:
+            import control
+        except ImportError:
+            raise InputError(
+                "python-control is not installed; install it with: pip install 'shipfp_rs[control]'"
+            ) from None
+        space = self.state_space(outputs)
+        return control.ss(
+            space.A, space.B, space.C, space.D, inputs=["dn_set"], outputs=list(outputs), states=["dn", "dE"]
+        )
 
     def _denominator(self) -> Array:
         return np.array([self.tau_n, self.p - self.g + self.v * self.K_p, self.v * self.K_i])
