@@ -1,12 +1,13 @@
 """A user's own structures run like the linear one: same estimates, same intervals, same reports."""
 
+import doctest
 import math
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from shipfp_rs import signals
+from shipfp_rs import differences, least_squares, signals, structure
 from shipfp_rs._core import linear_response, simulate_linear
 from shipfp_rs.differences import Differences
 from shipfp_rs.errors import InputError, SimulationError
@@ -303,3 +304,10 @@ class TestDifferences:
         wild = np.array([1e5])
         _, slope = Differences(complex_step=False)(np.sin, wild, np.ones(1))
         np.testing.assert_allclose(slope[0], np.cos(wild), atol=1e-8)
+
+
+@pytest.mark.parametrize("module", [structure, differences, least_squares])
+def test_examples_run(module):
+    result = doctest.testmod(module)
+    assert result.attempted
+    assert not result.failed
