@@ -13,7 +13,7 @@
 mod advance;
 pub(crate) mod basis;
 mod discrete;
-mod jet;
+mod number;
 mod parameters;
 mod response;
 mod simulate;
