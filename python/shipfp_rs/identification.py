@@ -322,7 +322,12 @@ def _fingerprint(
             "scipy": scipy.__version__,
         },
         verdict=verdict(
-            parameters, derived, identifiability, fit, structure, "" if best.converged else best.message
+            parameters,
+            derived,
+            identifiability,
+            {**fit, "overall": overall},
+            structure,
+            "" if best.converged else best.message,
         ),
     )
 

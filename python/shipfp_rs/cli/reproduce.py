@@ -71,6 +71,7 @@ def fullscale(
             for row in found.rows
         ],
     )
+    print_text(*(f"{row.case}, {row.structure}: {row.notes}" for row in found.rows if row.way != "printed"))
     print_text(*found.verdict)
     if out is not None:
         print_text(f"wrote {out}")

@@ -68,5 +68,11 @@ def row_of(
     if optimum:
         parameters |= fingerprint.settings["optimum"]
     intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
-    fit = {output: figures["nrmse_pct"] for output, figures in fingerprint.fit.items() if output != "overall"}
+    # Where points are weighted by their deviations, some by nothing, a share of the spread says nothing of the fit.
+    weighted = fingerprint.settings["weighting"] == "std"
+    fit = {
+        output: None if weighted else figures["nrmse_pct"]
+        for output, figures in fingerprint.fit.items()
+        if output != "overall"
+    }
     return Row(table, case, way, structure, parameters, fit, notes, intervals)
