@@ -28,6 +28,7 @@ class LinearEquations:
     outputs: tuple[str, ...]
     gauge: bool
     states: tuple[str, ...] = ("initial dn", "initial dE")
+    linear_in: tuple[str, ...] = ("initial dn", "initial dE")
 
     @property
     def _kernel_outputs(self) -> list[int]:

@@ -44,6 +44,11 @@ class MatrixEquations:
         order = len(self._model({p.name: p.start for p in self.parameters})[1])
         return tuple(f"initial x{index + 1}" for index in range(order))
 
+    @property
+    def linear_in(self) -> tuple[str, ...]:
+        """The outputs are linear in the initial states."""
+        return self.states
+
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return self.sensitivities(values, experiment, ())[0]

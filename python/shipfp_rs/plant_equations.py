@@ -50,7 +50,7 @@ class PlantEquations:
             members += [{**values, name: values.get(name, 0.0) + way * step} for way in (1.0, -1.0)]
         runs = self._runs(members, experiment)
         slopes = [(runs[1 + 2 * i] - runs[2 + 2 * i]) / (2.0 * step) for i, step in enumerate(steps)]
-        return runs[0], np.array(slopes).reshape(len(names), len(self.outputs), -1)
+        return runs[0], np.array(slopes).reshape(len(names), *runs[0].shape)
 
     def response(
         self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]

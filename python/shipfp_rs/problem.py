@@ -78,6 +78,13 @@ class Block:
         """True where all outputs were measured, shape (R,)."""
         return np.asarray(np.isfinite(self.measured).all(axis=0))
 
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Those of its own unknowns in which the model is linear: the offsets, and the states if the equations are."""
+        equations = self.structure.equations
+        curved = set(equations.states) - set(getattr(equations, "linear_in", ()))
+        return tuple(name for name in self.nuisance if name not in curved)
+
     def evaluate(self, values: dict[str, float], names: Sequence[str]) -> Evaluation:
         """Compute residuals and their model's derivatives with respect to `names` and then the nuisance."""
         valid = self.valid
@@ -95,8 +102,10 @@ class Block:
                 simulated = simulated + np.array([[values[name]] for name in offsets])
                 constant = np.eye(len(offsets))[:, :, None] * np.ones(simulated.shape[1])
                 jacobian = np.concatenate([jacobian, constant])
-        residual = np.where(valid, self.measured - simulated, 0.0)
-        jacobian = np.where(valid, jacobian, 0.0)
+        residual = self.measured - simulated
+        if not valid.all():
+            residual[:, ~valid] = 0.0
+            jacobian *= valid
         return Evaluation(residual, jacobian, valid)
 
     def _weighed(self, model: ComplexArray, slopes: ComplexArray) -> Evaluation:
@@ -129,7 +138,9 @@ def prewhiten(evaluation: Evaluation, models: Sequence[Array]) -> Evaluation:
     for index, model in enumerate(models):
         residual[index] = lfilter(model, [1.0], evaluation.residual[index])
         jacobian[:, index] = lfilter(model, [1.0], evaluation.jacobian[:, index], axis=-1)
-    return Evaluation(np.where(valid, residual, 0.0), np.where(valid, jacobian, 0.0), valid)
+    residual *= valid
+    jacobian *= valid
+    return Evaluation(residual, jacobian, valid)
 
 
 def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]], order: int) -> Array:

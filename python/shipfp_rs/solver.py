@@ -16,13 +16,16 @@ from shipfp_rs.structure import Parameter, Structure
 
 Array = npt.NDArray[np.float64]
 
+TOLD = 1e-12
+"""Part of the strongest direction among the unknowns that enter linearly below which they are not told apart."""
 STABLE_DRAWS = 50
 """Vectors drawn before a random start is given up because its loop is always unstable."""
 AR_ORDER = 8
-AR_ITERATIONS = 2
 WEIGHT_ITERATIONS = 100
 CRITERION_TOLERANCE = 1e-8
 """Change of N ln det(E'E/N) that ends the iteration of the weights: parameters then move by 1e-4 of their deviation."""
+ROUGH = 1e-2
+"""The same where noise models are still to be fitted."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends it where there is no noise to measure the change by."""
 
@@ -86,21 +89,21 @@ class Search:
             | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
         )
 
-    def evaluate(self, vector: Array) -> list[Evaluation]:
-        """Evaluate every block; each Jacobian has the block's own columns last."""
+    def evaluate(self, vector: Array, names: Sequence[str] | None = None) -> list[Evaluation]:
+        """Evaluate every block; each Jacobian has the block's own columns last, after those of `names` (None: all)."""
         values = self.values(vector)
         evaluations, start = [], len(self.free)
         for block in self.blocks:
             own = dict(
                 zip(block.nuisance, map(float, vector[start : start + len(block.nuisance)]), strict=True)
             )
-            evaluations.append(block.evaluate(values | own, self.names))
+            evaluations.append(block.evaluate(values | own, self.names if names is None else names))
             start += len(block.nuisance)
         return evaluations
 
-    def filtered(self, vector: Array, noise: Noise) -> list[Evaluation]:
+    def filtered(self, vector: Array, noise: Noise, names: Sequence[str] | None = None) -> list[Evaluation]:
         """Evaluate every block and prewhiten the experiments."""
-        evaluations = self.evaluate(vector)
+        evaluations = self.evaluate(vector, names)
         if noise.models is None:
             return evaluations
         return [
@@ -117,32 +120,59 @@ class Search:
         rows = np.concatenate([*(part.T for part in self._parts(evaluations, noise)), self._priors(vector)])
         return evaluations, rows[:, -1], rows[:, :-1]
 
-    def condensed(self, vector: Array, noise: Noise) -> tuple[Array, Array]:
-        """Return a residual (Q + 1,) and Jacobian (Q + 1, Q) with the cost, gradient and J'J of the whole problem.
+    def condensed(self, kept: Array, noise: Noise) -> tuple[Array, Array]:
+        """Return a residual (K + 1,) and Jacobian (K + 1, K) with the cost, gradient and J'J of the whole problem.
 
         The search then works on a few rows however long the record is. Squaring the Jacobian costs digits of a step,
-        none of where the gradient vanishes.
+        none of where the gradient vanishes. Of the full vector only `kept` is searched: the unknowns in which the
+        model is linear take their best values for it (variable projection, 10.1137/0710036, with the Jacobian of
+        10.1007/BF01932995), for a small vK_i and a large initial dE otherwise make a long curved valley.
         """
-        evaluations = self.filtered(vector, noise)
-        priors = self._priors(vector)
+        linear = self.linear
+        evaluations = self.filtered(self.complete(kept, noise), noise)
+        rest = np.append(~linear, True)
+        priors = self._priors(np.append(kept, np.zeros(self.size - len(kept))))[:, rest]
         gram = priors.T @ priors
         with np.errstate(over="ignore", invalid="ignore"):
             for part in self._parts(evaluations, noise):
-                gram += part @ part.T
+                own = part[:-1][linear]
+                own = own[own.any(axis=1)]
+                cleared = part[rest]
+                cleared -= regression(own, cleared).T @ own
+                gram += cleared @ cleared.T
         if not np.isfinite(gram).all():
             raise SimulationError("the sensitivities left the range of finite numbers")
         return condense(gram)
 
+    def complete(self, kept: Array, noise: Noise) -> Array:
+        """Return the full vector with the best values of the unknowns in which the model is linear."""
+        linear = self.linear
+        if not linear.any():
+            return kept
+        vector, start = np.zeros(self.size), len(self.free)
+        vector[~linear] = kept
+        for block, evaluation in zip(self.blocks, self.filtered(vector, noise, ()), strict=True):
+            own = slice(start, start + len(block.nuisance))
+            part = _weighted(evaluation, noise).reshape(len(block.nuisance) + 1, -1)
+            vector[own][linear[own]] = -regression(part[:-1][linear[own]], part[-1:])[:, 0]
+            start += len(block.nuisance)
+        return vector
+
+    @property
+    def linear(self) -> npt.NDArray[np.bool_]:
+        """True for the unknowns in which the residual is linear and the cost quadratic, shape (Q,)."""
+        own = [name in block.linear for block in self.blocks for name in block.nuisance]
+        return np.array([False] * len(self.free) + own) & (self.huber is None)
+
     def _parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
         """Each block's [-d(model)/d(vector), e], weighted, shape (Q + 1, rows)."""
-        start = len(self.free)
+        start, free = len(self.free), len(self.free)
         for block, evaluation in zip(self.blocks, evaluations, strict=True):
-            samples = evaluation.residual.shape[1]
-            part = np.zeros((self.size + 1, len(evaluation.residual), samples))
-            np.matmul(-noise.root, evaluation.jacobian[: len(self.free)], out=part[: len(self.free)])
-            own = slice(start, start + len(block.nuisance))
-            np.matmul(-noise.root, evaluation.jacobian[len(self.free) :], out=part[own])
-            np.matmul(noise.root, evaluation.residual, out=part[-1])
+            part = rows = _weighted(evaluation, noise)
+            if len(self.blocks) > 1:
+                part = np.zeros((self.size + 1, *rows.shape[1:]))
+                part[:free], part[-1] = rows[:free], rows[-1]
+                part[start : start + len(block.nuisance)] = rows[free:-1]
             if self.huber is not None:
                 _bend(part, self.huber)
             start += len(block.nuisance)
@@ -203,12 +233,20 @@ class Search:
         return Noise(np.diag(1.0 / np.sqrt(np.maximum(spread / len(self.blocks), 1e-24))))
 
     def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
-        """Search from `start`; weights, then AR noise models, are refitted until they agree with the residuals."""
-        minimum = self._weighted(start, self.initial_noise(), tick)
-        if self.noise == "ar" and any(isinstance(block.data, Experiment) for block in self.blocks):
-            for _ in range(AR_ITERATIONS):
-                minimum = self._weighted(minimum.vector, self._with_models(minimum), tick)
+        """Search from `start`; the weights are refitted until they agree with the residuals."""
+        return self._weighted(
+            start, self.initial_noise(), tick, ROUGH if self._refines else CRITERION_TOLERANCE
+        )
+
+    def refine(self, minimum: Minimum, tick: Callable[[], None] | None = None) -> Minimum:
+        """Go on from a minimum with AR noise models fitted to its residuals, until these agree too."""
+        for tolerance in (ROUGH, CRITERION_TOLERANCE) if self._refines else ():
+            minimum = self._weighted(minimum.vector, self._with_models(minimum), tick, tolerance)
         return minimum
+
+    @property
+    def _refines(self) -> bool:
+        return self.noise == "ar" and any(isinstance(block.data, Experiment) for block in self.blocks)
 
     def _with_models(self, minimum: Minimum) -> Noise:
         raw = self.evaluate(minimum.vector)
@@ -223,7 +261,9 @@ class Search:
         )
         return self.noise_of(self.filtered(minimum.vector, replace(minimum.noise, models=models)), models)
 
-    def _weighted(self, start: Array, noise: Noise, tick: Callable[[], None] | None) -> Minimum:
+    def _weighted(
+        self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
+    ) -> Minimum:
         vector, evaluations_used, criterion = start, 0, np.inf
         rounds = WEIGHT_ITERATIONS if self.weighting in ("variance", "determinant") else 1
         for _ in range(rounds):
@@ -233,7 +273,7 @@ class Search:
             vector, before = solution.vector, criterion
             evaluations = self.filtered(vector, noise)
             criterion = self.criterion(evaluations, solution.residual)
-            if rounds == 1 or moved < UNMOVED or abs(before - criterion) < CRITERION_TOLERANCE:
+            if rounds == 1 or moved < UNMOVED or abs(before - criterion) < tolerance:
                 break
             noise = self.noise_of(evaluations, noise.models)
         return Minimum(
@@ -253,21 +293,23 @@ class Search:
 
     def _solve(self, start: Array, noise: Noise, tick: Callable[[], None] | None) -> Solution:
         lower, upper = self.bounds()
+        kept = ~self.linear
 
         def both(vector: Array) -> tuple[Array, Array]:
             self.require_stable(vector)
             return self.condensed(vector, noise)
 
-        return minimise(
+        solution = minimise(
             both,
-            start,
-            lower,
-            upper,
+            start[kept],
+            lower[kept],
+            upper[kept],
             tolerance=self.tolerance,
             max_evaluations=self.max_evaluations,
             time_limit_s=self.time_limit_s,
             tick=tick,
         )
+        return replace(solution, vector=self.complete(solution.vector, noise))
 
 
 def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
@@ -276,6 +318,25 @@ def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
     if count == 0:
         raise InputError("no valid sample is left to fit; widen the window or repair the log")
     return np.asarray(sum(evaluation.residual @ evaluation.residual.T for evaluation in evaluations) / count)
+
+
+def _weighted(evaluation: Evaluation, noise: Noise) -> Array:
+    """Weighted rows of [-d(model)/d(unknown), e], shape (Q + 1, O, R)."""
+    rows = np.empty((len(evaluation.jacobian) + 1, *evaluation.residual.shape))
+    np.matmul(-noise.root, evaluation.jacobian, out=rows[:-1])
+    np.matmul(noise.root, evaluation.residual, out=rows[-1])
+    return rows
+
+
+def regression(regressors: Array, rows: Array) -> Array:
+    """Return the coefficients (L, M) that explain the rows (M, R) best by the regressors (L, R), null directions zero."""
+    gram = regressors @ regressors.T
+    size = np.sqrt(np.diag(gram))
+    size[size == 0.0] = 1.0
+    strength, direction = np.linalg.eigh(gram / np.outer(size, size))
+    told = strength > TOLD * max(strength, default=0.0)
+    half = direction[:, told] / np.sqrt(strength[told]) / size[:, None]
+    return np.asarray(half @ (half.T @ (regressors @ rows.T)))
 
 
 def condense(gram: Array) -> tuple[Array, Array]:
@@ -342,7 +403,7 @@ def best_of_random(search: Search, count: int, seed: int | None) -> Array:
     for vector in start_vectors(search, count + 1, seed):
         try:
             search.require_stable(vector)
-            residual, _ = search.condensed(vector, noise)
+            residual, _ = search.condensed(vector[~search.linear], noise)
         except SimulationError:
             continue
         cost = float(residual @ residual)
