@@ -19,6 +19,7 @@ from shipfp_rs.fingerprint import Estimate, Fingerprint, Status
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
 from shipfp_rs.problem import Block, Data, Evaluation
+from shipfp_rs.residuals import residual_figures
 from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
 from shipfp_rs.statistics import information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
@@ -137,7 +138,8 @@ def identify(
     if random_search:
         vectors[0] = best_of_random(search, random_search, seed)
     minima = _minima(search, vectors, progress)
-    best = minima[0]
+    # A start that ended in a worse minimum is not worth the noise models: they take most of the time.
+    best = search.refine(minima[0])
     return _fingerprint(
         search,
         best,
@@ -289,7 +291,8 @@ def _fingerprint(
 
     derived = _derived(parameters, values, everything, inner, covariance, quantile)
     identifiability = describe(everything)
-    fit = _fit(search, best.vector)
+    figures = residual_figures(search, best)
+    fit = {output: row | figures.get(output, {}) for output, row in _fit(search, best.vector).items()}
     data = tuple(
         _record(block, figures)
         for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True)

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from shipfp_rs.fingerprint import Estimate, Identifiability
 from shipfp_rs.structure import Structure
 
+ALARM = 0.01
+"""Probability of a false alarm of each residual test, all outputs together."""
+
 
 def verdict(
     parameters: Mapping[str, Estimate],
@@ -55,6 +58,7 @@ def verdict(
             + "; ".join(identifiability.closes_gap)
             + "."
         )
+    lines += _contradictions(fit, structure)
     overall = fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
     if chi_squared is not None and freedom is not None:
@@ -79,6 +83,39 @@ def verdict(
             "hold for the structure, not for the ship."
         )
     return tuple(lines)
+
+
+def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: Structure) -> list[str]:
+    """Say where the residuals contradict the structure, or else the noise model."""
+    threshold = ALARM / len(structure.outputs)
+    rows = {output: row for output, row in fit.items() if output in structure.outputs}
+    followed = [
+        f"{output} ({_chance(p)}, it explains {row['input_explained_pct']:.2g} % of what was left)"
+        for output, row in rows.items()
+        if (p := row.get("input_correlation_p")) is not None and p < threshold
+    ]
+    if followed:
+        return [
+            f"The residuals contradict the structure {structure.name!r}: the set point still explains some of "
+            + ", ".join(followed)
+            + ". Dynamics are missing, a dead time for instance; the intervals hold for the structure, not for the ship."
+        ]
+    coloured = [
+        f"{output} ({_chance(p)})"
+        for output, row in rows.items()
+        if (p := row.get("whiteness_p")) is not None and p < threshold
+    ]
+    if coloured:
+        return [
+            "The noise is not what was assumed: whitened residuals are still correlated in "
+            + ", ".join(coloured)
+            + ", so the intervals may be too narrow."
+        ]
+    return []
+
+
+def _chance(p: float) -> str:
+    return f"p = {p:.1g}" if p > 1e-6 else "p < 1e-6"
 
 
 def _shown(name: str, estimate: Estimate) -> str:

@@ -1,0 +1,230 @@
+"""Residual tests: what a fit leaves over should be white and free of the set point (Ljung 1999, section 16.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.problem import Evaluation
+from shipfp_rs.solver import AR_ORDER, Minimum, Search
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+WHITENESS_LAGS = 25
+"""Lags of the autocorrelation, as many as MATLAB's `resid` shows."""
+INPUT_LAGS = 12
+"""Lags of the set point besides zero, in geometric steps, for dynamics that are missing may be fast or slow."""
+INPUT_REACH = 10
+"""The longest of them is this part of the record."""
+BAND = 1.96
+"""Standard deviations of a normal variable that hold 95 %."""
+OPEN = 1e-8
+"""A direction of the lagged set points with less than this part of its size left is one that the fit took away."""
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """Correlations by lag, and the test that all of them are chance.
+
+    Parameters
+    ----------
+    lags
+        In samples, shape (L,).
+    correlation, band
+        Correlation coefficients [-] and the half width of the band that holds 95 % of each if it is chance, shape (L,).
+    statistic, freedom
+        What follows a chi-squared distribution with that many degrees of freedom if all of them are.
+    p
+        Probability of a statistic as large; None without a degree of freedom.
+    """
+
+    lags: npt.NDArray[np.int64]
+    correlation: Array
+    band: Array
+    statistic: float
+    freedom: int
+
+    @property
+    def p(self) -> float | None:
+        """Probability of such correlations by chance."""
+        return float(chi2.sf(self.statistic, self.freedom)) if self.freedom > 0 else None
+
+
+def whiteness(
+    records: Sequence[tuple[Array, Mask]], fitted: int = 0, lags: int = WHITENESS_LAGS
+) -> ResidualTest:
+    """Test residuals for autocorrelation, Ljung and Box (10.1093/biomet/65.2.297), gaps left out.
+
+    Parameters
+    ----------
+    records
+        Residuals of one output in each experiment, shape (N,), and where they are valid.
+    fitted
+        Coefficients of the noise model that made them white.
+    lags
+        Number of lags, from one sample on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> noise = np.random.default_rng(1).normal(size=5000)
+    >>> whiteness([(noise, np.isfinite(noise))]).p > 0.01
+    True
+    >>> whiteness([(np.cumsum(noise), np.isfinite(noise))]).p < 1e-6
+    True
+    """
+    steps = np.arange(1, lags + 1)
+    products, pairs, samples = np.zeros(lags), np.zeros(lags), 0
+    for values, valid in records:
+        count = int(valid.sum())
+        if count < 2:
+            continue
+        centred = np.where(valid, values - values[valid].mean(), 0.0)
+        spread = float(np.sqrt(centred @ centred / count)) or 1.0
+        samples += count
+        for index, lag in enumerate(steps[steps < len(values)]):
+            products[index] += centred[lag:] @ centred[:-lag] / spread**2
+            pairs[index] += np.count_nonzero(valid[lag:] & valid[:-lag])
+    known = pairs > 0
+    correlation = np.divide(products, pairs, out=np.zeros(lags), where=known)
+    band = np.divide(BAND, np.sqrt(pairs), out=np.full(lags, np.inf), where=known)
+    statistic = float(np.sum(pairs * correlation**2)) * (samples + 2) / max(samples, 1)
+    return ResidualTest(steps, correlation, band, statistic, int(known.sum()) - fitted)
+
+
+def input_correlations(search: Search, minimum: Minimum) -> dict[str, ResidualTest]:
+    """Test the whitened residuals of each output for what the set point still explains.
+
+    Ljung's test compares the correlations of residual and lagged set point with their scatter for white residuals.
+    A fit has taken away what its own sensitivities J explain, so here the lagged set points U are cleared of
+    J first: with A = (I - J J+) U and S the covariance of the residuals e, (A'e)' (A' S A)^-1 (A'e) is chi-squared.
+    """
+    # Residuals far out count as in the fit: up to the threshold of its cost (eq. 4.7).
+    plain = replace(search, huber=None)
+    evaluations, residual, jacobian = plain.whitened(minimum.vector, minimum.noise)
+    if search.huber is not None:
+        residual = np.clip(residual, -search.huber, search.huber)
+    size = np.linalg.norm(jacobian, axis=0)
+    basis, strength, _ = np.linalg.svd(jacobian[:, size > 0] / size[size > 0], full_matrices=False)
+    basis = basis[:, strength > 1e-12 * strength[:1]]
+    shortest = min((len(b.data) for b in search.blocks if isinstance(b.data, Experiment)), default=0)
+    lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
+    lags = np.append(0, lags)
+    tests = {}
+    for index, output in enumerate(search.structure.outputs):
+        inputs = _lagged_inputs(search, minimum, evaluations, index, lags, len(residual))
+        cleared = inputs - basis @ (basis.T @ inputs)
+        covariance = _covariance(cleared, residual, evaluations, minimum.noise.models is None)
+        tests[output] = _test(inputs, cleared, covariance, residual, lags)
+    return tests
+
+
+def _lagged_inputs(
+    search: Search,
+    minimum: Minimum,
+    evaluations: Sequence[Evaluation],
+    output: int,
+    lags: npt.NDArray[np.int64],
+    rows: int,
+) -> Array:
+    """Lagged set points (R, L) as they would appear in the whitened residuals if they acted on one output."""
+    inputs, start = np.zeros((rows, len(lags))), 0
+    for block, evaluation in zip(search.blocks, evaluations, strict=True):
+        outputs, samples = evaluation.residual.shape
+        if isinstance(block.data, Experiment):
+            dn_set = block.data.normalised("n_set")
+            # Before the record the set point is taken to have been what it is at its first sample.
+            lagged = np.stack([np.append(np.full(lag, dn_set[0]), dn_set)[:samples] for lag in lags])
+            if minimum.noise.models is not None:
+                lagged = lfilter(minimum.noise.models[output], [1.0], lagged, axis=-1)
+            lagged = np.where(evaluation.valid, lagged, 0.0)
+            mixed = minimum.noise.root[:, output, None, None] * lagged
+            inputs[start : start + outputs * samples] = mixed.transpose(0, 2, 1).reshape(-1, len(lags))
+        start += outputs * samples
+    return inputs
+
+
+def _covariance(cleared: Array, residual: Array, evaluations: Sequence[Evaluation], coloured: bool) -> Array:
+    """Covariance A' S A of the correlations, with the residuals' own scatter S in each block, shape (L, L)."""
+    total, start = np.zeros((cleared.shape[1],) * 2), 0
+    for evaluation in evaluations:
+        outputs, samples = evaluation.residual.shape
+        rows = slice(start, start + outputs * samples)
+        own, part = residual[rows].reshape(outputs, samples), cleared[rows].reshape(outputs, samples, -1)
+        if coloured and samples > 2 * AR_ORDER:
+            # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
+            models = [_stable_model(row) for row in own]
+            own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
+            part = np.stack(
+                [
+                    lfilter([1.0], model, rows[::-1], axis=0)[::-1]
+                    for model, rows in zip(models, part, strict=True)
+                ]
+            )
+        scatter = own @ own.T / max(int(evaluation.valid.sum()), 1)
+        total += np.einsum("omi,op,pmj->ij", part, scatter, part, optimize=True)
+        start += outputs * samples
+    # What follows are the rows of priors, with unit variance.
+    return np.asarray(total + cleared[start:].T @ cleared[start:])
+
+
+def _stable_model(residual: Array) -> Array:
+    """Autoregressive model [1, a1, ..., ap] by Yule and Walker, which never runs away."""
+    products = np.array([residual[lag:] @ residual[: len(residual) - lag] for lag in range(AR_ORDER + 1)])
+    if not products[0] > 0.0:
+        return np.append(1.0, np.zeros(AR_ORDER))
+    products[0] *= 1.0 + 1e-9
+    return np.asarray(np.append(1.0, -solve_toeplitz(products[:-1], products[1:])))
+
+
+def _test(
+    inputs: Array, cleared: Array, covariance: Array, residual: Array, lags: npt.NDArray[np.int64]
+) -> ResidualTest:
+    size = np.linalg.norm(inputs, axis=0)
+    size[size == 0.0] = 1.0
+    unit = covariance / np.outer(size, size)
+    products = (cleared.T @ residual) / size
+    strength, direction = np.linalg.eigh(unit)
+    variance = float(residual @ residual) / max(int(np.count_nonzero(residual)), 1)
+    told = strength > OPEN * variance
+    along = direction[:, told].T @ products
+    length = float(np.linalg.norm(residual)) or 1.0
+    return ResidualTest(
+        lags,
+        products / length,
+        BAND * np.sqrt(np.diag(unit)) / length,
+        float(np.sum(along**2 / strength[told])),
+        int(told.sum()),
+    )
+
+
+def residual_figures(search: Search, minimum: Minimum) -> dict[str, dict[str, float | None]]:
+    """Return each output's figures for the fingerprint: the two p-values and what the set point still explains [%].
+
+    They are None for frequency responses, which have no order in time to test.
+    """
+    experiments = [isinstance(block.data, Experiment) for block in search.blocks]
+    if not any(experiments):
+        return {}
+    evaluations = search.filtered(minimum.vector, minimum.noise)
+    records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
+    samples = sum(int(record.valid.sum()) for record in records)
+    models = minimum.noise.models
+    figures: dict[str, dict[str, float | None]] = {}
+    for index, (output, by_input) in enumerate(input_correlations(search, minimum).items()):
+        fitted = 0 if models is None else int(np.count_nonzero(models[index][1:]))
+        white = whiteness([(record.residual[index], record.valid) for record in records], fitted)
+        figures[output] = {
+            "whiteness_p": white.p,
+            "input_correlation_p": by_input.p,
+            "input_explained_pct": 100.0 * min(by_input.statistic / samples, 1.0),
+        }
+    return figures

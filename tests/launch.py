@@ -1,0 +1,75 @@
+"""The virtual launch about its operating point, linear: truth, clean outputs and noisy records for statistical tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from shipfp_rs import _core
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.linear_model import LinearModel, linearise
+from shipfp_rs.signals import Excitation
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+
+LAUNCH = linearise(Vessel.load("stan-launch-804"))
+TRUTH = {
+    "tau_n": LAUNCH.tau_n,
+    "g": LAUNCH.g,
+    "vK_p": LAUNCH.v * LAUNCH.K_p,
+    "vK_i": LAUNCH.v * LAUNCH.K_i,
+}
+POINT = {"n_set": 1300.0, "n_e": 1300.0, "M_b": 222.93, "X_f": 13.07}
+SIGNALS = {"dn": "n_e", "dM_b": "M_b", "dX": "X_f"}
+
+
+def outputs_of(
+    excitation: Excitation, outputs: tuple[str, ...] = ("dn", "dM_b"), model: LinearModel = LAUNCH
+) -> Array:
+    """Return the exact normalised outputs from rest, shape (O, N)."""
+    return _core.simulate_linear(
+        model.kernel_parameters(),
+        excitation.samples / POINT["n_set"],
+        1.0 / excitation.rate_hz,
+        excitation.hold,
+        np.zeros(2),
+        [_core.LINEAR_OUTPUTS.index(output) for output in outputs],
+    )
+
+
+def noise(shape: tuple[int, int], correlation: float, seed: int | list[int]) -> Array:
+    """Return stationary noise of unit variance, first-order autoregressive along the last axis."""
+    shocks = np.random.default_rng(seed).standard_normal(shape)
+    shocks[:, 1:] *= np.sqrt(1.0 - correlation**2)
+    return np.asarray(lfilter([1.0], [1.0, -correlation], shocks, axis=1))
+
+
+def record(excitation: Excitation, rows: Array, outputs: tuple[str, ...] = ("dn", "dM_b")) -> Experiment:
+    """Return an experiment that measured these normalised outputs, shape (O, N)."""
+    measured = {
+        SIGNALS[output]: POINT[SIGNALS[output]] * (1.0 + row)
+        for output, row in zip(outputs, rows, strict=True)
+    }
+    return Experiment(
+        excitation.name,
+        excitation.rate_hz,
+        {"n_set": POINT["n_set"] + excitation.samples, **measured},
+        POINT,
+        hold=excitation.hold,
+        kind=excitation.kind,
+    )
+
+
+def noisy_record(
+    excitation: Excitation,
+    level: float,
+    correlation: float,
+    seed: int | list[int],
+    model: LinearModel = LAUNCH,
+) -> Experiment:
+    """Return speed and torque with noise of a standard deviation relative to each output's root mean square."""
+    clean = outputs_of(excitation, model=model)
+    root_mean_square = np.sqrt(np.mean(clean**2, axis=1, keepdims=True))
+    return record(excitation, clean + level * root_mean_square * noise(clean.shape, correlation, seed))

@@ -1,0 +1,95 @@
+"""Residual tests: as many false alarms as they say, and an alarm where the structure lacks something."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest
+
+from shipfp_rs import signals
+from shipfp_rs.identification import identify
+from shipfp_rs.residuals import whiteness
+from shipfp_rs.structure import Structure
+from tests.launch import LAUNCH, noise, noisy_record
+
+EXCITATION = signals.chirp(0.05, 5.0, 30.0, 13.0, rate_hz=50.0)
+STRUCTURE = Structure.linear(products=True)
+
+
+def alarms(fingerprint):
+    return [line for line in fingerprint.verdict if "contradict" in line or "correlated" in line]
+
+
+def test_a_fit_of_the_right_structure_alarms_no_more_often_than_it_says():
+    draws, probabilities, alarmed = 60, [], 0
+    for draw in range(draws):
+        correlation = (0.0, 0.9, 0.99)[draw % 3]
+        fingerprint = identify(noisy_record(EXCITATION, 0.05, correlation, [1, draw]), STRUCTURE)
+        alarmed += bool(alarms(fingerprint))
+        probabilities.append(
+            [
+                fingerprint.fit[output][key]
+                for output in ("dn", "dM")
+                for key in ("whiteness_p", "input_correlation_p")
+            ]
+        )
+    assert alarmed <= 0.05 * draws
+    # Chance spreads p evenly from 0 to 1.
+    assert kstest(np.ravel(probabilities), "uniform").pvalue > 0.01
+
+
+@pytest.mark.parametrize("missing", [{"T_d": 0.03}, {"T_set": 0.03}])
+def test_a_missing_dead_time_is_noticed_and_once_declared_no_more(missing):
+    experiment = noisy_record(EXCITATION, 0.05, 0.9, 5, replace(LAUNCH, **missing))
+    without = identify(experiment, STRUCTURE)
+    assert without.fit["dM"]["input_correlation_p"] < 1e-6
+    assert any("Dynamics are missing" in line for line in alarms(without))
+    dead_time = {"dead_time_loop": "T_d" in missing, "dead_time_set_point": "T_set" in missing}
+    whole = identify(experiment, Structure.linear(products=True, **dead_time))
+    assert not alarms(whole)
+
+
+def test_coloured_noise_taken_for_white_is_noticed_and_not_blamed_on_the_structure():
+    fingerprint = identify(noisy_record(EXCITATION, 0.05, 0.9, 5), STRUCTURE, noise="white")
+    (line,) = alarms(fingerprint)
+    assert line.startswith("The noise is not what was assumed: whitened residuals are still correlated in dn")
+
+
+def test_outliers_that_the_cost_holds_back_do_not_alarm():
+    experiment = noisy_record(EXCITATION, 0.05, 0.0, 6)
+    speed = np.array(experiment.signals["n_e"])
+    speed[200:1400:97] += 30.0
+    experiment = replace(experiment, signals={**experiment.signals, "n_e": speed})
+    fingerprint = identify(experiment, STRUCTURE, huber=2.0, noise="white")
+    assert fingerprint.fit["dn"]["input_correlation_p"] > 0.01
+
+
+def test_whiteness_is_the_statistic_of_ljung_and_box():
+    values = noise((1, 400), 0.3, 2)[0]
+    centred = values - values.mean()
+    correlation = [np.sum(centred[k:] * centred[:-k]) / np.sum(centred**2) for k in range(1, 11)]
+    expected = 400 * 402 * sum(r**2 / (400 - k) for k, r in enumerate(correlation, 1))
+    test = whiteness([(values, np.ones(400, dtype=bool))], fitted=2, lags=10)
+    # Over gaps each lag counts the pairs it has, so its weight is N/(N - k) of the formula's.
+    assert test.statistic == pytest.approx(expected, rel=0.05)
+    assert test.freedom == 8
+    assert test.p == pytest.approx(chi2.sf(test.statistic, 8))
+
+
+def test_whiteness_leaves_gaps_out():
+    values = noise((1, 5000), 0.0, 3)[0]
+    valid = np.ones(5000, dtype=bool)
+    valid[1000:2000] = valid[::7] = False
+    holed = np.where(valid, values, np.nan)
+    assert whiteness([(np.where(valid, holed, 0.0), valid)]).p > 0.01
+    assert whiteness([(values, valid)]).p == whiteness([(np.where(valid, holed, 0.0), valid)]).p
+
+
+def test_without_excitation_there_is_nothing_to_correlate_with():
+    still = replace(EXCITATION, samples=np.zeros_like(EXCITATION.samples))
+    experiment = noisy_record(EXCITATION, 0.05, 0.0, 1)
+    experiment = replace(experiment, signals={**experiment.signals, "n_set": 1300.0 + still.samples})
+    fingerprint = identify(experiment, STRUCTURE.with_fixed(tau_n=1.5, g=-0.5, vK_i=1.5))
+    assert fingerprint.fit["dn"]["input_correlation_p"] is None
