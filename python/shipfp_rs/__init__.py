@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from shipfp_rs.simulation import simulate
     from shipfp_rs.structure import Structure
     from shipfp_rs.trial import Trial
+    from shipfp_rs.validation import cross_validation, validate
     from shipfp_rs.vessel import Vessel
 
 _WHERE = {
@@ -34,10 +35,12 @@ _WHERE = {
     "Structure": "structure",
     "Trial": "trial",
     "Vessel": "vessel",
+    "cross_validation": "validation",
     "identify": "identification",
     "linearise": "linear_model",
     "process": "processing",
     "simulate": "simulation",
+    "validate": "validation",
 }
 _MODULES = ("frequency", "plot", "published", "signals", "tacho")
 
@@ -55,6 +58,7 @@ __all__ = [
     "Trial",
     "Vessel",
     "__version__",
+    "cross_validation",
     "frequency",
     "identify",
     "linearise",
@@ -64,6 +68,7 @@ __all__ = [
     "signals",
     "simulate",
     "tacho",
+    "validate",
 ]
 
 

@@ -1,0 +1,136 @@
+"""Validation: how well a fingerprint explains experiments that it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification import identify
+from shipfp_rs.prediction import predict, structure_of
+from shipfp_rs.statistics import nrmse_pct
+from shipfp_rs.structure import Structure
+
+
+def validate(
+    fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None
+) -> dict[str, float]:
+    """Return the fit in per cent (eq. 4.9) of a fingerprint's simulation to an experiment, by output.
+
+    Parameters
+    ----------
+    fingerprint
+        Its parameters as fitted; the initial state and a constant offset of each output are taken from the experiment.
+    experiment
+        Set point and measured outputs; masked samples do not count.
+    structure
+        The fingerprint's; None rebuilds a linear one.
+
+    Returns
+    -------
+    dict
+        Output to NRMSE [%]: 100 is perfect, 0 no better than the mean, less is worse; NaN for a constant signal.
+
+    Raises
+    ------
+    InputError
+        As `predict`.
+    """
+    structure = structure or structure_of(fingerprint)
+    predicted = predict(fingerprint, experiment, structure)
+    fits = {}
+    for output, (signal, model) in zip(structure.outputs, predicted.items(), strict=True):
+        measured = experiment.normalised(signal)
+        fits[output] = nrmse_pct(measured, measured - model)
+    return fits
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Fits of every fingerprint to every experiment; printed, a table for each output.
+
+    Parameters
+    ----------
+    fits
+        Name of the experiment fitted to, name of the one simulated, output: NRMSE [%].
+    fingerprints
+        The fingerprint of each experiment.
+    """
+
+    fits: Mapping[str, Mapping[str, Mapping[str, float]]]
+    fingerprints: Mapping[str, Fingerprint]
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(next(iter(next(iter(self.fits.values())).values())))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form: output to fitted to simulated to NRMSE [%], None where it is not defined."""
+        return {
+            output: {
+                fitted: {
+                    name: figures[output] if math.isfinite(figures[output]) else None
+                    for name, figures in row.items()
+                }
+                for fitted, row in self.fits.items()
+            }
+            for output in self.outputs
+        }
+
+    def __str__(self) -> str:
+        names = list(self.fits)
+        first = max(len(name) for name in [*names, "fitted to"])
+        width = [max(len(name), 7) for name in names]
+        lines = []
+        for output in self.outputs:
+            heads = (f"{name:>{size}}" for name, size in zip(names, width, strict=True))
+            lines += [f"fit of {output} [%]", "  ".join([f"{'fitted to':<{first}}", *heads])]
+            for fitted, row in self.fits.items():
+                cells = (f"{row[name][output]:{size}.2f}" for name, size in zip(names, width, strict=True))
+                lines.append("  ".join([f"{fitted:<{first}}", *cells]))
+        return "\n".join(lines)
+
+
+def cross_validation(
+    experiments: Sequence[Experiment],
+    structure: Structure,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> CrossValidation:
+    """Fit a structure to each experiment and simulate all of them with each fingerprint (section 7.3 of the thesis).
+
+    Parameters
+    ----------
+    experiments
+        With names of their own.
+    structure
+        The model.
+    progress
+        Called with (fits done, fits in all).
+    options
+        Of `identify`.
+
+    Raises
+    ------
+    InputError
+        For no experiments, or two of one name.
+    """
+    names = [experiment.name for experiment in experiments]
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"experiments named {names}, expected at least one and each name once")
+    fingerprints = {}
+    for done, experiment in enumerate(experiments, 1):
+        fingerprints[experiment.name] = identify(experiment, structure, **options)
+        if progress is not None:
+            progress(done, len(experiments))
+    fits = {
+        fitted: {experiment.name: validate(fingerprint, experiment, structure) for experiment in experiments}
+        for fitted, fingerprint in fingerprints.items()
+    }
+    return CrossValidation(fits, fingerprints)
