@@ -19,7 +19,7 @@ from shipfp_rs.fingerprint import Estimate, Fingerprint, Status
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
 from shipfp_rs.problem import Block, Data, Evaluation
-from shipfp_rs.residuals import residual_figures
+from shipfp_rs.residuals import residual_figures, responds
 from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
 from shipfp_rs.statistics import information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
@@ -242,12 +242,15 @@ def _fingerprint(
 ) -> Fingerprint:
     structure, count = search.structure, len(search.free)
     evaluations, residual, jacobian = search.whitened(best.vector, best.noise)
+    if not responds(search, best):
+        jacobian[: sum(evaluation.residual.size for evaluation in evaluations)] = 0.0
     values = search.values(best.vector)
     for index in range(count):
         bound = _bound(search, best, index)
         if bound is not None:
             values[search.names[index]] = bound
-    scale = np.array([abs(values[p.name]) or p.scale for p in search.free])
+    # A value that the search drove towards zero is no measure of its own size.
+    scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
     own = _without_nuisance(jacobian, count)
     everything = Sensitivity.of(own, search.names, scale)
     on_bound = everything.held_by_bounds(np.array([_inward(search, values, index) for index in range(count)]))
@@ -430,6 +433,8 @@ def _derived(
 ) -> dict[str, Estimate]:
     """Combinations that the data tell although a member is not known by itself."""
     derived: dict[str, Estimate] = {}
+    if not np.isfinite(covariance).all():
+        return derived
     for name, (unit, function) in COMBINATIONS.items():
         try:
             value = function(values)

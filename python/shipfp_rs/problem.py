@@ -130,7 +130,7 @@ def prewhiten(evaluation: Evaluation, models: Sequence[Array]) -> Evaluation:
 
     A sample whose filter reaches over a masked one is masked too. `models` holds [1, a1, ..., ap] an output.
     """
-    order = max(len(model) for model in models) - 1
+    order = max(int(np.flatnonzero(model)[-1]) for model in models)
     reach = lfilter(np.ones(order + 1), [1.0], np.where(evaluation.valid, 0.0, 1.0))
     valid = np.asarray(reach < 0.5)
     valid[:order] = False

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.problem import Evaluation
-from shipfp_rs.solver import AR_ORDER, Minimum, Search
+from shipfp_rs.problem import Evaluation, prewhiten
+from shipfp_rs.solver import AR_ORDER, Minimum, Search, scatter_of
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -28,6 +28,9 @@ BAND = 1.96
 """Standard deviations of a normal variable that hold 95 %."""
 OPEN = 1e-8
 """A direction of the lagged set points with less than this part of its size left is one that the fit took away."""
+
+STILL = 1e-4
+"""Probability below which what a fit explains is no chance."""
 
 
 @dataclass(frozen=True)
@@ -204,6 +207,29 @@ def _test(
         float(np.sum(along**2 / strength[told])),
         int(told.sum()),
     )
+
+
+def responds(search: Search, minimum: Minimum) -> bool:
+    """Whether the fit explains experiments better than constants do, by a likelihood ratio, or there are responses.
+
+    Where nothing moves, initial states can still be fitted to the noise, and parameters to what they start.
+    """
+    if not all(isinstance(block.data, Experiment) for block in search.blocks):
+        return True
+    still = []
+    for block in search.blocks:
+        mean = np.mean(block.measured[:, block.valid], axis=1, keepdims=True)
+        offsets = any(name.startswith("offset") for name in block.nuisance)
+        level = np.where(block.valid, block.measured - offsets * mean, 0.0)
+        constant = Evaluation(level, np.zeros((1, *level.shape)), block.valid)
+        still.append(constant if minimum.noise.models is None else prewhiten(constant, minimum.noise.models))
+    moved = search.filtered(minimum.vector, minimum.noise)
+    samples = sum(int(evaluation.valid.sum()) for evaluation in moved)
+    before, after = (
+        np.linalg.slogdet(scatter_of(e) + 1e-300 * np.eye(len(e[0].residual))) for e in (still, moved)
+    )
+    ratio = samples * (before[1] - after[1])
+    return bool(chi2.sf(ratio, search.size) < STILL)
 
 
 def residual_figures(search: Search, minimum: Minimum) -> dict[str, dict[str, float | None]]:
