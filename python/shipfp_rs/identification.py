@@ -18,6 +18,7 @@ from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Estimate, Fingerprint, Status
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
+from shipfp_rs.innovations import with_innovations
 from shipfp_rs.problem import Block, Data, Evaluation
 from shipfp_rs.residuals import residual_figures, responds
 from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
@@ -27,7 +28,7 @@ from shipfp_rs.verdict import verdict
 
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
-NoiseModel = Literal["white", "ar"]
+NoiseModel = Literal["white", "ar", "innovations"]
 
 AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
@@ -67,7 +68,9 @@ def identify(
         with a diagonal W; "std" uses the responses' own standard deviations; "none" is plain least squares (4.2).
     noise
         "ar": prewhiten the residuals of each output with a fitted AR(8) and refit, so that the intervals hold for
-        coloured noise; "white": take them as they are. Default: "ar" for experiments, "white" for responses.
+        coloured noise; "white": take them as they are; "innovations": minimise the one-step prediction error with a
+        Kalman gain estimated for each experiment, for disturbances of the drive train itself (linear structure without
+        dead time in the loop). Default: "ar" for experiments, "white" for responses.
     huber
         Threshold in robust standard deviations above which a residual counts linearly (eq. 4.7); None: never.
     ridge
@@ -115,6 +118,11 @@ def identify(
         raise InputError(
             "a prior needs residuals in units of their deviation; choose weighting 'determinant' or 'variance'"
         )
+    if noise == "innovations":
+        # There the offsets pass through the predictor, so its equations hold them.
+        structure, offsets = with_innovations(structure, offsets=offsets), False
+        if initial_state != "estimated":
+            raise InputError("noise 'innovations' estimates the initial state; leave initial_state as it is")
     blocks = _blocks(
         data, structure, offsets=offsets, initial_state=initial_state == "estimated", weigh=weighting == "std"
     )
@@ -315,6 +323,11 @@ def _fingerprint(
         settings=settings
         | {
             "optimum": {name: values[name] for name in structure.names},
+            "kalman_gain": {
+                name: float(value)
+                for name, value in zip(search.unknowns, best.vector, strict=True)
+                if name.startswith("gain")
+            },
             "criterion": best.criterion,
             "converged": best.converged,
             "message": best.message,
@@ -457,7 +470,9 @@ def _derived(
 
 
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
+    """Figures of the simulation: without the gains that lead a predictor back to what was measured."""
     plain = replace(search, blocks=tuple(replace(block, weigh=False) for block in search.blocks))
+    vector = np.where([name.startswith("gain") for name in search.unknowns], 0.0, vector)
     rows = []
     for block, evaluation in zip(plain.blocks, plain.evaluate(vector), strict=True):
         figures = {}

@@ -76,6 +76,17 @@ class Search:
         return tuple(parameter.name for parameter in self.free)
 
     @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names along the full vector; those of several experiments carry its name."""
+        several = len(self.blocks) > 1
+        own = [
+            f"{name} ({block.data.name})" if several else name
+            for block in self.blocks
+            for name in block.nuisance
+        ]
+        return (*self.names, *own)
+
+    @property
     def size(self) -> int:
         """Length of the full vector."""
         return len(self.free) + sum(len(block.nuisance) for block in self.blocks)
