@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import difflib
+import importlib
 import itertools
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -82,10 +84,13 @@ class Log:
     array([2., 3.])
     """
 
-    def __init__(self, name: str, channels: list[Channel], blocks: Blocks) -> None:
+    def __init__(
+        self, name: str, channels: list[Channel], blocks: Blocks, start_utc: datetime | None = None
+    ) -> None:
         if not any(channel.samples for channel in channels):
             raise InputError(f"{name}: no samples in it; expected at least one channel with numbers")
         self.name = name
+        self.start_utc = start_utc  # when the log's clock stood at zero, where the file tells
         self.channels: Mapping[str, Channel] = MappingProxyType(
             {channel.name: channel for channel in channels}
         )
@@ -113,11 +118,13 @@ class Log:
             Where the file is missing, empty, unreadable, of unknown suffix, or without a uniform time base.
         """
         path = Path(path)
-        reader = _READERS.get(path.suffix.lower())
+        suffix = path.suffix.lower()
+        if suffix in _MODULES:
+            importlib.import_module(f"shipfp_rs.readers.{_MODULES[suffix]}")
+        reader = _READERS.get(suffix)
         if reader is None:
-            raise InputError(
-                f"{path}: unknown log format {path.suffix!r}, expected one of {', '.join(_READERS)}"
-            )
+            known = ", ".join(dict.fromkeys([*_READERS, *_MODULES]))
+            raise InputError(f"{path}: unknown log format {path.suffix!r}, expected one of {known}")
         if not path.is_file():
             raise InputError(f"{path}: no such log file")
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
@@ -210,7 +217,11 @@ class Log:
             raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
         streams = {name: self._blocks(name, 0, BLOCK) for name in self.channels}
         queues = {name: _Rows(stream) for name, stream in streams.items()}
-        schema = pa.schema([_field(c, queues[c.name].dtype) for c in self.channels.values()])
+        clock = {} if self.start_utc is None else {"start_utc": self.start_utc.isoformat()}
+        schema = pa.schema(
+            [_field(c, queues[c.name].dtype) for c in self.channels.values()],
+            metadata={METADATA_KEY: json.dumps(clock).encode()},
+        )
         length = max(channel.samples for channel in self.channels.values())
         with (
             replacing(path) as temporary,
@@ -261,6 +272,11 @@ def _field(channel: Channel, dtype: np.dtype[Any]) -> pa.Field:
 
 Reader = Callable[[Path, float | None], Log]
 _READERS: dict[str, Reader] = {}
+_MODULES = {
+    ".raw": "famos",
+    ".dat": "famos",
+}
+"""Modules of `shipfp_rs.readers` that register for a suffix once a file of it is opened."""
 
 
 def register_reader(*suffixes: str) -> Callable[[Reader], Reader]:
@@ -400,7 +416,8 @@ def _log_of_table(
                 name, facts["unit"], float(rate), facts.get("samples", rows), facts.get("start_s", start_s)
             )
         )
-    return Log(str(path), channels, blocks)
+    clock = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}")).get("start_utc")
+    return Log(str(path), channels, blocks, datetime.fromisoformat(clock) if clock else None)
 
 
 def _time_base(

@@ -12,6 +12,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
+from shipfp_rs.cli.convert import convert
 from shipfp_rs.cli.demo import demo
 from shipfp_rs.cli.init import init
 from shipfp_rs.cli.reproduce import reproduce
@@ -28,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (demo, run, init, simulate):
+for command in (demo, run, init, simulate, convert):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 
