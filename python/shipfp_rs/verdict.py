@@ -43,7 +43,7 @@ def verdict(
         lines.append(
             "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: "
             + ", ".join(bounded)
-            + "."
+            + ". The other intervals hold only if they are there."
         )
     if identifiability.rank < identifiability.free:
         lines.append(
