@@ -58,7 +58,15 @@ class TestFrame:
         assert not {"matplotlib", "scipy", "pyarrow", "pydantic"} & set(loaded.split("\n")[-2].split())
 
     def test_every_subcommand_has_help(self, capsys) -> None:
-        for command in (["demo"], ["run"], ["init"], ["simulate"], ["reproduce"], ["reproduce", "fullscale"]):
+        for command in (
+            ["demo"],
+            ["run"],
+            ["init"],
+            ["simulate"],
+            ["reproduce"],
+            ["reproduce", "fullscale"],
+            ["reproduce", "virtual"],
+        ):
             assert cli.main([*command, "--help"]) == 0
             assert "Usage: shipfp " + " ".join(command) in capsys.readouterr().out
 
@@ -423,3 +431,30 @@ class TestReproduceFullscale:
         (tmp_path / "notes.txt").write_text("mine")
         assert cli.main(["reproduce", "fullscale", "--out", str(tmp_path)]) == 2
         assert "notes.txt" in one_line(capsys.readouterr().err)
+
+
+class TestReproduceVirtual:
+    ROWS = (
+        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677}, {}),
+        Row("5.2", "ii", "thesis", "linear", {"tau_n": 1.34862}, {"dn": 99.99, "validation dM": 90.7}),
+    )
+
+    @pytest.fixture
+    def quick(self, monkeypatch) -> None:
+        found = Reproduction("Chapters", self.ROWS, ("What is known.",), {})
+        monkeypatch.setattr("shipfp_rs.reproduce.virtual.reproduce", lambda _: found)
+        monkeypatch.setattr("shipfp_rs.reproduce.virtual_figures.PICTURES", ())
+
+    def test_each_table_is_printed_with_its_own_columns(self, quick, capsys) -> None:
+        assert cli.main(["reproduce", "virtual"]) == 0
+        shown = capsys.readouterr().out
+        assert shown.index("Table 3.5") < shown.index("21.677") < shown.index("Table 5.2")
+        assert shown.index("validation M [%]") < shown.index("1.3486")
+        assert shown.endswith("What is known.\n")
+
+    def test_a_result_of_before_is_replaced(self, quick, tmp_path, capsys) -> None:
+        for _ in range(2):
+            assert cli.main(["reproduce", "virtual", "--json", "--out", str(tmp_path / "out")]) == 0
+            assert json.loads((tmp_path / "out" / "virtual.json").read_text()) == json.loads(
+                capsys.readouterr().out
+            )

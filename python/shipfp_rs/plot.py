@@ -55,6 +55,7 @@ COLOURS: Mapping[str, str] = {
     "E_n": GREEN,
 }
 REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
+COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
 ENVELOPE_BINS = 1000
 """Longer signals are drawn as the smallest and largest sample of this many stretches."""
 
@@ -83,7 +84,7 @@ def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> S
                 masked |= np.isnan(samples)
         if masked.any():
             _mark(ax, experiment, masked)
-        _dress(ax, QUANTITIES[unit])
+        dress(ax, QUANTITIES[unit])
     panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
@@ -117,7 +118,7 @@ def fit(
         model = experiment.operating_point[name] * (1.0 + np.asarray(deviation, dtype=np.float64))
         ax.plot(*envelope(experiment.time, experiment.signals[name]), color=GREY, lw=1.0, label="measured")
         ax.plot(*envelope(experiment.time, model), color=COLOURS[name], lw=1.0, label="model")
-        _dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
+        dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
@@ -143,8 +144,6 @@ def bode(
     -------
     sequence of Axes
     """
-    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
-
     amplitude, phase = panels = _panels(axes, 2, sharex=True)
     for index, (name, response) in enumerate(measured.response.items()):
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)
@@ -162,15 +161,36 @@ def bode(
         style: dict[str, Any] = {"color": color, "fmt": "o", "ms": 4, "lw": 1.0, "capsize": 2}
         amplitude.errorbar(measured.frequency_hz, size, bars, label=LABELS[name], **style)
         phase.errorbar(measured.frequency_hz, angle, angle_bars, label=LABELS[name], **style)
-    amplitude.set_xscale("log")
-    amplitude.set_yscale("log")
-    amplitude.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    amplitude.yaxis.set_major_formatter(ScalarFormatter())
-    amplitude.yaxis.set_minor_formatter(NullFormatter())
-    _dress(amplitude, "amplitude ratio [-]")
-    _dress(phase, "phase [deg]", legend=False)
+    _dress_bode(amplitude, phase)
     amplitude.set_title(measured.name, loc="left", parse_math=False)
-    phase.set_xlabel("frequency [Hz]")
+    return panels
+
+
+def responses(
+    curves: Mapping[str, FrequencyResponse], signal: str, axes: Sequence[Axes] | None = None
+) -> Sequence[Axes]:
+    """Draw amplitude and phase of one signal's response by several models, to compare them.
+
+    Parameters
+    ----------
+    curves
+        Label to response; at most six, drawn as lines, the first one broad and grey behind the others.
+    signal
+        Name of the signal.
+    axes
+        Two, amplitude and phase; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+    """
+    amplitude, phase = panels = _panels(axes, 2, sharex=True)
+    for index, (label, curve) in enumerate(curves.items()):
+        color, width = (GREY, 3.0) if index == 0 else (COMPARED[index - 1], 1.2)
+        frequency, response = curve.frequency_hz, curve.response[signal]
+        amplitude.plot(frequency, np.abs(response), color=color, lw=width, label=label)
+        phase.plot(frequency, _phase(response), color=color, lw=width)
+    _dress_bode(amplitude, phase)
     return panels
 
 
@@ -221,7 +241,7 @@ def intervals(
     ax.set_xlabel(
         "estimate and 95 % interval, from " + ("the truth" if truth is not None else "the estimate") + " [%]"
     )
-    _dress(ax, "", legend=False)
+    dress(ax, "", legend=False)
     ax.grid(visible=False, axis="y")
     return ax
 
@@ -276,7 +296,7 @@ def pulse_intervals(
         ax.plot(times[1:][beyond], edge, "x", ms=6, color=RED, label=f"beyond, {beyond.sum()}", clip_on=False)
     ax.set_ylim(-reach, reach)
     ax.set_xlabel("time [s]")
-    _dress(ax, "interval over even share of a turn [%]")
+    dress(ax, "interval over even share of a turn [%]")
     return ax
 
 
@@ -317,6 +337,20 @@ def _phase(response: npt.NDArray[np.complex128]) -> Array:
     return np.degrees(np.unwrap(np.angle(response)))
 
 
+def _dress_bode(amplitude: Axes, phase: Axes) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    for ax in (amplitude, phase):
+        ax.set_xscale("log")
+    amplitude.set_yscale("log")
+    amplitude.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    amplitude.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    amplitude.yaxis.set_minor_formatter(NullFormatter())
+    dress(amplitude, "amplitude ratio [-]")
+    dress(phase, "phase [deg]", legend=False)
+    phase.set_xlabel("frequency [Hz]")
+
+
 def _mark(ax: Axes, experiment: Experiment, masked: npt.NDArray[np.bool_]) -> None:
     """Draw a strip along the bottom where samples are masked; its edge keeps a single sample visible."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], masked, [False]]).astype(np.int8)))
@@ -348,7 +382,8 @@ def _panels(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) ->
     return axes
 
 
-def _dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
+def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
+    """Give axes a label, a faint grid and a legend above them."""
     ax.set_ylabel(ylabel)
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(visible=True, color=GREY, alpha=0.25, lw=0.6)

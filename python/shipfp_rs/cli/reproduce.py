@@ -19,19 +19,29 @@ reproduce = typer.Typer(
     help="Reproduce the thesis's tables, ours beside the printed ones.", no_args_is_help=True
 )
 
-COLUMNS = (
-    "tau_n",
-    "g",
-    "vK_p",
-    "K_p/K_i",
-    "p",
-    "tau_prop",
-    "T_d",
-    "T_set",
-    "vK_p/tau_n",
-    "(p-g)/(vK_i)+T_set",
-)
-FITS = {"dn": "fit n [%]", "dM": "fit M [%]"}
+COLUMNS = {
+    "7.1": (
+        "tau_n",
+        "g",
+        "vK_p",
+        "K_p/K_i",
+        "p",
+        "tau_prop",
+        "T_d",
+        "T_set",
+        "vK_p/tau_n",
+        "(p-g)/(vK_i)+T_set",
+    ),
+}
+"""Parameters shown of a table; of the others all."""
+TOO_WIDE = ("5.1",)
+"""Tables that only the JSON holds."""
+FITS = {
+    "dn": "fit n [%]",
+    "dM": "fit M [%]",
+    "validation dn": "validation n [%]",
+    "validation dM": "validation M [%]",
+}
 
 
 @reproduce.command()
@@ -59,26 +69,72 @@ def fullscale(
     if json:
         print_json(content)
         return
-    print_table(
-        found.title,
-        ["case, way, structure", *COLUMNS, *FITS.values()],
-        [
-            [
-                f"{row.case}, {row.way}, {row.structure}",
-                *(_shown(row.parameters.get(name)) for name in COLUMNS),
-                *(_shown(row.fit.get(output)) for output in FITS),
-            ]
-            for row in found.rows
-        ],
-    )
-    print_text(*(f"{row.case}, {row.structure}: {row.notes}" for row in found.rows if row.way != "printed"))
-    print_text(*found.verdict)
+    _print(found)
     if out is not None:
         print_text(f"wrote {out}")
 
 
+@reproduce.command()
+def virtual(
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for virtual.json and the figures.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Repeat chapters 3 to 5 on the virtual ship: Tables 3.4 to 5.2, and with --out their figures."""
+    from shipfp_rs.files import replacing_folder, write_text_atomically
+    from shipfp_rs.reproduce import virtual as tables
+    from shipfp_rs.reproduce import virtual_figures
+
+    folder_of_its_own = (
+        nullcontext()
+        if out is None
+        else replacing_folder(out, marker="virtual.json", others=virtual_figures.FILES)
+    )
+    with folder_of_its_own as folder, progress() as notify:
+        found = tables.reproduce(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
+        content = found.to_dict()
+        if folder is not None:
+            write_text_atomically(folder / "virtual.json", json_format.dumps(content, indent=2) + "\n")
+            virtual_figures.draw(
+                folder, found, lambda done, figures: notify(f"drawing, {done} of {figures} done")
+            )
+    if json:
+        print_json(content)
+        return
+    _print(found)
+    if out is not None:
+        print_text(f"wrote {out}")
+
+
+def _print(found: Reproduction) -> None:
+    """Print each table with its notes, then the verdict."""
+    tables = {row.table: [other for other in found.rows if other.table == row.table] for row in found.rows}
+    for table, rows in tables.items():
+        if table in TOO_WIDE:
+            continue
+        names = COLUMNS.get(table) or tuple(dict.fromkeys(name for row in rows for name in row.parameters))
+        fits = [output for output in FITS if any(output in row.fit for row in rows)]
+        print_table(
+            found.title if len(tables) == 1 else f"Table {table}",
+            ["case, way, structure", *names, *(FITS[output] for output in fits)],
+            [
+                [
+                    ", ".join(part for part in (row.case, row.way, row.structure) if part),
+                    *(_shown(row.parameters.get(name)) for name in names),
+                    *(_shown(row.fit.get(output)) for output in fits),
+                ]
+                for row in rows
+            ],
+        )
+        print_text(
+            *(f"{row.case}, {row.structure}: {row.notes}" for row in rows if row.notes and row.way != "printed")
+        )
+    print_text("", *found.verdict)
+
+
 def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+    return "" if value is None else f"{value:.5g}"
 
 
 def _draw(found: Reproduction, path: Path) -> None:

@@ -1,0 +1,213 @@
+"""The virtual trials of chapters 3 to 5: ships, set points, experiments and the structures that are fitted to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs import signals
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.linear_model import LinearModel, linearise
+from shipfp_rs.signals import Excitation
+from shipfp_rs.simulation import Method, simulate
+from shipfp_rs.statistics import nrmse_pct
+from shipfp_rs.structure import Structure
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+Discretisation = Literal["zoh", "euler"]
+
+VESSEL = "stan-launch-804"
+STEP_S = 0.01
+"""Step of the thesis's simulation: the times of Table 5.1 are whole hundredths of a second, and the bias agrees."""
+SMALL_RPM, LARGE_RPM = 13.0, 104.0
+"""Amplitudes of cases ii to iv and of case v: 0.01 and 0.08 of 1300 rpm (section 5.1)."""
+CHIRP_HZ, CHIRP_S = (0.0014, 20.0), 1500.0
+"""Range and length of every chirp (section 5.1.2)."""
+STEP_EVERY_S = 20.0
+TAU_N_S = 1.442
+"""True value of eq. 5.1."""
+START = {"tau_n": 2.5, "g": -2.5, "v": 3.5, "K_p": 10.0, "K_i": 3.0, "vK_p": 35.0, "vK_i": 10.5}
+"""Start of every search, eq. 5.2."""
+BOUNDS = {
+    "tau_n": (0.01, 5.0),
+    "g": (-3.0, -0.01),
+    "v": (0.01, 5.0),
+    "K_p": (0.01, 15.0),
+    "K_i": (0.01, 10.0),
+    "vK_p": (1e-4, 75.0),
+    "vK_i": (1e-4, 50.0),
+}
+"""Bounds of every search, eq. 5.3 to 5.7."""
+POINT_STD = 1e-3
+"""Standard deviation given to every settled sine, as part of its output's root mean square over the frequencies."""
+SAMPLES_A_PERIOD = 400
+"""Of accurate data: straight lines between them lessen a sine by 2e-5."""
+SETTLED = 22.0
+"""Time constants of the slowest pole until a sine counts as settled: what is left of the start is e^-22 = 3e-10."""
+
+
+def launch() -> Vessel:
+    """Return the virtual ship as configured: losses in the gearbox, hence tau_n 1.514 s."""
+    return Vessel.load(VESSEL)
+
+
+def launch_of_the_thesis() -> Vessel:
+    """Return the ship with the true values of eq. 5.1, tau_n 1.442 s among them.
+
+    Without loss in the gearbox, so M_s0 = 3 x 222.93 Nm, eq. 3.23 gives 1.438 s; the last 0.25 %, for which the thesis
+    holds no explanation, go into the inertia.
+    """
+    lossless = launch().replace({"gearbox.efficiency": 1.0})
+    inertia = lossless.shaft.inertia_kg_m2 * TAU_N_S / linearise(lossless).tau_n
+    return lossless.replace({"shaft.inertia_kg_m2": inertia})
+
+
+def excitation(case: str) -> Excitation:
+    """Return the set point of a fitted case of Table 5.2, a sample every 0.01 s."""
+    if case == "ii":
+        return signals.published_sine_sequence(SMALL_RPM, rate_hz=1.0 / STEP_S)
+    return signals.chirp(
+        *CHIRP_HZ,
+        CHIRP_S,
+        LARGE_RPM if case == "v" else SMALL_RPM,
+        "linear" if case == "iii" else "logarithmic",
+        rate_hz=1.0 / STEP_S,
+    )
+
+
+def trial(vessel: Vessel, case: str, method: Method = "rk4", *, limits: bool = True) -> Experiment:
+    """Return the data of a fitted case of Table 5.2."""
+    return run(vessel, excitation(case), method, limits=limits)
+
+
+def run(vessel: Vessel, set_point: Excitation, method: Method = "rk4", *, limits: bool = True) -> Experiment:
+    """Simulate accurately, or by forward Euler with the set point held over each step, as the thesis's data were."""
+    held = replace(set_point, hold="zero") if method == "euler" else set_point
+    return simulate(vessel, held, method=method, limits=limits)
+
+
+def validation_steps(
+    vessel: Vessel, method: Method = "rk4", *, size: float = 0.05, limits: bool = True
+) -> Experiment:
+    """Return three steps, each `size` of the operating point, 20 s apart and after 20 s at rest (section 5.1.3)."""
+    step_rpm = size * vessel.operating_point.n_e_rpm
+    steps = signals.steps([step_rpm] * 3, STEP_EVERY_S, lead_s=STEP_EVERY_S, rate_hz=1.0 / STEP_S)
+    return run(vessel, steps, method, limits=limits)
+
+
+def single_step(vessel: Vessel, size: float, *, limits: bool) -> Experiment:
+    """Return a step of `size` of the operating point, held for 60 s (Table 3.7)."""
+    rpm = size * vessel.operating_point.n_e_rpm
+    return run(vessel, signals.steps([rpm], 60.0, rate_hz=1.0 / STEP_S), limits=limits)
+
+
+def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = True) -> FrequencyResponse:
+    """Return the plant's response to each sine of Table 5.1 once it has settled, by a sine fit to one whole period.
+
+    Its deviations are one part of each output's root mean square over the frequencies: weighted so, the residuals of
+    speed and torque count alike, the thesis's "Output Weight" (section 5.2).
+    """
+    sequence = signals.published_sine_sequence()
+    frequency = np.array([segment.frequency_hz for segment in sequence.segments])
+    settling_s = SETTLED / np.abs(linearise(vessel).poles).min()
+    lines: list[dict[str, complex]] = []
+    for value in frequency:
+        # Of Euler the step is given, and the periods of Table 5.1 are whole numbers of it.
+        samples = round(1.0 / (value * STEP_S)) if method == "euler" else SAMPLES_A_PERIOD
+        periods = math.ceil(settling_s * value) + 1
+        sine = signals.sine_sequence([value], periods, SMALL_RPM, rate_hz=samples * value)
+        experiment = run(vessel, sine, method, limits=limits)
+        # Over one whole period a sine fit is a line of the spectrum.
+        lines.append(
+            {
+                name: np.fft.rfft(experiment.normalised(name)[-samples:])[1]
+                for name in ("n_set", "n_e", "M_b", "E_n")
+            }
+        )
+    response = {
+        name: np.array([line[name] / line["n_set"] for line in lines]) for name in ("n_e", "M_b", "E_n")
+    }
+    deviation = {
+        name: POINT_STD * np.sqrt(np.mean(np.abs(points) ** 2)) / np.abs(points)
+        for name, points in response.items()
+    }
+    return FrequencyResponse("settled sines", frequency, response, deviation, deviation)
+
+
+def searched_as_printed(structure: Structure) -> Structure:
+    """Give a structure the start and the bounds of section 5.4."""
+    names = [parameter.name for parameter in structure.free]
+    # Start and bounds in two steps would have to agree in between.
+    return structure.with_bounds(**{name: (BOUNDS[name][0], START[name], BOUNDS[name][1]) for name in names})
+
+
+def thesis_structure() -> Structure:
+    """Return the structure of section 5.3."""
+    return searched_as_printed(Structure.linear(name="linear"))
+
+
+def sampled_structure(discretisation: Discretisation) -> Structure:
+    """Return the structure of section 5.3 as it answers sampled sines, discretised exactly or by forward Euler."""
+    linear = thesis_structure()
+
+    def response(values: Mapping[str, Any], frequency_hz: Array) -> npt.NDArray[np.complex128]:
+        sampled = LinearModel(**values, tau_prop=0.0).state_space().to_discrete(STEP_S, discretisation)
+        z = np.exp(2j * np.pi * frequency_hz * STEP_S)[:, None, None]
+        states = np.linalg.solve(z * np.eye(2) - sampled.A, sampled.B)
+        return np.asarray((sampled.C @ states + sampled.D)[:, :, 0].T, dtype=np.complex128)
+
+    name = {"zoh": "linear, sampled exactly", "euler": "linear, sampled by Euler"}[discretisation]
+    return Structure.from_function(
+        linear.equations.simulate,
+        linear.parameters,
+        {"dn": "n_e", "dM": "M_b"},
+        name=name,
+        response=response,
+    )
+
+
+def shown(values: Mapping[str, float]) -> dict[str, float]:
+    """Return the four figures of Table 5.2 from a structure's or a model's parameters."""
+    vK_p, vK_i = (values[f"vK_{k}"] if f"vK_{k}" in values else values["v"] * values[f"K_{k}"] for k in "pi")
+    return {"tau_n": values["tau_n"], "g": values["g"], "K_p/K_i": vK_p / vK_i, "vK_p": vK_p}
+
+
+def model_of(figures: Mapping[str, float | None]) -> LinearModel:
+    """Return the linear model of the four figures of Table 5.2, with v = 1: only its products with the gains matter."""
+    q = {name: value for name, value in figures.items() if value is not None}
+    return LinearModel(
+        tau_n=q["tau_n"],
+        g=q["g"],
+        v=1.0,
+        K_p=q["vK_p"],
+        K_i=q["vK_p"] / q["K_p/K_i"],
+        p=2.0,
+        tau_prop=0.0,
+    )
+
+
+def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> dict[str, float]:
+    """Return the fit of a structure that starts from rest to an experiment, "dn" and "dM" in per cent (eq. 4.9)."""
+    simulated = structure.equations.simulate(values, experiment)
+    fits = {}
+    for output, row in zip(structure.outputs, simulated, strict=True):
+        measured = experiment.normalised(structure.signal_for(output, experiment.signals, experiment.name))
+        fits[output] = nrmse_pct(measured, measured - row)
+    return fits
+
+
+def euler_bias(model: LinearModel, step_s: float = STEP_S) -> float:
+    """Return the tau_n that forward Euler data show to an exact model, tau h a / -ln(1 - h a).
+
+    a = (p - g + v K_p)/tau_n is nearly the fast pole: Euler makes it decay by 1 - h a a step, which an exact model takes
+    for exp(-h a'), and a' tau' = a tau.
+    """
+    a = (model.p - model.g + model.v * model.K_p) / model.tau_n
+    return float(model.tau_n * step_s * a / -math.log1p(-step_s * a))
