@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -171,6 +172,18 @@ def test_the_verdict_says_what_is_wrong_in_print(reproduction) -> None:
         "torque limit",
     ):
         assert said in text
+
+
+def test_the_readme_shows_these_figures(reproduction) -> None:
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    for found in (
+        row(reproduction, "ii", "thesis", "linear, sampled exactly"),
+        row(reproduction, "ii, Euler model", "thesis", "linear, sampled by Euler"),
+        row(reproduction, "ii", "ours"),
+    ):
+        tau_n, g, ratio, vK_p = (found.parameters[name] for name in TRUE)
+        fits = f"{found.fit['dn']:.2f} / {found.fit['dM']:.2f}"
+        assert f"| {tau_n:.4f} | {g:.4f} | {ratio:.3f} | {vK_p:.3f} | {fits} |" in text
 
 
 def test_every_row_is_plain_json(reproduction) -> None:

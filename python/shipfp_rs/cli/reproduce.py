@@ -128,7 +128,11 @@ def _print(found: Reproduction) -> None:
             ],
         )
         print_text(
-            *(f"{row.case}, {row.structure}: {row.notes}" for row in rows if row.notes and row.way != "printed")
+            *(
+                f"{row.case}, {row.structure}: {row.notes}"
+                for row in rows
+                if row.notes and row.way != "printed"
+            )
         )
     print_text("", *found.verdict)
 

@@ -17,13 +17,14 @@ from shipfp_rs.linear_model import LinearModel, Output, linearise, linearise_num
 from shipfp_rs.operating_point import bollard_curve, steady_state
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.virtual_data import (
+    excitation,
     fit_pct,
     launch,
     model_of,
+    run,
     settled_response,
     single_step,
     thesis_structure,
-    trial,
     validation_steps,
 )
 from shipfp_rs.structure import Structure
@@ -63,7 +64,7 @@ class Material:
     def experiment(self, case: str) -> Experiment:
         """Accurate data of a fitted case."""
         if case not in self._experiments:
-            self._experiments[case] = trial(self.vessel, case)
+            self._experiments[case] = run(self.vessel, excitation(case))
         return self._experiments[case]
 
     @cached_property
