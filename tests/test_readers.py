@@ -92,3 +92,34 @@ class TestFamos:
 
     def test_damage(self, tmp_path: Path) -> None:
         damaged(LOGS / "famos" / "sampleA.raw", tmp_path / "a.raw", 20)  # each in a process of its own
+
+
+class TestTdms:
+    @pytest.fixture
+    def file(self, tmp_path: Path) -> Path:
+        tdms = pytest.importorskip("nptdms")
+        path = tmp_path / "log.tdms"
+        facts = {
+            "wf_increment": 0.01,
+            "wf_start_time": np.datetime64("2026-05-01T10:00:00"),
+            "unit_string": "V",
+        }
+        with tdms.TdmsWriter(path) as writer:
+            for dtype in ("float32", "float64", "int16", "int32"):
+                samples = np.arange(500).astype(dtype)
+                writer.write_segment([tdms.ChannelObject("a", dtype, samples, facts)])
+            late = {**facts, "wf_increment": 0.5, "wf_start_time": np.datetime64("2026-05-01T10:00:02")}
+            writer.write_segment([tdms.ChannelObject("b", "slow", np.arange(7.0), late)])
+        return path
+
+    def test_gives_back_what_was_written(self, file: Path) -> None:
+        log = Log.open(file)
+        assert log.start_utc == datetime(2026, 5, 1, 10, tzinfo=UTC)
+        for dtype in ("float32", "float64", "int16", "int32"):
+            assert (log.channels[dtype].unit, log.channels[dtype].rate_hz) == ("V", 100.0)
+            np.testing.assert_array_equal(log.read(dtype), np.arange(500).astype(dtype), strict=True)
+        slow = log.channels["slow"]
+        assert (slow.samples, slow.rate_hz, slow.start_s) == (7, 2.0, 2.0)
+
+    def test_damage(self, file: Path, tmp_path: Path) -> None:
+        damaged(file, tmp_path / "damaged.tdms", 200)

@@ -275,6 +275,7 @@ _READERS: dict[str, Reader] = {}
 _MODULES = {
     ".raw": "famos",
     ".dat": "famos",
+    ".tdms": "tdms",
 }
 """Modules of `shipfp_rs.readers` that register for a suffix once a file of it is opened."""
 
