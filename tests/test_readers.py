@@ -123,3 +123,23 @@ class TestTdms:
 
     def test_damage(self, file: Path, tmp_path: Path) -> None:
         damaged(file, tmp_path / "damaged.tdms", 200)
+
+
+class TestDewesoft:
+    FILE = LOGS / "dewesoft" / "Example_Drive01.d7d"
+
+    def test_undecoded_can_is_left_out_and_the_rest_read(self) -> None:
+        pytest.importorskip("dwdatareader")
+        with pytest.warns(UserWarning, match="left out.*ENG_RPM"):
+            log = Log.open(self.FILE)
+        assert log.start_utc is not None
+        assert log.start_utc.replace(microsecond=0) == datetime(2003, 10, 9, 21, 27, 46, tzinfo=UTC)
+        speed = log.channels["GPSvel"]
+        assert (speed.unit, speed.rate_hz, speed.samples, speed.stop_s) == ("kph", 100.0, 9580, 95.8)
+        assert "ENG_RPM" not in log.channels
+        assert log.read("GPSvel")[0] == pytest.approx(89.2578125)
+
+    @pytest.mark.filterwarnings("ignore:.*left out")
+    def test_damage(self, tmp_path: Path) -> None:
+        pytest.importorskip("dwdatareader")
+        damaged(self.FILE, tmp_path / "a.d7d", 5)  # each in a process of its own

@@ -276,6 +276,8 @@ _MODULES = {
     ".raw": "famos",
     ".dat": "famos",
     ".tdms": "tdms",
+    ".d7d": "dewesoft",
+    ".dxd": "dewesoft",
 }
 """Modules of `shipfp_rs.readers` that register for a suffix once a file of it is opened."""
 
