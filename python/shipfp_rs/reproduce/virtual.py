@@ -79,7 +79,8 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
 
 
 def _thesis_jobs() -> tuple[_Job, ...]:
-    vessel, linear = launch_of_the_thesis(), thesis_structure()
+    vessel = launch_of_the_thesis()
+    linear = searched_as_printed(Structure.linear(products=True, name="linear"))
     sines, bias = partial(settled_response, vessel, "euler"), euler_bias(linearise(vessel))
     return (
         _Job(

@@ -84,12 +84,13 @@ class Material:
         return dict(zip(("n_e", "M_b", "E_n"), rows, strict=True))
 
     def models(self) -> dict[str, LinearModel]:
-        """Models of Table 5.2: the true one, then every printed case, then ours of case v."""
-        models = {"true parameters": self.model}
+        """Models of Table 5.2: the true one, every printed case, and what the plant finds in case v."""
+        models = {"true": self.model}
         for row in self.rows:
             if row.way == "printed" or (row.case, row.structure) == ("v", "plant"):
-                label = f"{row.case}, {row.way}" + (", plant" if row.structure == "plant" else "")
-                models[label] = model_of(row.parameters)
+                models[f"{row.case} {'plant' if row.structure == 'plant' else row.way}"] = model_of(
+                    row.parameters
+                )
         return models
 
 
@@ -276,11 +277,11 @@ def identified_bode(material: Material, figure: Figure, *, signal: str) -> str:
     models = material.models()
     curves = {
         label: _response(models[label], (signal,))
-        for label in ("true parameters", "ii, printed", "iv, printed", "v, printed", "v, ours, plant")
+        for label in ("true", "ii printed", "iv printed", "v printed", "v plant")
     }
     plot.responses(curves, signal, panels)
     settled = material.settled
-    panels[0].plot(settled.frequency_hz, np.abs(settled.response[signal]), "k.", ms=5, label="settled sines")
+    panels[0].plot(settled.frequency_hz, np.abs(settled.response[signal]), "k.", ms=5, label="sines")
     panels[1].plot(settled.frequency_hz, np.degrees(np.angle(settled.response[signal])), "k.", ms=5)
     panels[0].get_legend().remove()
     panels[1].set_xlabel("")
@@ -313,7 +314,7 @@ def against_steps(material: Material, figure: Figure) -> str:
     panels[-1].set_xlabel("time [s]")
     _legend_above(figure, panels[0])
     models, fits = material.models(), []
-    for label in ("true parameters", "ii, printed", "iii, printed", "iv, printed", "v, printed"):
+    for label in ("true", "ii printed", "iii printed", "iv printed", "v printed"):
         fit = fit_pct(thesis_structure(), asdict(models[label]), material.steps)
         fits.append(f"{fit['dn']:.2f}/{fit['dM']:.2f} % ({label})")
     return (
@@ -348,7 +349,7 @@ def _estimates(
     time, measured = steps.time[inside], steps.normalised(signal)[inside]
     base = measured if relative else np.zeros_like(measured)
     ax.plot(time, measured - base, color=plot.GREY, lw=3.0, label="plant")
-    for label, color in zip(("true parameters", "ii, printed", "v, printed"), plot.COMPARED, strict=False):
+    for label, color in zip(("true", "ii printed", "v printed"), plot.COMPARED, strict=False):
         samples = material.simulated(models[label], steps)[signal][inside]
         ax.plot(time, samples - base, color=color, lw=1.2, label=label)
 
