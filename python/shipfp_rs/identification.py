@@ -325,8 +325,8 @@ def _fingerprint(
             "optimum": {name: values[name] for name in structure.names},
             "kalman_gain": {
                 name: float(value)
-                for name, value in zip(search.unknowns, best.vector, strict=True)
-                if name.startswith("gain")
+                for name, value, gain in zip(search.unknowns, best.vector, _kalman_gains(search), strict=True)
+                if gain
             },
             "criterion": best.criterion,
             "converged": best.converged,
@@ -472,7 +472,7 @@ def _derived(
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
     """Figures of the simulation: without the gains that lead a predictor back to what was measured."""
     plain = replace(search, blocks=tuple(replace(block, weigh=False) for block in search.blocks))
-    vector = np.where([name.startswith("gain") for name in search.unknowns], 0.0, vector)
+    vector = np.where(_kalman_gains(search), 0.0, vector)
     rows = []
     for block, evaluation in zip(plain.blocks, plain.evaluate(vector), strict=True):
         figures = {}
@@ -481,6 +481,12 @@ def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, flo
             figures[output] = {"nrmse_pct": nrmse_pct(*_complex(block, measured, evaluation.residual[index]))}
         rows.append(figures)
     return rows
+
+
+def _kalman_gains(search: Search) -> list[bool]:
+    """Which of the unknowns are an experiment's Kalman gain; a structure's own parameter may be called gain, too."""
+    own = len(search.free)
+    return [index >= own and name.startswith("gain ") for index, name in enumerate(search.unknowns)]
 
 
 def _complex(block: Block, measured: Array, residual: Array) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
