@@ -10,17 +10,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 import scipy
-from scipy.stats import t as student
 
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError, InputError
+from shipfp_rs.estimates import estimates
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Estimate, Fingerprint, Status
+from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
 from shipfp_rs.innovations import with_innovations
-from shipfp_rs.problem import Block, Data, Evaluation
-from shipfp_rs.residuals import residual_figures, responds
+from shipfp_rs.problem import Block, Data
+from shipfp_rs.residuals import residual_figures
 from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
 from shipfp_rs.statistics import information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
@@ -32,8 +31,6 @@ NoiseModel = Literal["white", "ar", "innovations"]
 
 AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
-AT_BOUND = 1e-5
-"""A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
 
 
 def identify(
@@ -106,7 +103,8 @@ def identify(
 
     Notes
     -----
-    Intervals are local: Gauss-Newton covariance of the whitened problem, Student's t. "variance" and "determinant":
+    Intervals are profiles of the quadratic likelihood of the whitened problem between the bounds, with Student's t; away
+    from bounds that is the Gauss-Newton covariance. "variance" and "determinant":
     eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
     """
     if starts is None:
@@ -249,69 +247,18 @@ def _fingerprint(
     settings: dict[str, Any],
 ) -> Fingerprint:
     structure, count = search.structure, len(search.free)
-    evaluations, residual, jacobian = search.whitened(best.vector, best.noise)
-    if not responds(search, best):
-        jacobian[: sum(evaluation.residual.size for evaluation in evaluations)] = 0.0
-    values = search.values(best.vector)
-    for index in range(count):
-        bound = _bound(search, best, index)
-        if bound is not None:
-            values[search.names[index]] = bound
-    # A value that the search drove towards zero is no measure of its own size.
-    scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
-    own = _without_nuisance(jacobian, count)
-    everything = Sensitivity.of(own, search.names, scale)
-    on_bound = everything.held_by_bounds(np.array([_inward(search, values, index) for index in range(count)]))
-    inner_names = [name for name, bounded in zip(search.names, on_bound, strict=True) if not bounded]
-    inner = Sensitivity.of(own[:, ~on_bound], inner_names, scale[~on_bound])
-    samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
-    rows = samples * len(structure.outputs)
-    freedom = rows - inner.rank - (search.size - count)
-    covariance = _covariance(search, inner, own[:, ~on_bound], evaluations, residual, freedom)
-    quantile = float(student.ppf(0.975, freedom)) if freedom > 0 else float("inf")
-
-    parameters: dict[str, Estimate] = {}
-    for parameter in structure.parameters:
-        if parameter.fixed:
-            parameters[parameter.name] = Estimate(
-                parameter.start, unit=parameter.unit, status="fixed", reason="given"
-            )
-            continue
-        name, index = parameter.name, search.names.index(parameter.name)
-        if on_bound[index]:
-            side = "lower" if values[name] == parameter.lower else "upper"
-            parameters[name] = Estimate(
-                values[name],
-                unit=parameter.unit,
-                status="at_bound",
-                reason=f"on its {side} bound {values[name]:g}",
-            )
-            continue
-        place = inner_names.index(name)
-        std = float(np.sqrt(covariance[place, place]))
-        null_part = float(np.linalg.norm(everything.null[:, index])) if len(everything.null) else 0.0
-        reason = _why_unknown(null_part, std, parameter.lower, parameter.upper, search, everything, index)
-        if reason:
-            parameters[name] = Estimate(None, unit=parameter.unit, status="unidentifiable", reason=reason)
-            continue
-        status: Status = "free" if parameter.prior is None else "prior"
-        half = quantile * std
-        # Outside its bounds a parameter has no meaning, so neither has that part of the interval.
-        interval = (max(values[name] - half, parameter.lower), min(values[name] + half, parameter.upper))
-        parameters[name] = Estimate(values[name], std, interval, parameter.unit, status)
-
-    derived = _derived(parameters, values, everything, inner, covariance, quantile)
-    identifiability = describe(everything)
+    found = estimates(search, best)
+    parameters, derived, identifiability = found.parameters, found.derived, found.identifiability
     figures = residual_figures(search, best)
     fit = {output: row | figures.get(output, {}) for output, row in _fit(search, best.vector).items()}
     data = tuple(
         _record(block, figures)
         for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True)
     )
-    unknown = (search.size - count) + inner.rank
-    overall = information_criteria(scatter_of(evaluations), samples, unknown)
+    unknown = (search.size - count) + found.rank
+    overall = information_criteria(scatter_of(found.evaluations), found.samples, unknown)
     if search.weighting == "std":
-        overall |= {"chi_squared": best.criterion, "degrees_of_freedom": float(freedom)}
+        overall |= {"chi_squared": best.criterion, "degrees_of_freedom": float(found.freedom)}
     return Fingerprint(
         parameters=parameters,
         derived=derived,
@@ -322,7 +269,7 @@ def _fingerprint(
         data=data,
         settings=settings
         | {
-            "optimum": {name: values[name] for name in structure.names},
+            "optimum": {name: found.values[name] for name in structure.names},
             "kalman_gain": {
                 name: float(value)
                 for name, value, gain in zip(search.unknowns, best.vector, _kalman_gains(search), strict=True)
@@ -349,124 +296,6 @@ def _fingerprint(
             "" if best.converged else best.message,
         ),
     )
-
-
-def _bound(search: Search, best: Minimum, index: int) -> float | None:
-    parameter, value = search.free[index], float(best.vector[index])
-    for bound in (parameter.lower, parameter.upper):
-        room = AT_BOUND * min(abs(bound) or np.inf, parameter.upper - parameter.lower)
-        if np.isfinite(bound) and abs(value - bound) <= room:
-            return bound
-    return None
-
-
-def _inward(search: Search, values: Mapping[str, float], index: int) -> int:
-    """+1 on the lower bound, -1 on the upper one, 0 between them."""
-    parameter = search.free[index]
-    return int(values[parameter.name] == parameter.lower) - int(values[parameter.name] == parameter.upper)
-
-
-def _without_nuisance(jacobian: Array, count: int) -> Array:
-    """Parts of the parameters' columns that the blocks' own unknowns can't imitate, shape (R, P)."""
-    columns, nuisance = jacobian[:, :count], jacobian[:, count:]
-    if not nuisance.shape[1]:
-        return columns
-    size = np.linalg.norm(nuisance, axis=0)
-    basis, _ = np.linalg.qr(nuisance[:, size > 0] / size[size > 0])
-    return np.asarray(columns - basis @ (basis.T @ columns))
-
-
-def _covariance(
-    search: Search,
-    inner: Sensitivity,
-    jacobian: Array,
-    evaluations: Sequence[Evaluation],
-    residual: Array,
-    freedom: int,
-) -> Array:
-    """Covariance (P, P) of the inner parameters: the sandwich H S H' of the Gauss-Newton inverse H.
-
-    S holds the variance of every row: of each output's weighted residuals, 1 for a known deviation and for a prior, 0
-    for a ridge, which is a wish and no measurement.
-    """
-    base = inner.covariance()
-    if freedom <= 0 and search.weighting != "std":
-        return np.full_like(base, np.inf)
-    outputs = len(search.structure.outputs)
-    widths = [evaluation.residual.shape[1] for evaluation in evaluations]
-    ends = np.cumsum([0, *(outputs * width for width in widths)])
-    blocks = [residual[ends[i] : ends[i + 1]].reshape(outputs, width) for i, width in enumerate(widths)]
-    samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
-    variance = np.ones(outputs)
-    if search.weighting != "std":
-        inflation = samples * outputs / freedom
-        variance = sum((block**2).sum(axis=1) for block in blocks) / samples * inflation
-    rows = np.ones(len(residual))
-    rows[: ends[-1]] = np.concatenate([np.repeat(variance, width) for width in widths])
-    rows[len(rows) - len(search.ridge) :] = 0.0
-    return np.asarray(base @ (jacobian.T @ (jacobian * rows[:, None])) @ base)
-
-
-def _why_unknown(
-    null_part: float,
-    std: float,
-    lower: float,
-    upper: float,
-    search: Search,
-    everything: Sensitivity,
-    index: int,
-) -> str:
-    if null_part > NULL_PART:
-        partners = sorted(
-            {
-                other
-                for row in everything.null
-                if abs(row[index]) > NULL_PART
-                for other, part in zip(search.names, row, strict=True)
-                if abs(part) > NULL_PART and other != search.names[index]
-            }
-        )
-        return (
-            "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
-        )
-    if not np.isfinite(std):
-        return "too few samples for an uncertainty"
-    if std > (upper - lower) / np.sqrt(12.0):
-        return f"its standard deviation {std:.3g} says less than its bounds {lower:g} to {upper:g}"
-    return ""
-
-
-def _derived(
-    parameters: Mapping[str, Estimate],
-    values: Mapping[str, float],
-    everything: Sensitivity,
-    inner: Sensitivity,
-    covariance: Array,
-    quantile: float,
-) -> dict[str, Estimate]:
-    """Combinations that the data tell although a member is not known by itself."""
-    derived: dict[str, Estimate] = {}
-    if not np.isfinite(covariance).all():
-        return derived
-    for name, (unit, function) in COMBINATIONS.items():
-        try:
-            value = function(values)
-            gradient = gradient_of(function, values, everything.names)
-        except (KeyError, ZeroDivisionError):
-            continue
-        members = [n for n, slope in zip(everything.names, gradient, strict=True) if slope != 0.0]
-        if all(parameters[member].status in ("free", "prior", "fixed") for member in members):
-            continue
-        if not everything.tells(gradient):
-            continue
-        part = np.array([gradient[everything.names.index(n)] for n in inner.names])
-        if not np.any(part) or not inner.tells(part):
-            continue
-        std = float(np.sqrt(part @ covariance @ part))
-        if not np.isfinite(std) or std > abs(value):
-            continue
-        derived[name] = Estimate(value, std, (value - quantile * std, value + quantile * std), unit)
-    return derived
 
 
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:

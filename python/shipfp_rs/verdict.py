@@ -38,12 +38,18 @@ def verdict(
     for name, estimate in parameters.items():
         if estimate.status == "unidentifiable":
             lines.append(f"Not identifiable from these data: {name} ({estimate.reason}).")
-    bounded = [f"{name} ({e.reason})" for name, e in parameters.items() if e.status == "at_bound"]
-    if bounded:
+    on_bound = {name: estimate for name, estimate in parameters.items() if estimate.status == "at_bound"}
+    pressed = [f"{name} ({e.reason})" for name, e in on_bound.items() if e.ci95 is None]
+    if pressed:
         lines.append(
             "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: "
-            + ", ".join(bounded)
+            + ", ".join(pressed)
             + ". The other intervals hold only if they are there."
+        )
+    limited = [f"{name} ({e.reason})" for name, e in on_bound.items() if e.ci95 is not None]
+    if limited:
+        lines.append(
+            "On a bound that the data do not contradict, known from one side: " + ", ".join(limited) + "."
         )
     if identifiability.rank < identifiability.free:
         lines.append(

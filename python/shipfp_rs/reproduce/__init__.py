@@ -66,7 +66,11 @@ def row_of(
     estimates = {**fingerprint.parameters, **fingerprint.derived}
     parameters = {name: estimate.value for name, estimate in estimates.items()}
     if optimum:
-        parameters |= fingerprint.settings["optimum"]
+        values = fingerprint.settings["optimum"]
+        parameters |= values
+        for gain in ("K_p", "K_i"):
+            if "v" in values:
+                parameters[f"v{gain}"] = values["v"] * values[gain]
     intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
     # Where points are weighted by their deviations, some by nothing, a share of the spread says nothing of the fit.
     weighted = fingerprint.settings["weighting"] == "std"

@@ -1,0 +1,262 @@
+"""From the end of a search to estimates: which parameters the data tell, how well, and why not the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from shipfp_rs.fingerprint import Estimate, Identifiability, Status
+from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
+from shipfp_rs.problem import Evaluation
+from shipfp_rs.profile import End, Profile
+from shipfp_rs.residuals import responds
+from shipfp_rs.solver import Minimum, Search
+from shipfp_rs.structure import Parameter
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+AT_BOUND = 1e-5
+"""A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
+EXACT = 1e-7
+"""Part of a parameter's size below which an interval is too narrow for its cost to be told from rounding."""
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What a search's end tells: estimates by name, combinations, identifiability, and what it was computed from."""
+
+    parameters: Mapping[str, Estimate]
+    derived: Mapping[str, Estimate]
+    identifiability: Identifiability
+    values: Mapping[str, float]
+    rank: int
+    """Of the sensitivities to the parameters that no bound holds."""
+    samples: int
+    freedom: int
+    evaluations: Sequence[Evaluation]
+
+
+def estimates(search: Search, best: Minimum) -> Estimates:
+    """Turn the best minimum into estimates with 95 % intervals.
+
+    A parameter on a bound that the data would leave by less than the quantile gets the interval that its bound cuts,
+    and the other intervals count with it going inside; one that the data press harder against its bound stays there,
+    without an interval, and those of the others hold only with it there.
+    """
+    count = len(search.free)
+    evaluations, residual, jacobian = search.whitened(best.vector, best.noise)
+    if not responds(search, best):
+        jacobian[: sum(evaluation.residual.size for evaluation in evaluations)] = 0.0
+    values = search.values(best.vector)
+    for index in range(count):
+        bound = _bound(search, best, index)
+        if bound is not None:
+            values[search.names[index]] = bound
+    # A value that the search drove towards zero is no measure of its own size.
+    scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
+    own = _without_nuisance(jacobian, count)
+    everything = Sensitivity.of(own, search.names, scale)
+    on_bound = everything.held_by_bounds(np.array([_inward(search, values, index) for index in range(count)]))
+
+    samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+    rows = samples * len(search.structure.outputs)
+    profile = Profile(search, best)
+    gain = profile.gain_without(on_bound)
+
+    def inside(held: Mask) -> tuple[Sensitivity, int]:
+        names = [name for name, bounded in zip(search.names, held, strict=True) if not bounded]
+        inner = Sensitivity.of(own[:, ~held], names, scale[~held])
+        return inner, rows - inner.rank - (search.size - count)
+
+    _, freedom = inside(on_bound)
+    variance = _row_variance(search, evaluations, residual, freedom)
+    quantile = float(student.ppf(0.975, freedom)) if freedom > 0 else np.inf
+    # A bound is no knowledge where the data would leave it by less than the interval's own width.
+    held = on_bound & (gain > quantile**2)
+    inner, freedom = inside(held)
+    told = inner.covariance()
+    covariance = _covariance(inner, own[:, ~held], variance)
+
+    parameters: dict[str, Estimate] = {}
+    for parameter in search.structure.parameters:
+        name = parameter.name
+        if parameter.fixed:
+            parameters[name] = Estimate(parameter.start, unit=parameter.unit, status="fixed", reason="given")
+            continue
+        index = search.names.index(name)
+        if held[index]:
+            where = f"pressed against its {_side(parameter, values)} bound {values[name]:g}"
+            parameters[name] = Estimate(values[name], unit=parameter.unit, status="at_bound", reason=where)
+            continue
+        place = inner.names.index(name)
+        # Bounds that cut a null direction leave an interval to the parameter that stands on one.
+        reason = "" if on_bound[index] else _why_unknown(search, everything, index)
+        if not reason and not np.isfinite(covariance[place, place]):
+            reason = "too few samples for an uncertainty"
+        if not reason:
+            variance_told = float(covariance[place, place]), float(told[place, place])
+            low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index])
+            std = _std(values[name], low, high, quantile)
+            width = parameter.upper - parameter.lower
+            if std is None:
+                reason = f"the data allow everything between its bounds {parameter.lower:g} and {parameter.upper:g}"
+            elif std > width / np.sqrt(12.0) and not on_bound[index]:
+                reason = (
+                    f"its standard deviation {std:.3g} says less than its bounds {parameter.lower:g} to "
+                    f"{parameter.upper:g}"
+                )
+        if reason:
+            parameters[name] = Estimate(None, unit=parameter.unit, status="unidentifiable", reason=reason)
+        elif on_bound[index]:
+            where = f"on its {_side(parameter, values)} bound {values[name]:g}; the data allow"
+            where += (
+                f" up to {high.value:.4g}" if values[name] == parameter.lower else f" down to {low.value:.4g}"
+            )
+            interval = low.value, high.value
+            parameters[name] = Estimate(values[name], None, interval, parameter.unit, "at_bound", where)
+        else:
+            status: Status = "free" if parameter.prior is None else "prior"
+            parameters[name] = Estimate(values[name], std, (low.value, high.value), parameter.unit, status)
+    return Estimates(
+        parameters,
+        _derived(parameters, values, everything, inner, covariance, quantile),
+        describe(everything),
+        values,
+        inner.rank,
+        samples,
+        freedom,
+        evaluations,
+    )
+
+
+def _bound(search: Search, best: Minimum, index: int) -> float | None:
+    parameter, value = search.free[index], float(best.vector[index])
+    for bound in (parameter.lower, parameter.upper):
+        room = AT_BOUND * min(abs(bound) or np.inf, parameter.upper - parameter.lower)
+        if np.isfinite(bound) and abs(value - bound) <= room:
+            return bound
+    return None
+
+
+def _inward(search: Search, values: Mapping[str, float], index: int) -> int:
+    """+1 on the lower bound, -1 on the upper one, 0 between them."""
+    parameter = search.free[index]
+    return int(values[parameter.name] == parameter.lower) - int(values[parameter.name] == parameter.upper)
+
+
+def _without_nuisance(jacobian: Array, count: int) -> Array:
+    """Parts of the parameters' columns that the blocks' own unknowns can't imitate, shape (R, P)."""
+    columns, nuisance = jacobian[:, :count], jacobian[:, count:]
+    if not nuisance.shape[1]:
+        return columns
+    size = np.linalg.norm(nuisance, axis=0)
+    basis, _ = np.linalg.qr(nuisance[:, size > 0] / size[size > 0])
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def _row_variance(search: Search, evaluations: Sequence[Evaluation], residual: Array, freedom: int) -> Array:
+    """Variance of every row (R,): of each output's weighted residuals, 1 for a known deviation and for a prior.
+
+    0 for a ridge, which is a wish and no measurement; infinite where too few samples leave it unknown.
+    """
+    outputs = len(search.structure.outputs)
+    widths = [evaluation.residual.shape[1] for evaluation in evaluations]
+    ends = np.cumsum([0, *(outputs * width for width in widths)])
+    variance = np.ones(outputs)
+    if search.weighting != "std":
+        squares = sum(
+            (residual[ends[i] : ends[i + 1]].reshape(outputs, width) ** 2).sum(axis=1)
+            for i, width in enumerate(widths)
+        )
+        variance = squares * outputs / freedom if freedom > 0 else np.full(outputs, np.inf)
+    rows = np.ones(len(residual))
+    rows[: ends[-1]] = np.concatenate([np.repeat(variance, width) for width in widths])
+    rows[len(rows) - len(search.ridge) :] = 0.0
+    return rows
+
+
+def _covariance(inner: Sensitivity, jacobian: Array, variance: Array) -> Array:
+    """Covariance (P, P) of the inner parameters: the sandwich H J'SJ H of the Gauss-Newton inverse H."""
+    base = inner.covariance()
+    if not np.isfinite(variance).all():
+        return np.full_like(base, np.inf)
+    return np.asarray(base @ (jacobian.T @ (jacobian * variance[:, None])) @ base)
+
+
+def _ends(
+    profile: Profile, value: float, index: int, quantile: float, variance: float, told: float, scale: float
+) -> tuple[End, End]:
+    """Both ends of a parameter's interval.
+
+    The rise of the cost at an end is the quantile's square, made larger by what the variance of the estimate is beyond
+    that for residuals of unit variance.
+    """
+    half = quantile * float(np.sqrt(variance))
+    if half < EXACT * scale:
+        return End(value - half, "data"), End(value + half, "data")
+    threshold = quantile**2 * variance / told
+    return profile.end(index, -half, threshold), profile.end(index, half, threshold)
+
+
+def _std(value: float, low: End, high: End, quantile: float) -> float | None:
+    """Half the interval in quantiles; the side that the data set where a bound cuts the other, None if they set none."""
+    sides = [abs(end.value - value) for end in (low, high) if end.kind == "data"]
+    return float(np.mean(sides)) / quantile if sides else None
+
+
+def _side(parameter: Parameter, values: Mapping[str, float]) -> str:
+    return "lower" if values[parameter.name] == parameter.lower else "upper"
+
+
+def _why_unknown(search: Search, everything: Sensitivity, index: int) -> str:
+    null_part = float(np.linalg.norm(everything.null[:, index])) if len(everything.null) else 0.0
+    if null_part <= NULL_PART:
+        return ""
+    partners = sorted(
+        {
+            other
+            for row in everything.null
+            if abs(row[index]) > NULL_PART
+            for other, part in zip(search.names, row, strict=True)
+            if abs(part) > NULL_PART and other != search.names[index]
+        }
+    )
+    return "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
+
+
+def _derived(
+    parameters: Mapping[str, Estimate],
+    values: Mapping[str, float],
+    everything: Sensitivity,
+    inner: Sensitivity,
+    covariance: Array,
+    quantile: float,
+) -> dict[str, Estimate]:
+    """Combinations that the data tell although a member is not known by itself."""
+    derived: dict[str, Estimate] = {}
+    if not np.isfinite(covariance).all():
+        return derived
+    for name, (unit, function) in COMBINATIONS.items():
+        try:
+            value = function(values)
+            gradient = gradient_of(function, values, everything.names)
+        except (KeyError, ZeroDivisionError):
+            continue
+        members = [n for n, slope in zip(everything.names, gradient, strict=True) if slope != 0.0]
+        if all(parameters[member].status in ("free", "prior", "fixed") for member in members):
+            continue
+        if not everything.tells(gradient):
+            continue
+        part = np.array([gradient[everything.names.index(n)] for n in inner.names])
+        if not np.any(part) or not inner.tells(part):
+            continue
+        std = float(np.sqrt(part @ covariance @ part))
+        if not np.isfinite(std) or std > abs(value):
+            continue
+        derived[name] = Estimate(value, std, (value - quantile * std, value + quantile * std), unit)
+    return derived

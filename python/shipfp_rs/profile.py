@@ -1,0 +1,177 @@
+"""Profile likelihood: how far a parameter can go before the best that the others can do costs too much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.gauss_newton import Bounds, Point, Step, gauss_newton_step
+from shipfp_rs.solver import Minimum, Search
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+CLOSE = 0.01
+"""Deviations between the level wanted and that of a point from which the end is interpolated."""
+SETTLED = 1e-3
+"""Part of the threshold below which a promised fall of the cost is not worth a step."""
+STEPS = 30
+"""Steps (Levenberg and Marquardt's where plain Gauss-Newton ones fail) of the other parameters at one value of this one."""
+LEAST_DAMPING = 1e-6
+TRIALS = 40
+"""Values tried on the way to one end; with growth by four at most that is farther than any unit."""
+GROWTH = 4.0
+
+
+EDGE = 0.05
+"""Part of a bracket that the next value keeps from its ends, and least growth of a step."""
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a profile's interval: where it is, and whether the data set it, a bound cuts it, or nothing ends it."""
+
+    value: float
+    kind: Literal["data", "bound", "open"]
+
+
+class Profile:
+    """Profiles of a search's cost about its minimum, the weights and noise models held.
+
+    Venzon and Moolgavkar (10.2307/2347496) by search along each parameter: at each value the others are led on by
+    damped Gauss-Newton steps between their bounds, from where the last value left them.
+    """
+
+    def __init__(self, search: Search, best: Minimum) -> None:
+        self._search, self._noise = search, best.noise
+        kept = ~search.linear
+        lower, upper = search.bounds()
+        self._bounds = Bounds(lower[kept], upper[kept])
+        self._origin = self._point(self._bounds.clip(best.vector[kept]))
+
+    def end(self, index: int, step: float, threshold: float) -> End:
+        """Return the end on the step's side: where the best cost has risen by the threshold.
+
+        Parameters
+        ----------
+        index
+            Of the parameter among the free ones.
+        step
+            Where to look first, as a change of its value; its sign tells the side.
+        threshold
+            Rise of the weighted sum of squares.
+        """
+        start = float(self._origin.vector[index])
+        bound = float((self._bounds.upper if step > 0.0 else self._bounds.lower)[index])
+        room = bound - start
+        if room == 0.0:
+            return End(bound, "bound")
+        near, inner, outer = self._origin, (0.0, 0.0), (np.inf, np.inf)
+        deviation = step
+        for _ in range(TRIALS):
+            cut = abs(deviation) >= abs(room)
+            deviation = room if cut else deviation
+            point = self._best_at(near, index, start + deviation, threshold)
+            level = float(np.sqrt(max(point.cost - self._origin.cost, 0.0) / threshold))
+            tried = (deviation, level)
+            if abs(level - 1.0) < CLOSE and not (cut and level < 1.0):
+                return End(start + _between(inner, tried), "data")
+            if level >= 1.0:
+                outer = tried
+                # Where the cost jumps there is no value at the level itself.
+                if abs(deviation - inner[0]) < CLOSE**2 * abs(deviation):
+                    return End(start + inner[0], "data")
+            elif cut:
+                return End(bound, "bound")
+            else:
+                before, inner, near = inner, tried, point
+            deviation = _between(inner, outer) if np.isfinite(outer[0]) else _beyond(before, inner)
+        return End(float(np.copysign(np.inf, step)) if np.isinf(outer[0]) else start + inner[0], "open")
+
+    def gain_without(self, on_bound: Mask) -> Array:
+        """Fall of the cost that the linear model promises when one bound, and only it, is lifted, shape (P,)."""
+        point, free = self._origin, np.ones(len(self._origin.vector), dtype=bool)
+        free[: len(on_bound)] = ~on_bound
+        gain = np.zeros(len(on_bound))
+        here = _explained(point, free)
+        for index in np.flatnonzero(on_bound):
+            free[index] = True
+            gain[index] = _explained(point, free) - here
+            free[index] = False
+        return gain
+
+    def _best_at(self, near: Point, index: int, value: float, threshold: float) -> Point:
+        """Lead the other parameters to their best at one value of this one."""
+        others = np.arange(len(near.vector)) != index
+        bounds = Bounds(self._bounds.lower[others], self._bounds.upper[others])
+
+        def moved(point: Point, by: Array) -> Point:
+            vector = point.vector.copy()
+            vector[index] = value
+            vector[others] = bounds.clip(point.vector[others] + by)
+            return self._point(vector)
+
+        def step_from(point: Point, residual: Array, damping: float) -> Step:
+            columns = point.jacobian[:, others]
+            norm = np.linalg.norm(columns, axis=0)
+            damped = np.vstack([columns, np.diag(np.sqrt(damping) * np.where(norm > 0.0, norm, 1.0))])
+            held = np.concatenate([residual, np.zeros(len(norm))])
+            return gauss_newton_step(Point(point.vector[others], held, damped, point.cost), bounds)
+
+        ahead = near.residual + near.jacobian[:, index] * (value - near.vector[index])
+        lead = step_from(near, ahead, 0.0)
+        point = moved(near, lead.step)
+        if not point.cost < float(ahead @ ahead) - lead.promise + threshold:
+            # Along a valley the linear lead goes too far; from where the others stand they find their own way.
+            point = min(point, moved(near, np.zeros_like(lead.step)), key=lambda one: one.cost)
+        damping = 0.0
+        for _ in range(STEPS if np.isfinite(point.cost) else 0):
+            step = step_from(point, point.residual, damping)
+            if step.promise < SETTLED * threshold:
+                break
+            trial = moved(point, step.step)
+            if trial.cost < point.cost:
+                point, damping = trial, damping / 10.0 if damping > LEAST_DAMPING else 0.0
+            else:
+                damping = max(10.0 * damping, LEAST_DAMPING)
+        return point
+
+    def _point(self, vector: Array) -> Point:
+        try:
+            self._search.require_stable(vector)
+            residual, jacobian = self._search.condensed(vector, self._noise)
+        except (SimulationError, ArithmeticError, np.linalg.LinAlgError):
+            return Point(vector, np.zeros(0), np.zeros((0, len(vector))), np.inf)
+        return Point(vector, residual, jacobian, float(residual @ residual))
+
+
+def _between(inner: tuple[float, float], outer: tuple[float, float]) -> float:
+    """Deviation between two (deviation, level) where the line through them meets level 1, away from both."""
+    share = (1.0 - inner[1]) / (outer[1] - inner[1]) if np.isfinite(outer[1]) else 0.5
+    return inner[0] + (outer[0] - inner[0]) * min(
+        max(share, EDGE), 1.0 - EDGE if outer[1] > 1.0 + CLOSE else np.inf
+    )
+
+
+def _beyond(before: tuple[float, float], last: tuple[float, float]) -> float:
+    """Deviation beyond the last where the line through both would meet level 1, at most `GROWTH` times as far."""
+    rise = last[1] - before[1]
+    share = (1.0 - last[1]) / rise if rise > 0.0 else np.inf
+    farther = (last[0] - before[0]) * max(share, EDGE)
+    return last[0] + float(np.copysign(min(abs(farther), (GROWTH - 1.0) * abs(last[0])), last[0]))
+
+
+def _explained(point: Point, free: Mask) -> float:
+    """Part of the sum of squares that a linear step of the free parameters, wherever they go, takes away."""
+    if not free.any():
+        return 0.0
+    columns = point.jacobian[:, free]
+    norm = np.linalg.norm(columns, axis=0)
+    norm[norm == 0.0] = 1.0
+    step, *_ = np.linalg.lstsq(columns / norm, -point.residual, rcond=1e-7)
+    rest = point.residual + (columns / norm) @ step
+    return point.cost - float(rest @ rest)

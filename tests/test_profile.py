@@ -1,0 +1,126 @@
+"""Intervals between bounds: one-sided on a bound, wide where a bound hides a valley, skewed where the cost is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from shipfp_rs import signals
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.identification import identify
+from shipfp_rs.structure import Parameter, Structure
+from tests.launch import TRUTH, noisy_record
+
+TIME = np.arange(400) / 20.0
+
+
+def line_through(
+    columns: dict[str, np.ndarray], bounds: dict[str, tuple[float, float]], measured: np.ndarray
+):
+    """Fit measured dn as a sum of columns, each with a factor between bounds, white noise; no offset."""
+    parameters = [Parameter(name, "-", *np.clip([1.0], *bound), *bound) for name, bound in bounds.items()]
+    structure = Structure.from_function(
+        lambda q, _: sum(q[name] * column for name, column in columns.items())[None, :],
+        parameters,
+        ["dn"],
+        name="sum",
+    )
+    experiment = Experiment(
+        "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
+    )
+    return identify(experiment, structure, noise="white", weighting="variance", offsets=False)
+
+
+def quantile_and_std(measured, residual, unknown):
+    freedom = len(measured) - unknown
+    return student.ppf(0.975, freedom), np.sqrt(residual @ residual / freedom)
+
+
+SLOW = np.cos(0.3 * TIME)
+"""What the second parameter of the next tests explains, so that the fit is one."""
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.002, 0.006])
+def test_on_a_light_bound_the_interval_reaches_as_far_as_the_likelihood_allows(beyond):
+    shape = np.sin(TIME)
+    columns = np.column_stack([shape, SLOW])
+    noise = np.random.default_rng(5).normal(size=len(TIME)) * 0.1
+    noise -= columns @ np.linalg.lstsq(columns, noise, rcond=None)[0]
+    measured = noise + SLOW - beyond * shape  # the best factor without a bound lies beyond it
+    found = line_through({"a": shape, "b": SLOW}, {"a": (0.0, 10.0), "b": (0.0, 10.0)}, measured)["a"]
+    residual = measured - SLOW * (SLOW @ measured) / (SLOW @ SLOW)
+    quantile, std = quantile_and_std(measured, residual, 1)
+    spread = std * np.sqrt(np.linalg.inv(columns.T @ columns)[0, 0])
+    assert beyond < quantile * spread
+    assert (found.value, found.status, found.std) == (0.0, "at_bound", None)
+    # (a + beyond)^2 - beyond^2 = (t spread)^2
+    assert found.ci95[0] == 0.0
+    assert found.ci95[1] == pytest.approx(-beyond + np.hypot(beyond, quantile * spread), rel=5e-3)
+    assert "the data allow up to" in found.reason
+
+
+def test_a_parameter_pressed_hard_against_its_bound_has_no_interval():
+    shape = np.sin(TIME)
+    measured = SLOW - shape + np.random.default_rng(5).normal(size=len(TIME)) * 0.1
+    found = line_through({"a": shape, "b": SLOW}, {"a": (0.0, 10.0), "b": (0.0, 10.0)}, measured)["a"]
+    assert (found.value, found.status, found.ci95) == (0.0, "at_bound", None)
+    assert "pressed" in found.reason
+
+
+def test_a_light_bound_does_not_make_its_partner_well_known():
+    # Two columns that are nearly the same: only the sum of the factors is well known.
+    one, other = np.sin(TIME), np.sin(TIME) + 0.05 * np.cos(TIME)
+    measured = 1.0 * one + np.random.default_rng(3).normal(size=len(TIME)) * 0.05
+    columns = {"a": one, "b": other}
+    free, *_ = np.linalg.lstsq(np.column_stack([one, other]), measured, rcond=None)
+    measured -= other * (free[1] + 0.01) - one * (free[1] + 0.01)  # b would go to -0.01 without its bound
+    fingerprint = line_through(columns, {"a": (-10.0, 10.0), "b": (0.0, 10.0)}, measured)
+    a = fingerprint["a"]
+    assert fingerprint["b"].status == "at_bound"
+
+    def best_cost(value):
+        rest = measured - value * one
+        return np.sum((rest - max(0.0, rest @ other / (other @ other)) * other) ** 2)
+
+    quantile, std = quantile_and_std(measured, measured - a.value * one, 1)
+    grid = np.linspace(a.value - 1.0, a.value + 1.0, 20001)
+    inside = [value for value in grid if best_cost(value) - best_cost(a.value) <= (quantile * std) ** 2]
+    assert a.ci95 == pytest.approx((inside[0], inside[-1]), abs=2e-3 * (inside[-1] - inside[0]))
+    # With b held on its bound the interval would be twenty times too narrow.
+    assert a.value - a.ci95[0] > 5 * quantile * std / np.linalg.norm(one)
+
+
+def test_a_skewed_likelihood_gives_a_skewed_interval():
+    truth = 2.0
+    measured = np.exp(-truth * TIME) + np.random.default_rng(2).normal(size=len(TIME)) * 0.15
+    structure = Structure.from_function(
+        lambda q, _: np.exp(-q["rate"] * TIME)[None, :],
+        [Parameter("rate", "1/s", 1.0, 1e-3, 1e3)],
+        ["dn"],
+        name="decay",
+    )
+    experiment = Experiment(
+        "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
+    )
+    rate = identify(experiment, structure, noise="white", weighting="variance", offsets=False)["rate"]
+
+    def cost(value):
+        return np.sum((measured - np.exp(-value * TIME)) ** 2)
+
+    quantile, std = quantile_and_std(measured, measured - np.exp(-rate.value * TIME), 1)
+    grid = np.linspace(0.2, 20.0, 40001)
+    inside = [value for value in grid if cost(value) - cost(rate.value) <= (quantile * std) ** 2]
+    assert rate.ci95 == pytest.approx((inside[0], inside[-1]), rel=3e-3)
+    assert rate.ci95[1] - rate.value > 1.2 * (rate.value - rate.ci95[0])
+
+
+def test_one_sine_that_leaves_a_gain_on_its_bound_does_not_pin_the_others():
+    sine = signals.sine_sequence([0.5], 30, 13.0, rate_hz=50.0)
+    for seed in range(3):
+        fingerprint = identify(noisy_record(sine, 0.01, 0.9, seed), Structure.linear(products=True))
+        for name, truth in TRUTH.items():
+            estimate = fingerprint[name]
+            if estimate.ci95 is not None:
+                low, high = estimate.ci95
+                assert low - 0.5 * (high - low) <= truth <= high + 0.5 * (high - low), (seed, name)
