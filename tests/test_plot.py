@@ -164,3 +164,11 @@ def test_intervals_between_pulses_lie_on_one_line_for_each_reflector() -> None:
     assert mark.get_xdata() == pytest.approx(times[202])
     with pytest.raises(InputError, match="3 pulses, expected more than the 4"):
         plot.pulse_intervals(PulseTimes(times[:3], np.empty((0, 2)), 1.0, 2.0, 3.0, 2000.0), 4)
+
+
+def test_a_bar_never_reaches_zero_on_the_logarithmic_axis() -> None:
+    spread = {"n_e": np.array([0.1, 3.0])}
+    measured = FrequencyResponse("noisy", np.array([1.0, 2.0]), {"n_e": np.ones(2)}, spread, spread)
+    amplitude, _ = plot.bode(measured)
+    (bars,) = amplitude.containers[0].lines[2]
+    np.testing.assert_allclose([segment[:, 1] for segment in bars.get_segments()], [[0.8, 1.2], [0.1, 7.0]])

@@ -155,7 +155,9 @@ def bode(
             phase.plot(model.frequency_hz, _phase(curve), color=color, lw=1.2)
         bars = angle_bars = None
         if name in measured.amplitude_std:
-            bars = 2.0 * measured.amplitude_std[name] * size
+            reach = 2.0 * measured.amplitude_std[name]
+            # Down to a tenth at most: on its way to zero a bar would stretch a logarithmic axis without end.
+            bars = size * np.array([np.minimum(reach, 0.9), reach])
             # A phase that is lost could be anything: no more than half a turn either way.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
         style: dict[str, Any] = {"color": color, "fmt": "o", "ms": 4, "lw": 1.0, "capsize": 2}

@@ -37,6 +37,8 @@ class FrequencyResponse:
         Signal name to the value about which it was normalised, for the record.
     provenance
         Where the numbers come from and what was done to them.
+    coherence
+        Signal name to the share of its power that the set point explains [-], shape (F,), where known.
     """
 
     name: str
@@ -46,6 +48,7 @@ class FrequencyResponse:
     phase_std: Mapping[str, Array] = field(default_factory=dict)
     operating_point: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    coherence: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         frequency = _frozen(self.frequency_hz, np.float64)
@@ -62,6 +65,7 @@ class FrequencyResponse:
             ("response", np.complex128),
             ("amplitude_std", np.float64),
             ("phase_std", np.float64),
+            ("coherence", np.float64),
         ):
             group = {key: _frozen(value, dtype) for key, value in getattr(self, attribute).items()}
             for key, values in group.items():
@@ -105,6 +109,7 @@ class FrequencyResponse:
             phase_std={key: values[mask] for key, values in self.phase_std.items()},
             operating_point=self.operating_point,
             provenance=self.provenance,
+            coherence={key: values[mask] for key, values in self.coherence.items()},
         )
 
 

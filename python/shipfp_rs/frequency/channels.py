@@ -1,0 +1,72 @@
+"""What the estimators share: which signals of an experiment, bridged where masked, and points to a response."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.despike import bridge
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency.response import FrequencyResponse
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Points = Mapping[str, tuple[ComplexArray, Array, Array | None]]
+"""Signal to its response, the relative standard deviation of each of its two quadratures, and its coherence."""
+
+_MOST_MASKED = 0.05
+"""Share of a signal that may be bridged by straight lines before its spectrum is made of them."""
+
+
+def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | None) -> tuple[str, ...]:
+    """Names of the outputs: those given, or all but the set point that every experiment has."""
+    if not experiments:
+        raise InputError("experiments: found none, expected at least one")
+    common = [name for name in experiments[0].signals if all(name in e.signals for e in experiments)]
+    names = tuple(name for name in common if name != "n_set") if signals is None else tuple(signals)
+    for name in names:
+        if name not in common:
+            raise InputError(f"signals: found {name!r}, expected some of {', '.join(common)}")
+    if not names:
+        raise InputError("signals: the experiments have no output in common, only the set point")
+    return names
+
+
+def whole_signal(experiment: Experiment, name: str) -> tuple[Array, float]:
+    """Return the normalised deviation with masked samples bridged, and the share that was."""
+    values = experiment.normalised(name)
+    missing = np.isnan(values)
+    share = float(missing.mean())
+    if share > _MOST_MASKED:
+        raise InputError(
+            f"experiment {experiment.name!r}: {share:.0%} of {name!r} is masked, at most {_MOST_MASKED:.0%} can be "
+            "bridged for a spectrum; cut the window, or use stepped_sine_response or multisine_response, which need "
+            "no bridge"
+        )
+    return bridge(values, missing), share
+
+
+def to_response(
+    name: str,
+    frequency_hz: Array,
+    points: Points,
+    operating_point: Mapping[str, float],
+    provenance: Mapping[str, Any],
+) -> FrequencyResponse:
+    """Gather points; the amplitude's and the phase's deviations are those of the quadratures."""
+    # Exact data leave rounding: a deviation of zero would weigh without limit.
+    std = {key: np.maximum(deviation, np.finfo(np.float64).eps) for key, (_, deviation, _) in points.items()}
+    return FrequencyResponse(
+        name=name,
+        frequency_hz=frequency_hz,
+        response={key: response for key, (response, _, _) in points.items()},
+        amplitude_std=std,
+        phase_std=std,
+        operating_point=operating_point,
+        provenance=provenance,
+        coherence={key: coherence for key, (_, _, coherence) in points.items() if coherence is not None},
+    )

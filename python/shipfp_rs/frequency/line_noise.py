@@ -1,0 +1,78 @@
+"""Noise at a line, from the spectrum of the residuals beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_REACH = 10
+"""Bins on either side that are looked at."""
+
+
+def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayLike) -> Array:
+    """Variance of the white noise that would scatter each line as much as the residuals beside it tell.
+
+    A power law is laid through the periodogram at the neighbouring bins, by maximum likelihood (Whittle). The
+    periodogram has no window: what leaks into it from a steep spectrum leaks into the fitted line as well.
+
+    Parameters
+    ----------
+    residual
+        Samples less the fitted lines, shape (N,), NaN where missing.
+    rate_hz
+        Sample rate [Hz].
+    frequencies_hz
+        Frequencies of all fitted lines [Hz], shape (L,).
+
+    Returns
+    -------
+    ndarray
+        Shape (L,), unit of the residual squared. It is known from a few bins only, and is raised to the variance
+        of Student's distribution of as many degrees of freedom. The bins' mean where a line has neighbours on one
+        side only, the residuals' variance where it has none.
+
+    Notes
+    -----
+    GUM Supplement 1 (JCGM 101:2008), section 6.4.9: v / (v - 2) for v degrees of freedom.
+    """
+    values = np.asarray(residual, dtype=np.float64)
+    lines = np.asarray(frequencies_hz, dtype=np.float64) * len(values) / rate_hz
+    present = np.isfinite(values)
+    spectrum = np.abs(np.fft.rfft(np.where(present, values, 0.0))) ** 2 / present.sum()
+    found = np.empty(len(lines))
+    for k, line in enumerate(lines):
+        # No further than an octave: over more of it no power law holds.
+        first, last = (
+            max(round(line) - _REACH, int(line / 2), 1),
+            min(round(line) + _REACH, int(2 * line) + 2),
+        )
+        bins = np.arange(first, min(last + 1, len(spectrum) - 1))
+        # A bin or more away from every line the fit took nothing away.
+        beside = bins[np.abs(bins[:, None] - lines).min(axis=1, initial=np.inf) > 1.0 - 1e-6]
+        below = int(np.sum(beside < line))
+        if min(below, len(beside) - below) >= 2:
+            found[k] = _power_law(beside / line, spectrum[beside])
+        elif beside.size:
+            found[k] = _student(spectrum[beside].mean(), 2.0 * len(beside))
+        else:
+            found[k] = np.sum(values[present] ** 2) / max(present.sum() - 2 * len(lines) - 1, 1)
+    return found
+
+
+def _power_law(ratio: Array, power: Array) -> float:
+    """Height at ratio 1 of a power law through exponentially distributed ordinates."""
+    floor = np.finfo(np.float64).tiny + 1e-12 * power.max()
+    design = np.column_stack([np.ones(len(ratio)), np.log(ratio)])
+    # The mean logarithm of an exponential variable lies Euler's constant below that of its mean.
+    best = np.linalg.lstsq(design, np.log(power + floor) + np.euler_gamma)[0]
+    for _ in range(8):
+        model = np.exp(np.clip(design @ best, -700.0, 700.0))
+        best = best + np.linalg.lstsq(design, np.clip(power / model - 1.0, -1.0, 2.0))[0]
+    # The logarithm of chi-squared of v degrees of freedom has the variance 2 / v.
+    return _student(float(np.exp(best[0])), 2.0 / float(np.linalg.inv(design.T @ design)[0, 0]))
+
+
+def _student(variance: float, freedom: float) -> float:
+    return float(variance * freedom / max(freedom - 2.0, 1.0))

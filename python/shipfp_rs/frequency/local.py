@@ -1,0 +1,129 @@
+"""Frequency responses to any excitation by local polynomials, which tell leakage from response."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
+from shipfp_rs.frequency.response import FrequencyResponse
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_DEGREE = 2
+_LEAST_HALF = 6
+"""Bins on either side at least: 13 for the six unknowns of two quadratics leave seven for the noise."""
+_SHARE = 0.05
+"""Half width as a part of the frequency, where that is more bins: response and leakage are as smooth there."""
+
+_SILENT = 1e-9
+"""Bins of the set point below this part of its highest hold rounding."""
+
+
+def local_response(
+    experiment: Experiment, band_hz: tuple[float, float], *, signals: Sequence[str] | None = None
+) -> FrequencyResponse:
+    """Response by local polynomials: for chirps, steps and noise, without windows and from a single record.
+
+    Around each point the spectra obey Y = G U + T, where T is what the record's ends cut off from the ship's answer
+    before and after. Both G and T are smooth, the spectrum U of the excitation is not: quadratics for G and T fitted
+    to a few bins tell them apart.
+
+    Parameters
+    ----------
+    experiment
+        Record, best of one excitation from rest to rest. Masked samples are bridged.
+    band_hz
+        Lowest and highest frequency that the set point excites [Hz].
+    signals
+        Outputs; None: all.
+
+    Returns
+    -------
+    FrequencyResponse
+        At points whose bins do not overlap, so that they are independent; standard deviations from what the
+        fit leaves over. Noise of the set point is not allowed for.
+
+    Raises
+    ------
+    InputError
+        Where the band holds too few bins, or the set point has no power there.
+
+    Notes
+    -----
+    Pintelon, Schoukens, Vandersteen and Barbe, doi:10.1016/j.ymssp.2009.08.009. Between samples the set point
+    runs straight and the ship does not: at f a simulated response is off by (pi f / rate)^2 / 3 of itself, 3e-4 at
+    a hundredth of the rate. Recorded signals, low-passed before they are sampled, have no such error.
+    """
+    names = chosen_signals([experiment], signals)
+    low, high = band_hz
+    resolution = experiment.rate_hz / len(experiment)
+    if not 0.0 < low < high < 0.5 * experiment.rate_hz:
+        raise InputError(
+            f"band_hz: found {low} to {high} Hz, expected ascending between 0 and {0.5 * experiment.rate_hz:g} Hz"
+        )
+    windows = _windows(round(low / resolution), int(high / resolution), len(experiment) // 2)
+    if not windows:
+        raise InputError(
+            f"band_hz: {low:g} to {high:g} Hz holds {(high - low) / resolution:.3g} bins of {resolution:.3g} Hz, "
+            f"expected {2 * _LEAST_HALF + 1} or more; take a wider band or a longer record"
+        )
+    U, points, bridged = _spectrum(experiment, "n_set")[0], {}, {}
+    loudest = np.abs(U).max()
+    for name in names:
+        Y, bridged[name] = _spectrum(experiment, name)
+        pairs = []
+        for centre, first, last in windows:
+            bins = slice(first, last + 1)
+            if np.sum(np.abs(U[bins]) > _SILENT * loudest) <= 2 * (_DEGREE + 1):
+                raise InputError(
+                    f"band_hz: the set point has too little power near {centre * resolution:.4g} Hz; take a band that "
+                    "it excites throughout, or multisine_response for separate lines"
+                )
+            pairs.append(_local_fit(U[bins], Y[bins], np.arange(first, last + 1) - centre))
+        response, std = (np.array(column) for column in zip(*pairs, strict=True))
+        points[name] = (response, std / np.abs(response), None)
+    centres = np.array([centre for centre, _, _ in windows])
+    provenance = {
+        "method": "local polynomials",
+        "half_width_bins": [last - centre for centre, _, last in windows],
+        "bridged": bridged,
+    }
+    return to_response(experiment.name, centres * resolution, points, experiment.operating_point, provenance)
+
+
+def _spectrum(experiment: Experiment, name: str) -> tuple[ComplexArray, float]:
+    values, share = whole_signal(experiment, name)
+    return np.fft.rfft(values - values.mean()), share
+
+
+def _windows(first: int, last: int, highest: int) -> list[tuple[int, int, int]]:
+    """Centre, first and last bin of windows side by side from the first bin to the last."""
+    windows: list[tuple[int, int, int]] = []
+    at = max(first, 1)
+    while True:
+        # The half width R obeys R = share * (at + R).
+        half = max(_LEAST_HALF, round(_SHARE / (1.0 - _SHARE) * at))
+        if at + 2 * half > min(last, highest - 1):
+            return windows
+        windows.append((at + half, at, at + 2 * half))
+        at += 2 * half + 1
+
+
+def _local_fit(U: ComplexArray, Y: ComplexArray, offset: npt.NDArray[np.int64]) -> tuple[complex, float]:
+    """Response at offset zero and the standard deviation of its real and imaginary parts."""
+    powers = (offset / np.abs(offset).max())[:, None] ** np.arange(_DEGREE + 1)
+    scale = np.abs(U).max()
+    basis = np.concatenate([powers * (U / scale)[:, None], powers], axis=1)
+    orthogonal, triangle = np.linalg.qr(basis)
+    inverse = np.linalg.inv(triangle)
+    solution = inverse @ (orthogonal.conj().T @ Y)
+    rest = Y - basis @ solution
+    noise = np.sum(np.abs(rest) ** 2) / (len(Y) - basis.shape[1])
+    spread = np.sqrt(0.5 * noise * np.sum(np.abs(inverse[0]) ** 2))
+    return complex(solution[0] / scale), float(spread / scale)

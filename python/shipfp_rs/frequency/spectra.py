@@ -1,0 +1,123 @@
+"""Frequency responses by averaged periodograms: H1 and H2, with coherence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
+from shipfp_rs.frequency.response import FrequencyResponse
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Estimator = Literal["H1", "H2"]
+
+_OVERLAP = 0.5
+_KEPT = 2
+"""Every second bin: those of a Hann window two apart are as good as independent (correlation 1/36)."""
+
+
+def spectral_response(
+    experiments: Experiment | Sequence[Experiment],
+    segment_s: float,
+    *,
+    estimator: Estimator = "H1",
+    signals: Sequence[str] | None = None,
+    band_hz: tuple[float, float] | None = None,
+) -> FrequencyResponse:
+    """Response by averaged periodograms of half overlapping Hann windows (Welch), with coherence.
+
+    Parameters
+    ----------
+    experiments
+        One or several of one rate, averaged together. Masked samples are bridged.
+    segment_s
+        Length of the windows [s]: much longer than the ship's answer, whose tail is cut off at their ends.
+    estimator
+        "H1": cross spectrum over the set point's, blind to noise of the output; "H2": output's spectrum over the
+        cross spectrum, blind to noise of the set point. The truth lies between them.
+    signals
+        Outputs; None: all that every experiment has.
+    band_hz
+        Lowest and highest frequency [Hz], where the set point has power; None: all.
+
+    Returns
+    -------
+    FrequencyResponse
+        At every second bin, so that the points are independent.
+
+    Raises
+    ------
+    InputError
+        Where fewer than two windows fit.
+
+    Notes
+    -----
+    The relative standard deviation is sqrt((1 - c) / (2 c n)) with the coherence c and n independent windows (Bendat
+    and Piersol, Random Data, 4th edition, table 9.6), where n allows for the overlap (Welch,
+    doi:10.1109/TAU.1967.1161901).
+    """
+    given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    names = chosen_signals(given, signals)
+    if estimator not in get_args(Estimator):
+        raise InputError(f"estimator: found {estimator!r}, expected 'H1' or 'H2'")
+    rate = given[0].rate_hz
+    if any(experiment.rate_hz != rate for experiment in given):
+        raise InputError(f"experiments: found rates {sorted({e.rate_hz for e in given})} Hz, expected one")
+    size = round(segment_s * rate) if np.isfinite(segment_s) else 0
+    if size < 8:
+        raise InputError(f"segment_s: found {segment_s}, expected at least 8 samples, {8 / rate:g} s")
+    step = round((1.0 - _OVERLAP) * size)
+    window = np.hanning(size + 1)[:-1]
+
+    def spectra(name: str) -> ComplexArray:
+        parts = []
+        for experiment in given:
+            values = whole_signal(experiment, name)[0]
+            if len(values) >= size:
+                pieces = np.lib.stride_tricks.sliding_window_view(values, size)[::step]
+                centred = pieces - pieces.mean(axis=1, keepdims=True)
+                parts.append(np.fft.rfft(centred * window, axis=1))
+        return np.concatenate(parts) if parts else np.empty((0, size // 2 + 1), dtype=np.complex128)
+
+    U = spectra("n_set")
+    if len(U) < 2:
+        raise InputError(
+            f"segment_s: {len(U)} windows of {segment_s:g} s in the record, expected two or more"
+        )
+    frequency = np.asarray(np.fft.rfftfreq(size, 1.0 / rate), dtype=np.float64)
+    low, high = band_hz or (0.0, np.inf)
+    bins = np.arange(_KEPT, len(frequency) - 1, _KEPT)
+    bins = bins[(frequency[bins] >= low) & (frequency[bins] <= high)]
+    if not bins.size:
+        raise InputError(
+            f"band_hz: {low:g} to {high:g} Hz holds none of the bins every {_KEPT * rate / size:g} Hz"
+        )
+    U = U[:, bins]
+    # Neighbours share half their samples, and by the window's taper less of their power.
+    shared = float(np.sum(window[step:] * window[: size - step]) / np.sum(window**2))
+    independent = len(U) / (1.0 + 2.0 * shared**2 * (len(U) - 1) / len(U))
+    power_in = np.sum(np.abs(U) ** 2, axis=0)
+    points = {}
+    for name in names:
+        Y = spectra(name)[:, bins]
+        cross, power_out = np.sum(Y * U.conj(), axis=0), np.sum(np.abs(Y) ** 2, axis=0)
+        if not (np.abs(cross) > 0.0).all():
+            raise InputError(
+                f"band_hz: no power of 'n_set' and {name!r} in common at {frequency[bins][np.abs(cross) == 0.0][0]:g} Hz"
+            )
+        coherence = np.minimum(np.abs(cross) ** 2 / (power_in * power_out), 1.0)
+        response = cross / power_in if estimator == "H1" else power_out / cross.conj()
+        points[name] = (response, np.sqrt((1.0 - coherence) / (2.0 * coherence * independent)), coherence)
+    provenance = {
+        "method": f"{estimator}, averaged periodograms",
+        "segment_s": segment_s,
+        "windows": len(U),
+        "independent_windows": independent,
+    }
+    return to_response(given[0].name, frequency[bins], points, given[0].operating_point, provenance)

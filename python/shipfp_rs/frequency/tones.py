@@ -1,0 +1,233 @@
+"""Frequency responses to sines, one after the other or all at once, by lines fitted to every channel alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency.channels import chosen_signals, to_response
+from shipfp_rs.frequency.lines import Lines, fit_lines, fit_sine
+from shipfp_rs.frequency.response import FrequencyResponse
+from shipfp_rs.signals.excitation import Segment
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_LEAST_PERIODS = 2
+"""Periods of a multisine between whose lines there is room to see the noise."""
+_EXCITED = 0.05
+"""Lines of the set point above this part of its highest are taken for excited."""
+
+
+def stepped_sine_response(
+    experiments: Experiment | Sequence[Experiment],
+    segments: Sequence[Segment] = (),
+    *,
+    signals: Sequence[str] | None = None,
+    harmonics: int = 2,
+    disturbances_hz: Sequence[float] = (),
+    settle_periods: float = 1.0,
+) -> FrequencyResponse:
+    """Response to sines one after the other, each channel fitted with the frequency of the set point.
+
+    Parameters
+    ----------
+    experiments
+        One that `segments` cut, or one for each sine.
+    segments
+        Where each sine lies in the experiment [s], as in `Excitation.segments`; its frequency is found from the
+        set point, near the one given.
+    signals
+        Outputs; None: all that every experiment has.
+    harmonics
+        Harmonics fitted along; what they amount to is in the provenance.
+    disturbances_hz
+        Known lines fitted along where they lie apart from the sine and below half the rate, such as shaft and blade
+        passage [Hz].
+    settle_periods
+        Periods at the start of each sine that are left out, for the ship to settle.
+
+    Returns
+    -------
+    FrequencyResponse
+        Each channel normalised by its own local offset, the point about which it swings (E_n by its operating
+        point); standard deviations from the noise beside the line in set point and output, added as squares.
+
+    Raises
+    ------
+    InputError
+        Where a sine can't be fitted.
+
+    Notes
+    -----
+    IEEE 1057, four parameters for the set point and three for the others. Frequencies fitted to each channel by
+    itself would turn the phases by 2 pi times their error times the distance from where the phases refer to.
+    """
+    given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    names = chosen_signals(given, signals)
+    if segments and len(given) != 1:
+        raise InputError(f"segments: found with {len(given)} experiments, expected with one")
+    windows: list[tuple[Experiment, float | None]] = [(experiment, None) for experiment in given]
+    if segments:
+        windows = [
+            (given[0].window(s.start_s, min(s.stop_s, given[0].duration), name=s.label), s.frequency_hz)
+            for s in segments
+        ]
+    fits: list[dict[str, Lines]] = []
+    for window, near_hz in windows:
+        try:
+            fits.append(_fitted(window, near_hz, names, harmonics, disturbances_hz, settle_periods))
+        except InputError as error:
+            raise InputError(f"experiment {window.name!r}: {error}") from error
+    order = np.argsort([fit["n_set"].frequency_hz[0] for fit in fits])
+    fits = [fits[k] for k in order]
+    frequency = np.array([fit["n_set"].frequency_hz[0] for fit in fits])
+    points = {}
+    for name in names:
+        pairs = [
+            _ratio(fit[name], fit["n_set"], _reference(given[0], name, fit[name]), fit["n_set"].offset)
+            for fit in fits
+        ]
+        response, std = (np.array(column) for column in zip(*pairs, strict=True))
+        points[name] = (response[:, 0], std[:, 0], None)
+    used = min(1 + harmonics, *(len(fit["n_set"].frequency_hz) for fit in fits)) if fits else 1
+    provenance = {
+        "method": "sine fits, IEEE 1057",
+        "frequency_std_hz": [fit["n_set"].frequency_std_hz for fit in fits],
+        "offset": {name: [fit[name].offset for fit in fits] for name in ("n_set", *names)},
+        "distortion": {
+            name: [float(np.linalg.norm(f[name].amplitude[1:used]) / f[name].amplitude[0]) for f in fits]
+            for name in ("n_set", *names)
+        },
+    }
+    return to_response("stepped sines", frequency, points, given[0].operating_point, provenance)
+
+
+def multisine_response(
+    experiment: Experiment,
+    period_s: float,
+    *,
+    frequencies_hz: npt.ArrayLike | None = None,
+    signals: Sequence[str] | None = None,
+    settle_periods: float = 1.0,
+) -> FrequencyResponse:
+    """Response to a periodic excitation at its lines, with coherence.
+
+    Parameters
+    ----------
+    experiment
+        Record that begins with the excitation.
+    period_s
+        Period of the excitation [s].
+    frequencies_hz
+        Excited lines [Hz]; None: those of the set point above a twentieth of its highest.
+    signals
+        Outputs; None: all.
+    settle_periods
+        Periods at the start that are left out, for the ship to settle.
+
+    Returns
+    -------
+    FrequencyResponse
+        Noise is what lies between the lines. The coherence is that of a single period: signal over signal and noise,
+        in set point and output.
+
+    Raises
+    ------
+    InputError
+        Where fewer than two whole periods are left.
+    """
+    names = chosen_signals([experiment], signals)
+    if not (np.isfinite(period_s) and period_s > 0.0 and settle_periods >= 0.0):
+        raise InputError(
+            f"period_s, settle_periods: found {period_s}, {settle_periods}, expected a positive and none negative"
+        )
+    periods = int(experiment.duration / period_s - settle_periods + 1e-9)
+    if periods < _LEAST_PERIODS:
+        raise InputError(
+            f"period_s: {periods} whole periods after settling, expected {_LEAST_PERIODS} or more to tell the noise "
+            "between the lines from them"
+        )
+    start_s = settle_periods * period_s
+    window = experiment.window(start_s, start_s + periods * period_s)
+    frequency = (
+        _excited(window, period_s)
+        if frequencies_hz is None
+        else np.atleast_1d(np.asarray(frequencies_hz, float))
+    )
+    lines = {
+        name: fit_lines(window.normalised(name), window.rate_hz, frequency) for name in ("n_set", *names)
+    }
+    noise = {name: periods * fit.phase_std**2 for name, fit in lines.items()}
+    points = {
+        name: (
+            *_ratio(lines[name], lines["n_set"], 1.0, 1.0),
+            np.asarray(1.0 / ((1.0 + noise[name]) * (1.0 + noise["n_set"]))),
+        )
+        for name in names
+    }
+    provenance = {"method": "multisine lines", "periods": periods, "settle_periods": settle_periods}
+    return to_response(experiment.name, frequency, points, experiment.operating_point, provenance)
+
+
+def _fitted(
+    window: Experiment,
+    near_hz: float | None,
+    names: Sequence[str],
+    harmonics: int,
+    disturbances_hz: Sequence[float],
+    settle_periods: float,
+) -> dict[str, Lines]:
+    """Fit every channel of one sine, the set point first."""
+    rate = window.rate_hz
+    if near_hz is None:
+        near_hz = float(fit_sine(window.signals["n_set"], rate).frequency_hz[0])
+    if (window.duration - settle_periods / near_hz) * near_hz < 1.0:
+        raise InputError(
+            f"{window.duration * near_hz:.3g} periods of {near_hz:.4g} Hz, expected one or more after the "
+            f"{settle_periods:g} in which the ship settles"
+        )
+    settled = window.window(settle_periods / near_hz, window.duration)
+    bin_hz = rate / len(settled)
+    multiples = near_hz * np.arange(1, harmonics + 2)
+    apart = [
+        line
+        for line in disturbances_hz
+        if line < 0.5 * rate - bin_hz and np.abs(line - multiples).min() > 1.5 * bin_hz
+    ]
+    set_point = fit_sine(settled.signals["n_set"], rate, near_hz, harmonics=harmonics, disturbances_hz=apart)
+    fits = {name: fit_lines(settled.signals[name], rate, set_point.frequency_hz) for name in names}
+    return {"n_set": set_point, **fits}
+
+
+def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
+    """What a channel is normalised by: its offset, for the integrated error the engine's speed (eq. 3.15)."""
+    return experiment.operating_point[name] if name == "E_n" else fit.offset
+
+
+def _ratio(
+    output: Lines, set_point: Lines, point: float, set_point_point: float
+) -> tuple[ComplexArray, Array]:
+    """Normalised ratio and the relative standard deviation of its quadratures."""
+    response = (output.phasor / point) / (set_point.phasor / set_point_point)
+    return np.asarray(response), np.hypot(output.phase_std, set_point.phase_std)
+
+
+def _excited(window: Experiment, period_s: float) -> Array:
+    """Multiples of 1/period at which the set point has power."""
+    highest = int(0.5 * window.rate_hz * period_s - 1e-9)
+    periods = round(window.duration / period_s)
+    # A Hann window as long as the record keeps a period that is no whole number of samples from leaking.
+    values = window.normalised("n_set")
+    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
+    lines = np.arange(1, highest + 1)
+    height = spectrum[np.minimum(lines * periods, len(spectrum) - 1)]
+    if not height.size or height.max() == 0.0:
+        raise InputError(
+            f"experiment {window.name!r}: the set point has no line at multiples of 1/period_s = {1.0 / period_s:.4g} Hz"
+        )
+    return np.asarray(lines[height > _EXCITED * height.max()] / period_s)
