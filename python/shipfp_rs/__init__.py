@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from shipfp_rs.processing import process
     from shipfp_rs.simulation import simulate
     from shipfp_rs.structure import Structure
+    from shipfp_rs.sweeps import sweep
     from shipfp_rs.trial import Trial
     from shipfp_rs.validation import cross_validation, validate
     from shipfp_rs.vessel import Vessel
@@ -40,6 +41,7 @@ _WHERE = {
     "linearise": "linear_model",
     "process": "processing",
     "simulate": "simulation",
+    "sweep": "sweeps",
     "validate": "validation",
 }
 _MODULES = ("frequency", "plot", "published", "signals", "tacho")
@@ -67,6 +69,7 @@ __all__ = [
     "published",
     "signals",
     "simulate",
+    "sweep",
     "tacho",
     "validate",
 ]

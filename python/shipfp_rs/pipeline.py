@@ -16,7 +16,7 @@ from shipfp_rs.processing import process
 from shipfp_rs.report import write_report
 from shipfp_rs.storage import write_experiments
 from shipfp_rs.structure import Structure, Torque
-from shipfp_rs.trial import Trial
+from shipfp_rs.trial import Identify, Trial
 from shipfp_rs.vessel import Vessel
 
 MARKER = "fingerprint.json"
@@ -120,14 +120,25 @@ def structure_of(trial: Trial) -> Structure:
     InputError
         Where it names an unknown parameter or output.
     """
-    options, torque = trial.identify, trial.channels.torque
-    located: Torque = "gauge" if torque is not None and torque.location == "gauge" else "brake"
+    torque = trial.channels.torque
+    located: Torque | None = None if torque is None else "gauge" if torque.location == "gauge" else "brake"
+    return structure_from(trial.identify, located)
+
+
+def structure_from(options: Identify, located: Torque | None) -> Structure:
+    """Return the structure that an [identify] table asks for, the torque measured there, or not at all (None).
+
+    Raises
+    ------
+    InputError
+        Where it names an unknown parameter or output.
+    """
     structure = Structure.linear(
-        torque=options.torque or located,
+        torque=options.torque or located or "brake",
         products=options.products,
         free_exponent=options.free_exponent,
         dead_time_loop=options.dead_time_loop,
         dead_time_set_point=options.dead_time_set_point,
-        outputs=[output for output in options.outputs if output != "dM" or torque is not None],
+        outputs=[output for output in options.outputs if output != "dM" or located is not None],
     )
     return structure.with_fixed(**options.fixed).with_prior(**options.priors)

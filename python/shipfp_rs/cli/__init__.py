@@ -18,6 +18,7 @@ from shipfp_rs.cli.init import init
 from shipfp_rs.cli.reproduce import reproduce
 from shipfp_rs.cli.run import run
 from shipfp_rs.cli.simulate import simulate
+from shipfp_rs.cli.sweep import sweep
 from shipfp_rs.errors import InputError, InternalError, ShipfpError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -29,7 +30,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (demo, run, init, simulate, convert):
+for command in (demo, run, init, simulate, sweep, convert):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from shipfp_rs.cli.options import Force, Json, OutFolder, Seed
 from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
-from shipfp_rs.cli.truth import true_values
+from shipfp_rs.truth import true_values
 
 VESSEL = "stan-tug-1205"
 LOG, TRUTH = "log.parquet", "truth.json"

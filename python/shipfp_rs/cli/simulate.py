@@ -12,8 +12,8 @@ import typer
 
 from shipfp_rs.cli.options import Json, Seed
 from shipfp_rs.cli.output import print_json, print_text, progress
-from shipfp_rs.cli.truth import true_values
 from shipfp_rs.errors import InputError
+from shipfp_rs.truth import true_values
 
 if TYPE_CHECKING:
     from shipfp_rs.signals import Excitation
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 CLEAN_RATE_HZ, RAW_RATE_HZ = 100.0, 2000.0
 AMPLITUDE = 0.03
 """Usual amplitude, as a share of the operating speed: large enough to measure, small enough to be linear."""
-TOP_HZ = 5.0
-"""Nothing of interest lies above: the pulse trains do not show it, and the governors do not follow it."""
-TONES = 16
 
 
 class Kind(StrEnum):
@@ -126,26 +123,9 @@ def _raw(ship: Vessel, name: str, signal: Excitation, files: dict[str, Path], se
 def _excitation(
     kind: Kind, ship: Vessel, amplitude_rpm: float | None, duration: float, rate: float
 ) -> Excitation:
-    import numpy as np
-
     from shipfp_rs import signals
 
-    amplitude = ship.operating_point.n_e_rpm * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
     if not duration > 0.0 or not rate > 0.0:
         raise InputError(f"--duration {duration:g}, --rate {rate:g}: expected positive numbers")
-    top = min(TOP_HZ, rate / 5.0)
-    if kind is Kind.chirp:
-        return signals.chirp(2.0 / duration, top, duration, amplitude, rate_hz=rate)
-    if kind is Kind.steps:
-        return signals.steps(
-            [amplitude, -amplitude, -amplitude, amplitude],
-            duration / 5.0,
-            lead_s=duration / 5.0,
-            rate_hz=rate,
-        )
-    if kind is Kind.multisine:
-        lines = np.unique(np.geomspace(2.0, top * duration, TONES).round())
-        return signals.multisine(lines / duration, duration, amplitude, rate_hz=rate)
-    # Four periods of each frequency fill the duration.
-    ratios = np.geomspace(1.0, 100.0, TONES)
-    return signals.sine_sequence(4.0 * np.sum(1.0 / ratios) / duration * ratios, 4, amplitude, rate_hz=rate)
+    amplitude = ship.operating_point.n_e_rpm * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
+    return signals.standard(kind.value, duration, amplitude, rate_hz=rate)

@@ -5,9 +5,11 @@ from shipfp_rs.signals.excitation import Excitation, Segment, join
 from shipfp_rs.signals.noise import band_limited_noise, prbs
 from shipfp_rs.signals.sines import multisine, published_sine_sequence, sine_sequence
 from shipfp_rs.signals.stairs import steps
+from shipfp_rs.signals.standard import Kind, standard
 
 __all__ = [
     "Excitation",
+    "Kind",
     "Law",
     "Segment",
     "band_limited_noise",
@@ -17,5 +19,6 @@ __all__ = [
     "prbs",
     "published_sine_sequence",
     "sine_sequence",
+    "standard",
     "steps",
 ]

@@ -1,0 +1,181 @@
+"""`shipfp sweep`: many simulated trials, each identified; resumable."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.output import print_json, print_table, print_text
+
+if TYPE_CHECKING:
+    from shipfp_rs.sweeps import Progress
+
+
+class Where(StrEnum):
+    """Executors."""
+
+    processes = "processes"
+    threads = "threads"
+    dask = "dask"
+
+
+def sweep(
+    plan: Annotated[
+        str,
+        typer.Argument(
+            metavar="SWEEP.toml", help='Description of the sweep, or a built-in study: "duration".'
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder to write; an interrupted sweep in it is gone on with.")
+    ] = Path("shipfp-sweep"),
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="How many work at a time; default one for each core.")
+    ] = None,
+    executor: Annotated[
+        Where, typer.Option(help="What they are: processes, threads of one process, or a Dask cluster.")
+    ] = Where.processes,
+    address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Dask scheduler; without one a cluster of this machine is started."
+        ),
+    ] = None,
+    draws_per_task: Annotated[
+        int | None, typer.Option(min=1, help="Draws made in one go; default 50, fewer in a small sweep.")
+    ] = None,
+    accuracy: Annotated[
+        float, typer.Option(help="Wanted relative error, for the length that a trial must have.")
+    ] = 0.1,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed in place of the file's.")] = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures into DIR/figures.")] = True,
+    json: Json = False,
+) -> None:
+    """Simulate and identify many trials: bias, spread, coverage, failures, and how long a trial must be."""
+    from shipfp_rs.sweeps import Plan
+    from shipfp_rs.sweeps import sweep as run
+
+    wanted = Plan.load(plan)
+    if seed is not None:
+        wanted = wanted.model_copy(update={"sweep": wanted.sweep.model_copy(update={"seed": seed})})
+    try:
+        with _progress() as notify:
+            result = run(
+                wanted,
+                out,
+                executor="dask" if address is not None else executor.value,
+                workers=workers,
+                address=address,
+                draws_per_task=draws_per_task,
+                accuracy=accuracy,
+                progress=notify,
+            )
+    except KeyboardInterrupt:
+        print(f"shipfp: what is done is in {out}; the same command goes on", file=sys.stderr)
+        raise
+    if figures:
+        from shipfp_rs.sweeps.pictures import write_figures
+
+        write_figures(result, out / "figures")
+    if json:
+        print_json({"folder": str(out), **result.summary})
+        return
+    _print(result.summary)
+    print_text(f"wrote {out}")
+
+
+def _print(summary: Mapping[str, Any]) -> None:
+    draws = summary["draws"]
+    print_table(
+        f"{summary['name']}: {draws['total']} draws, {draws['done']} identified, {draws['failed']} failed, "
+        f"{draws['timed_out']} timed out",
+        ["parameter", "estimates", "bias", "spread", "95 % within", "coverage"],
+        [[name, *_figures(row)] for name, row in summary["parameters"].items()],
+    )
+    print_text(*(f"{count} draws failed with {name}" for name, count in summary["errors"].items()))
+    for key, rows in summary["by_factor"].items():
+        print_table(
+            f"by {key}",
+            ["", "parameter", "draws", "failed", "bias", "spread", "95 % within", "coverage"],
+            [
+                [
+                    _shown(row["factors"][key]),
+                    name,
+                    str(row["done"] + row["failed"]),
+                    _percent(row["failure_rate"]),
+                    *cells,
+                ]
+                for row in rows
+                for name, figures in row["parameters"].items()
+                for cells in [_figures(figures)[1:]]
+            ],
+        )
+    if summary["trial_length"]:
+        wanted = f"{100.0 * summary['accuracy']:.3g} %"
+        print_text("", f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth")
+        print_table(
+            "",
+            ["parameter", "at", "duration"],
+            [
+                [
+                    row["parameter"],
+                    ", ".join(f"{key} {_shown(value)}" for key, value in row["factors"].items()),
+                    row["note"],
+                ]
+                for row in summary["trial_length"]
+            ],
+        )
+
+
+def _figures(row: Mapping[str, Any]) -> list[str]:
+    return [
+        str(row["estimates"]),
+        _percent(row["bias"]),
+        _percent(row["spread"]),
+        _percent(row["error_95"]),
+        _percent(row["coverage"]),
+    ]
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.3g} %"
+
+
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[Progress], None] | None]:
+    """Give a function that shows a bar, the rate and the time left on a terminal; None in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]} failed, {task.fields[rate]}"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+    )
+    with Bar(*columns, console=Console(stderr=True), speed_estimate_period=300.0) as bar:
+        task = bar.add_task("draws", total=None, failed=0, rate="-")
+
+        def notify(state: Progress) -> None:
+            bar.update(task, completed=state.done, total=state.draws, failed=state.failed)
+            elapsed = bar.tasks[0].elapsed or 0.0
+            if state.made and elapsed:
+                bar.update(task, rate=f"{state.made / elapsed:.3g} draws/s")
+
+        yield notify

@@ -1,0 +1,93 @@
+"""One excitation of each kind from a few figures, for the command line and for sweeps."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.signals.checks import positive
+from shipfp_rs.signals.chirps import chirp
+from shipfp_rs.signals.excitation import Excitation
+from shipfp_rs.signals.noise import band_limited_noise, prbs
+from shipfp_rs.signals.sines import multisine, sine_sequence
+from shipfp_rs.signals.stairs import steps
+
+Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]
+
+TOP_HZ = 5.0
+"""Nothing of interest lies above: the pulse trains do not show it, and the governors do not follow it."""
+TONES = 16
+SPAN = 100.0
+"""Highest over lowest frequency of the sines one after the other; their duration sets the lowest."""
+SHORTEST_BIT_S = 0.5
+"""A bit of the binary sequence lasts about the time in which a launch answers."""
+
+
+def standard(
+    kind: Kind,
+    duration_s: float,
+    amplitude_rpm: float,
+    *,
+    start_hz: float | None = None,
+    stop_hz: float | None = None,
+    rate_hz: float = 100.0,
+    seed: int = 0,
+) -> Excitation:
+    """Return an excitation of a kind with its usual band and shape.
+
+    Parameters
+    ----------
+    kind
+        "chirp" (logarithmic), "steps" (a fifth of the duration each), "multisine" and "sines" (16 frequencies, the
+        latter over two decades), "prbs" or "noise".
+    duration_s
+        Length [s]; "prbs" rounds it down to whole periods of its sequence.
+    amplitude_rpm
+        Largest deviation [rpm of the engine]; of "noise" three root mean squares.
+    start_hz, stop_hz
+        Band [Hz]; from two periods in the duration to 5 Hz, or a fifth of the rate, where not given. Of no meaning for
+        "steps", "sines" and "prbs".
+    rate_hz
+        Sample rate [Hz].
+    seed
+        Of "prbs" and "noise".
+
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+
+    Examples
+    --------
+    >>> standard("steps", 50.0, 65.0).kind
+    'steps'
+    """
+    positive("duration_s", duration_s)
+    positive("rate_hz", rate_hz)
+    low = 2.0 / duration_s if start_hz is None else start_hz
+    high = min(TOP_HZ, rate_hz / 5.0) if stop_hz is None else stop_hz
+    match kind:
+        case "chirp":
+            return chirp(low, high, duration_s, amplitude_rpm, rate_hz=rate_hz)
+        case "steps":
+            sizes = [amplitude_rpm, -amplitude_rpm, -amplitude_rpm, amplitude_rpm]
+            return steps(sizes, duration_s / 5.0, lead_s=duration_s / 5.0, rate_hz=rate_hz)
+        case "multisine":
+            lines = np.unique((duration_s * np.geomspace(low, high, TONES)).round())
+            return multisine(lines / duration_s, duration_s, amplitude_rpm, rate_hz=rate_hz)
+        case "sines":
+            # Four periods of each frequency fill the duration.
+            ratios = np.geomspace(1.0, SPAN, TONES)
+            lowest = 4.0 * np.sum(1.0 / ratios) / duration_s
+            return sine_sequence(lowest * ratios, 4, amplitude_rpm, rate_hz=rate_hz)
+        case "prbs":
+            bits = int(duration_s / SHORTEST_BIT_S)
+            order = max(bits + 1, 4).bit_length() - 1
+            return prbs(
+                order, round(SHORTEST_BIT_S * rate_hz) / rate_hz, amplitude_rpm, seed=seed, rate_hz=rate_hz
+            )
+        case "noise":
+            return band_limited_noise(low, high, duration_s, amplitude_rpm / 3.0, seed=seed, rate_hz=rate_hz)
+    raise InputError(f"kind is {kind!r}, expected chirp, steps, multisine, sines, prbs or noise")

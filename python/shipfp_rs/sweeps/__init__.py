@@ -1,0 +1,167 @@
+"""Monte-Carlo sweeps: many simulated trials, each identified, one row a draw; resumable, on any executor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.files import write_text_atomically
+from shipfp_rs.sweeps.analysis import ACCURACY, summarise
+from shipfp_rs.sweeps.dispatch import run_parts
+from shipfp_rs.sweeps.draw import schema_of
+from shipfp_rs.sweeps.plan import Plan
+from shipfp_rs.sweeps.pools import Where, pool_of
+from shipfp_rs.sweeps.store import SUMMARY, Store, opened
+from shipfp_rs.sweeps.worker import one_thread_for_linear_algebra
+
+__all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
+
+DRAWS_PER_TASK = 50
+"""Of a large sweep; a small one has at least `SHARES` tasks, so that all workers have some."""
+SHARES = 40
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a sweep is: draws in the folder, those of them that this run made, all, and those that failed in it."""
+
+    done: int
+    made: int
+    draws: int
+    failed: int
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep's folder and what it tells."""
+
+    folder: Path
+    plan: Plan
+    summary: dict[str, Any]
+
+    def batches(self, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
+        """Give the rows in pieces, for sweeps that are larger than memory."""
+        from pyarrow.parquet import ParquetFile
+
+        with ParquetFile(self.folder / "results.parquet") as file:
+            yield from file.iter_batches(columns=columns)
+
+    def table(self, columns: list[str] | None = None) -> pa.Table:
+        """Return the rows, one a draw."""
+        return pa.Table.from_batches(list(self.batches(columns)))
+
+
+def sweep(
+    plan: Plan | str | Path,
+    out: str | Path,
+    *,
+    executor: Where | Executor = "processes",
+    workers: int | None = None,
+    address: str | None = None,
+    draws_per_task: int | None = None,
+    accuracy: float = ACCURACY,
+    progress: Callable[[Progress], None] | None = None,
+) -> Sweep:
+    """Simulate and identify many trials; the same call goes on where an earlier one was stopped or killed.
+
+    Parameters
+    ----------
+    plan
+        A plan, the path of a SWEEP.toml, or the name of a built-in study such as "duration".
+    out
+        Folder of `results.parquet` (one row a draw) and `summary.json`; that of an earlier run with the same plan is
+        gone on with.
+    executor
+        "processes" of this machine; "threads", which share one interpreter and so use little more than one core; "dask",
+        a cluster; or an executor of one's own.
+    workers
+        How many; None: one for each core. With an executor of one's own, how many it has.
+    address
+        Of a running Dask scheduler; None: a cluster of this machine, on its loopback interface only.
+    draws_per_task
+        Draws that a worker makes in one go, and rows of a part that is safe once it is written. A folder keeps the
+        number that it was begun with. None: 50, fewer in a small sweep.
+    accuracy
+        Wanted relative error, for the length of a trial in the summary.
+    progress
+        Called at the start and after every task.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    InputError
+        For a plan that can't work, or a folder that holds something else.
+    ShipfpError
+        Where the executor or the cluster is gone; what was done until then is kept.
+
+    Notes
+    -----
+    Every draw follows from the plan and its index alone, so `results.parquet` is the same to the bit for any executor,
+    number of workers, draws per task, and number of interruptions; on other processors the last bits may differ. A
+    time limit makes the result depend on the machine.
+
+    Examples
+    --------
+    >>> if __name__ == "__main__":  # processes import the script that starts them  # doctest: +SKIP
+    ...     result = sweep("duration", "my-sweep")
+    ...     print(result.summary["draws"])
+    """
+    plan = plan if isinstance(plan, Plan) else Plan.load(plan)
+    if draws_per_task is not None and draws_per_task < 1:
+        raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
+    if not accuracy > 0.0:
+        raise InputError(f"accuracy is {accuracy}, expected a positive number")
+    part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
+    with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
+        try:
+            if not store.finished:
+                _run(plan, store, executor, workers, address, progress)
+                store.finish()
+        finally:
+            # Of a run that was stopped, too: it tells how far that came.
+            summary = summarise(plan, store.batches(), accuracy)
+            write_text_atomically(
+                store.folder / SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n"
+            )
+    return Sweep(Path(out), plan, summary)
+
+
+def _run(
+    plan: Plan,
+    store: Store,
+    executor: Where | Executor,
+    workers: int | None,
+    address: str | None,
+    progress: Callable[[Progress], None] | None,
+) -> None:
+    done, made, failed = store.rows, 0, 0
+
+    def tell() -> None:
+        if progress is not None:
+            progress(Progress(done + made, made, plan.draws, failed))
+
+    def arrived(rows: pa.RecordBatch) -> None:
+        nonlocal made, failed
+        made += len(rows)
+        failed += sum(status != "done" for status in rows.column("status").to_pylist())
+        tell()
+
+    tell()
+    try:
+        with one_thread_for_linear_algebra(), pool_of(executor, workers, address) as pool:
+            run_parts(plan, store, pool, arrived)
+    except (BrokenExecutor, CancelledError) as error:
+        raise ShipfpError(
+            f"{store.folder}: the workers are gone ({type(error).__name__}), {done + made} of {plan.draws} draws are done; "
+            "start them again and run the same command to go on"
+        ) from error

@@ -1,0 +1,260 @@
+"""What a sweep tells: bias, spread, coverage and failures, overall and by factor; how long a trial must be.
+
+One pass over the rows, with sums and histograms only: memory does not grow with the number of draws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from shipfp_rs.sweeps.draw import names_of
+from shipfp_rs.sweeps.plan import Factor, Plan, Value
+
+Array = npt.NDArray[np.float64]
+
+DURATION = "excitation.duration_s"
+BINS = 6
+"""Bins of a factor that has no levels, each with as many draws as any other."""
+ACCURACY = 0.1
+"""Relative error that 95 of 100 trials stay below, for the length of a trial, where none is asked for."""
+_SMALLEST, _LARGEST, _PER_DECADE = 1e-9, 1e6, 100
+"""Range of relative errors in the histograms, whose bins are 2.3 % wide."""
+_EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMALLEST)) * _PER_DECADE)
+
+
+@dataclass(frozen=True)
+class Bins:
+    """How the draws are sorted by a factor."""
+
+    key: str
+    labels: tuple[Value, ...]
+    """Level, or middle of the bin."""
+    edges: tuple[float, ...] | None
+    """Between bins; None where the factor has levels."""
+
+    @classmethod
+    def of(cls, key: str, factor: Factor) -> Bins:
+        """Return the levels of a factor, or bins of equal shares."""
+        levels = factor.levels()
+        if levels is not None:
+            kind = str if factor.is_text else float
+            return cls(key, tuple(dict.fromkeys(kind(level) for level in levels)), None)
+        middles = tuple(factor.at((place + 0.5) / BINS) for place in range(BINS))
+        return cls(key, middles, tuple(float(factor.at(place / BINS)) for place in range(1, BINS)))
+
+    def place(self, batch: pa.RecordBatch) -> npt.NDArray[np.intp]:
+        """Return the bin of each draw, shape (N,)."""
+        column = batch.column(f"factor.{self.key}")
+        if self.edges is not None:
+            return np.asarray(np.searchsorted(self.edges, column.to_numpy(), side="right"))
+        where = {label: place for place, label in enumerate(self.labels)}
+        return np.array([where[value] for value in column.to_pylist()], dtype=np.intp)
+
+
+class Tally:
+    """Sums over the draws of each group, a group being a combination of bins."""
+
+    def __init__(self, bins: Sequence[Bins], names: Sequence[str]) -> None:
+        self.bins, self.names = tuple(bins), tuple(names)
+        groups = math.prod(len(each.labels) for each in bins)
+        self.statuses = {
+            status: np.zeros(groups, dtype=np.int64) for status in ("done", "failed", "timed_out")
+        }
+        shape = (groups, len(names))
+        self.count, self.intervals, self.held = (np.zeros(shape, dtype=np.int64) for _ in range(3))
+        self.total, self.squares = np.zeros(shape), np.zeros(shape)
+        self.histogram = np.zeros((*shape, len(_EDGES) + 1), dtype=np.int64)
+
+    def add(self, batch: pa.RecordBatch) -> None:
+        """Count some draws in."""
+        shape = tuple(len(each.labels) for each in self.bins)
+        places = tuple(each.place(batch) for each in self.bins)
+        group = np.ravel_multi_index(places, shape) if places else np.zeros(len(batch), dtype=np.intp)
+        status = np.array(batch.column("status").to_pylist())
+        for name, counts in self.statuses.items():
+            np.add.at(counts, group[status == name], 1)
+        for column, name in enumerate(self.names):
+            truth, value, low, high = (
+                batch.column(f"{figure}.{name}").to_numpy(zero_copy_only=False).astype(np.float64)
+                for figure in ("truth", "estimate", "low", "high")
+            )
+            error = (value - truth) / np.abs(truth)
+            known = np.isfinite(error)
+            np.add.at(self.count[:, column], group[known], 1)
+            np.add.at(self.total[:, column], group[known], error[known])
+            np.add.at(self.squares[:, column], group[known], error[known] ** 2)
+            bounded = np.isfinite(low) & np.isfinite(high)
+            np.add.at(self.intervals[:, column], group[bounded], 1)
+            np.add.at(self.held[:, column], group[bounded & (low <= truth) & (truth <= high)], 1)
+            size = np.searchsorted(_EDGES, np.abs(error[known]))
+            np.add.at(self.histogram[:, column], (group[known], size), 1)
+
+    def run(self, group: int) -> int:
+        """Number of draws of a group that came to an end."""
+        return int(self.statuses["done"][group] + self.statuses["failed"][group])
+
+    def error_below(self, group: int, column: int, share: float) -> float | None:
+        """Return the relative error that this share of a group's draws stays below; None where it has no limit.
+
+        A draw that failed, or leaves the parameter open, is as wrong as can be.
+        """
+        wanted = share * self.run(group)
+        reached = np.cumsum(self.histogram[group, column])
+        place = int(np.searchsorted(reached, wanted))
+        if not wanted or place >= len(_EDGES):
+            return None
+        return float(_EDGES[place])
+
+    def figures(self, group: int) -> dict[str, Any]:
+        """Return the figures of a group."""
+        return {
+            **{status: int(counts[group]) for status, counts in self.statuses.items()},
+            "failure_rate": _ratio(int(self.statuses["failed"][group]), self.run(group)),
+            "parameters": {name: self._figures_of(group, column) for column, name in enumerate(self.names)},
+        }
+
+    def _figures_of(self, group: int, column: int) -> dict[str, Any]:
+        count = int(self.count[group, column])
+        mean = float(self.total[group, column]) / count if count else None
+        spread = None
+        if mean is not None and count > 1:
+            variance = (float(self.squares[group, column]) - count * mean**2) / (count - 1)
+            spread = math.sqrt(max(variance, 0.0))
+        return {
+            "estimates": count,
+            "bias": mean,
+            "spread": spread,
+            "median_error": self.error_below(group, column, 0.5),
+            "error_95": self.error_below(group, column, 0.95),
+            "coverage": _ratio(int(self.held[group, column]), int(self.intervals[group, column])),
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return each group's factors and figures."""
+        shape = tuple(len(each.labels) for each in self.bins)
+        return [
+            {
+                "factors": {each.key: each.labels[at] for each, at in zip(self.bins, place, strict=True)},
+                **self.figures(group),
+            }
+            for group, place in enumerate(np.ndindex(shape))
+        ]
+
+
+def summarise(plan: Plan, batches: Iterable[pa.RecordBatch], accuracy: float = ACCURACY) -> dict[str, Any]:
+    """Return the content of `summary.json`.
+
+    Parameters
+    ----------
+    plan
+        The sweep.
+    batches
+        Its rows, or those that there are so far.
+    accuracy
+        Wanted relative error, for the length of a trial.
+
+    Returns
+    -------
+    dict
+        Errors are relative to the truth's magnitude: `bias` their mean, `spread` their standard deviation, `error_95`
+        what 95 % of all draws stay below, one without an estimate counting as infinite; `coverage` the share of 95 %
+        intervals that hold the truth. `trial_length` holds the shortest duration [s] with `error_95` within `accuracy`.
+    """
+    names = names_of(plan.structure)
+    bins = {key: Bins.of(key, factor) for key, factor in sorted(plan.factors.items())}
+    overall = Tally([], names)
+    single = {key: Tally([each], names) for key, each in bins.items()}
+    lengths = []
+    if DURATION in bins:
+        others = [[each] for key, each in bins.items() if key != DURATION] or [[]]
+        lengths = [Tally([*other, bins[DURATION]], names) for other in others]
+    errors: Counter[str] = Counter()
+    for batch in batches:
+        for tally in (overall, *single.values(), *lengths):
+            tally.add(batch)
+        errors.update(name for name in batch.column("error").to_pylist() if name is not None)
+    total = overall.figures(0)
+    # A combination that few draws estimate is known only where its members are not: no sample of the draws.
+    shown = {parameter.name for parameter in plan.structure.free}
+    shown |= {name for name, row in total["parameters"].items() if 2 * row["estimates"] > total["done"]}
+    finished = sum(total[status] for status in overall.statuses)
+    return {
+        "name": plan.sweep.name,
+        "vessel": plan.ship.name,
+        "seed": plan.sweep.seed,
+        "draws": {
+            "total": plan.draws,
+            **{status: total[status] for status in overall.statuses},
+            "not_run": plan.draws - finished,
+        },
+        "errors": dict(sorted(errors.items())),
+        "failure_rate": total["failure_rate"],
+        "parameters": _only(shown, total["parameters"]),
+        "by_factor": {
+            key: [row | {"parameters": _only(shown, row["parameters"])} for row in tally.rows()]
+            for key, tally in single.items()
+        },
+        "accuracy": accuracy,
+        "trial_length": [
+            row for tally in lengths for row in _trial_lengths(tally, accuracy) if row["parameter"] in shown
+        ],
+        "shipfp_rs": plan.record()["shipfp_rs"],
+    }
+
+
+def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
+    """For each parameter and each level of the other factor, the duration from which its error stays small enough."""
+    *others, duration = tally.bins
+    lengths = [float(label) for label in duration.labels]
+    order = np.argsort(lengths)
+    rows = []
+    for column, name in enumerate(tally.names):
+        for other in range(math.prod(len(each.labels) for each in others)):
+            errors = [tally.error_below(other * len(lengths) + int(at), column, 0.95) for at in order]
+            shortest, note = _first_within([lengths[at] for at in order], errors, accuracy)
+            rows.append(
+                {
+                    "parameter": name,
+                    "factors": {each.key: each.labels[other] for each in others},
+                    "duration_s": shortest,
+                    "note": note,
+                    "durations_s": [lengths[at] for at in order],
+                    "error_95": errors,
+                }
+            )
+    return rows
+
+
+def _first_within(
+    lengths: Sequence[float], errors: Sequence[float | None], accuracy: float
+) -> tuple[float | None, str]:
+    """Interpolate log-log between the last length that does not do and the next one."""
+    failing = [place for place, error in enumerate(errors) if error is None or error > accuracy]
+    if not failing:
+        return lengths[0], f"{lengths[0]:g} s or less"
+    last = failing[-1]
+    if last == len(lengths) - 1:
+        return None, f"more than {lengths[-1]:g} s"
+    before, after = errors[last], errors[last + 1]
+    assert after is not None
+    if before is None:
+        return lengths[last + 1], f"between {lengths[last]:g} and {lengths[last + 1]:g} s"
+    share = math.log(before / accuracy) / math.log(before / after)
+    length = lengths[last] * (lengths[last + 1] / lengths[last]) ** share
+    return length, f"{length:.3g} s"
+
+
+def _only(names: Container[str], rows: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: row for name, row in rows.items() if name in names}
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None

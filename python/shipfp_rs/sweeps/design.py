@@ -1,0 +1,57 @@
+"""Where each draw stands: its seed and its place in the unit cube, both from its index alone."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import qmc
+
+Array = npt.NDArray[np.float64]
+Design = Literal["random", "latin", "sobol", "grid"]
+
+BLOCK = 65_536
+"""Draws of one design; a larger sweep is several, each scrambled by itself, so that memory does not grow with it."""
+
+
+def seed_of(seed: int, index: int) -> int:
+    """Return the seed of one draw, from 0 to 2^63 - 1: from the child that `SeedSequence(seed).spawn` has at its index."""
+    child = np.random.SeedSequence(seed, spawn_key=(index,))
+    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def place(
+    design: Literal["random", "latin", "sobol"], factors: int, draws: int, seed: int, index: int
+) -> Array:
+    """Return a draw's place in the unit cube, shape (factors,), each coordinate from 0 up to, not including, 1.
+
+    Parameters
+    ----------
+    design
+        "random", "latin" (hypercube: each of as many strata as draws is met once) or "sobol" (scrambled).
+    factors, draws
+        Size of the whole sweep; beyond `BLOCK` draws, each block is a design of its own.
+    seed
+        Of the sweep.
+    index
+        Of the draw, from 0.
+    """
+    block, row = divmod(index, BLOCK)
+    return np.asarray(_block(design, factors, min(BLOCK, draws - block * BLOCK), seed, block)[row])
+
+
+@lru_cache(maxsize=2)
+def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array:
+    if not factors:
+        return np.empty((rows, 0))
+    # A key of two numbers, which no draw has.
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(block, 1)))
+    if design == "random":
+        return np.asarray(generator.random((rows, factors)))
+    if design == "latin":
+        return np.asarray(qmc.LatinHypercube(factors, rng=generator).random(rows))
+    # A Sobol sequence is balanced in powers of two only; the rest of the last one is left out.
+    return np.asarray(qmc.Sobol(factors, rng=generator).random_base2(math.ceil(math.log2(rows))))

@@ -1,0 +1,88 @@
+"""Hands parts to workers and takes their rows back, through lost workers and draws that kill them."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+
+import pyarrow as pa
+
+from shipfp_rs.sweeps.draw import lost_row, run_draws
+from shipfp_rs.sweeps.plan import Plan
+from shipfp_rs.sweeps.pools import AHEAD, Pool
+from shipfp_rs.sweeps.store import Store
+from shipfp_rs.sweeps.worker import hold_linear_algebra
+
+ATTEMPTS = 3
+"""Workers that a draw may take down, with nothing else running, before it is given up."""
+
+Arrived = Callable[[pa.RecordBatch], None]
+
+
+def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
+    """Make some draws, in whatever process this is."""
+    hold_linear_algebra()
+    return run_draws(plan, indices)
+
+
+def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Arrived) -> None:
+    """Run every part that is to do; each is in the store once its rows have arrived."""
+    waiting = store.to_do()
+    again: deque[int] = deque()
+    losses: Counter[int] = Counter()
+    running: dict[Future[pa.RecordBatch], int] = {}
+
+    def take(part: int, rows: pa.RecordBatch) -> None:
+        store.add(part, rows)
+        losses.pop(part, None)
+        arrived(rows)
+
+    def collect(futures: Iterable[Future[pa.RecordBatch]]) -> list[int]:
+        """Take in what has come back; return the parts whose worker is gone."""
+        lost = []
+        for future in futures:
+            part = running.pop(future)
+            try:
+                rows = future.result()
+            except pool.lost:
+                lost.append(part)
+            else:
+                take(part, rows)
+        return lost
+
+    while True:
+        # No more than the workers need: what is handed out and not yet written is all that memory holds.
+        while len(running) < AHEAD * pool.workers:
+            part = again.popleft() if again else next(waiting, None)
+            if part is None:
+                break
+            running[pool.submit(run_task, plan, store.draws_of(part))] = part
+        if not running:
+            return
+        lost = collect(wait(running, return_when=FIRST_COMPLETED).done)
+        if lost:
+            pool.renew()
+            # Processes go down together, so whatever ran beside it is back by now, lost too.
+            lost += collect([future for future in running if future.done()])
+        losses.update(lost)
+        for part in sorted(lost):
+            if losses[part] < 2:
+                again.append(part)
+            else:
+                take(part, _one_by_one(plan, pool, store.draws_of(part)))
+
+
+def _one_by_one(plan: Plan, pool: Pool, indices: Sequence[int]) -> pa.RecordBatch:
+    """Make the draws of a part that lost its worker twice, each as a task of its own to find the one that kills."""
+    rows = [_alone(plan, pool, index) for index in indices]
+    return pa.Table.from_batches(rows).combine_chunks().to_batches()[0]
+
+
+def _alone(plan: Plan, pool: Pool, index: int) -> pa.RecordBatch:
+    for _ in range(ATTEMPTS):
+        try:
+            return pool.submit(run_task, plan, [index]).result()
+        except pool.lost:
+            pool.renew()
+    return lost_row(plan, index, f"the process that ran it ended {ATTEMPTS} times")

@@ -1,0 +1,196 @@
+"""One draw: conditions to simulated trial to fingerprint to one row of the table."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+
+from shipfp_rs import signals
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identifiability import COMBINATIONS
+from shipfp_rs.identification import identify
+from shipfp_rs.linear_model import linearise
+from shipfp_rs.processing import process
+from shipfp_rs.rawlog import Fault, Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.simulation import simulate
+from shipfp_rs.structure import Structure
+from shipfp_rs.sweeps.plan import Conditions, Excitation, Plan
+from shipfp_rs.sweeps.time_limit import TimedOut, within
+from shipfp_rs.toml_files import validated
+from shipfp_rs.trial import Trial
+from shipfp_rs.truth import true_values
+from shipfp_rs.vessel import Vessel
+
+DrawStatus = Literal["done", "failed", "timed_out"]
+FIGURES = ("estimate", "std", "low", "high")
+
+
+def names_of(structure: Structure) -> list[str]:
+    """Return the names that a row has estimates for: the free parameters, and combinations of the structure's."""
+    ones = dict.fromkeys(structure.names, 1.0)
+    derived = [name for name in COMBINATIONS if name not in ones and _applies(name, ones)]
+    return [*(parameter.name for parameter in structure.free), *derived]
+
+
+def _applies(name: str, values: dict[str, float]) -> bool:
+    try:
+        COMBINATIONS[name][1](values)
+    except KeyError:
+        return False
+    return True
+
+
+def schema_of(plan: Plan) -> pa.Schema:
+    """Return the columns of the table: index, seed, status, factors, truth, estimates, intervals, fits."""
+    names = names_of(plan.structure)
+    return pa.schema(
+        [
+            ("index", pa.int64()),
+            ("seed", pa.int64()),
+            ("status", pa.string()),
+            ("error", pa.string()),
+            ("message", pa.string()),
+            *(
+                (f"factor.{key}", pa.string() if factor.is_text else pa.float64())
+                for key, factor in sorted(plan.factors.items())
+            ),
+            *((f"truth.{name}", pa.float64()) for name in names),
+            *((f"{figure}.{name}", pa.float64()) for figure in FIGURES for name in names),
+            *((f"state.{name}", pa.string()) for name in names),
+            *((f"fit.{output}", pa.float64()) for output in plan.structure.outputs),
+            ("converged", pa.bool_()),
+        ]
+    )
+
+
+def run_draws(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
+    """Return the rows of some draws; whatever goes wrong in one of them is told in its row."""
+    return pa.RecordBatch.from_pylist([_row(plan, index) for index in indices], schema=schema_of(plan))
+
+
+def lost_row(plan: Plan, index: int, message: str) -> pa.RecordBatch:
+    """Return the row of a draw that nothing came back from, because it ends the process that runs it."""
+    row = _opening(plan, index) | {"status": "failed", "error": "WorkerLost", "message": message}
+    return pa.RecordBatch.from_pylist([row], schema=schema_of(plan))
+
+
+def _opening(plan: Plan, index: int) -> dict[str, Any]:
+    factors = {
+        key: str(value) if plan.factors[key].is_text else float(value)
+        for key, value in plan.factor_values(index).items()
+    }
+    seed = plan.seed_of(index)
+    return {"index": index, "seed": seed} | {f"factor.{key}": value for key, value in factors.items()}
+
+
+def _row(plan: Plan, index: int) -> dict[str, Any]:
+    row = _opening(plan, index)
+    status: DrawStatus = "done"
+    try:
+        row |= within(plan.sweep.time_limit_s, lambda: dict(_found(plan, index)))
+    except TimedOut:
+        status = "timed_out"
+        row |= {"error": "TimedOut", "message": f"not done within {plan.sweep.time_limit_s:g} s"}
+    except Exception as error:  # one draw's failure, of whatever kind, is a row and not the end of the sweep
+        status = "failed"
+        row |= {"error": type(error).__name__, "message": " ".join(str(error).split())}
+    return row | {"status": status}
+
+
+def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
+    conditions = plan.conditions_with(plan.factor_values(index))
+    vessel = plan.ship.replace(conditions.vessel) if conditions.vessel else plan.ship
+    truth = true_values(dataclasses.asdict(linearise(vessel, conditions.operating_point.n_e_rpm)))
+    names = names_of(plan.structure)
+    yield from ((f"truth.{name}", truth[name]) for name in names)
+    seed = plan.seed_of(index)
+    make = _from_log if plan.sweep.chain == "log" else _from_experiment
+    options = conditions.identify
+    fingerprint = identify(
+        make(conditions, vessel, seed),
+        plan.structure,
+        weighting=options.weighting,
+        noise=options.noise,
+        starts=options.starts,
+        seed=seed,
+    )
+    yield from _estimates(fingerprint, names)
+
+
+def _estimates(fingerprint: Fingerprint, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    estimates = {**fingerprint.derived, **fingerprint.parameters}
+    for name in names:
+        if name in estimates:
+            estimate = estimates[name]
+            low, high = estimate.ci95 or (None, None)
+            figures = (estimate.value, estimate.std, low, high)
+            yield from ((f"{figure}.{name}", value) for figure, value in zip(FIGURES, figures, strict=True))
+            yield f"state.{name}", estimate.status
+    for output, figures_of_fit in fingerprint.fit.items():
+        if output != "overall":
+            yield f"fit.{output}", figures_of_fit["nrmse_pct"]
+    yield "converged", fingerprint.settings["converged"]
+
+
+# A signal that no factor changes is made once; a multisine takes longer than the fit to it.
+@lru_cache(maxsize=4)
+def _excitation(settings: Excitation, rate_hz: float, seed: int) -> signals.Excitation:
+    return signals.standard(
+        settings.kind,
+        settings.duration_s,
+        settings.amplitude_rpm,
+        start_hz=settings.start_hz,
+        stop_hz=settings.stop_hz,
+        rate_hz=rate_hz,
+        seed=seed,
+    )
+
+
+def _excitation_for(conditions: Conditions, rate_hz: float, seed: int) -> signals.Excitation:
+    settings = conditions.excitation
+    return _excitation(settings, rate_hz, seed if settings.kind in ("prbs", "noise") else 0)
+
+
+def _from_experiment(conditions: Conditions, vessel: Vessel, seed: int) -> Experiment:
+    noise, n_e_rpm = conditions.noise, conditions.operating_point.n_e_rpm
+    excitation = _excitation_for(conditions, conditions.excitation.rate_hz, seed)
+    clean = simulate(vessel, excitation, n_e_rpm=n_e_rpm)
+    # Relative to the operating point, as a sensor's is, so that a larger excitation stands out of it further.
+    levels = {
+        name: noise.level * getattr(noise, name) * abs(clean.operating_point[name]) / float(np.std(samples))
+        for name, samples in clean.signals.items()
+        if getattr(noise, name, 0.0) > 0.0
+    }
+    if not levels or not noise.level:
+        return clean
+    coloured = {name: (level, noise.correlation) for name, level in levels.items()}
+    return simulate(vessel, excitation, n_e_rpm=n_e_rpm, noise=coloured, seed=seed)
+
+
+def _from_log(conditions: Conditions, vessel: Vessel, seed: int) -> list[Experiment]:
+    given = {
+        key: value
+        for key, value in conditions.sensors.model_dump(exclude={"steady_s"}).items()
+        if value is not None
+    }
+    faults = conditions.faults
+    rates: dict[Fault, float] = {"A": faults.A, "B": faults.B, "C": faults.C, "D1": faults.D1}
+    sensors = Sensors(**given, faults_per_minute=rates)
+    log, truth = simulate_raw_log(
+        vessel,
+        _excitation_for(conditions, sensors.rate_hz, seed),
+        sensors=sensors,
+        faults=[fault for fault, rate in rates.items() if rate > 0.0],
+        n_e_rpm=conditions.operating_point.n_e_rpm,
+        steady_s=conditions.sensors.steady_s,
+        seed=seed,
+    )
+    text = trial_toml(vessel.name, "simulated", sensors, truth)
+    return process(log, validated(tomllib.loads(text), Trial, "simulated trial"), vessel)

@@ -1,0 +1,362 @@
+"""SWEEP.toml: which ship, which trial, which factors vary and how, and how each draw is identified."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+from scipy.special import ndtri
+
+from shipfp_rs._core import __version__
+from shipfp_rs.errors import InputError
+from shipfp_rs.identification import NoiseModel
+from shipfp_rs.pipeline import structure_from
+from shipfp_rs.signals import Kind
+from shipfp_rs.structure import Structure
+from shipfp_rs.sweeps.design import Design, place, seed_of
+from shipfp_rs.toml_files import Section, read_toml, suggestion, unexpected, validated
+from shipfp_rs.trial import Identify as TrialIdentify
+from shipfp_rs.vessel import Vessel
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Value = float | bool | str
+
+_SUFFIX = ".toml"
+VARIED_OF_IDENTIFY = ("weighting", "noise", "starts")
+"""Keys of [identify] that may be factors; the others would change which columns the table has."""
+
+
+class Header(Section):
+    """The sweep: its name, the ship, the design of its draws."""
+
+    name: str = "sweep"
+    vessel: str
+    """A built-in ship's name or the path of a vessel file."""
+    chain: Literal["experiment", "log"] = "experiment"
+    """What each draw goes through: a clean simulation with noise, or a raw log with sensors and faults, processed."""
+    design: Design = "latin"
+    draws: Annotated[int, Field(ge=1)] | None = None
+    """Not for a grid, which has `repeats` for each of its cells."""
+    repeats: Annotated[int, Field(ge=1)] | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    time_limit_s: Positive | None = None
+    """Of one draw; without one, results do not depend on how fast the machine is."""
+
+    @model_validator(mode="after")
+    def _has_a_size(self) -> Self:
+        grid = self.design == "grid"
+        if (self.draws is None) != grid:
+            found = f"design {self.design!r} " + ("with draws" if grid else "without draws")
+            raise unexpected("draws", found, "repeats for a grid, draws for any other design")
+        if self.repeats is not None and not grid:
+            raise unexpected("repeats", f"{self.repeats} with design {self.design!r}", "it for a grid only")
+        return self
+
+
+class Excitation(Section):
+    """What is put on the set point, see `signals.standard`."""
+
+    kind: Kind = "chirp"
+    duration_s: Positive = 120.0
+    amplitude_rpm: Positive = 40.0
+    start_hz: Positive | None = None
+    stop_hz: Positive | None = None
+    rate_hz: Positive = 50.0
+    """Sample rate of the experiment; a raw log is sampled at sensors.rate_hz."""
+
+
+class Noise(Section):
+    """Standard deviation of each signal's noise over its operating point, for the chain "experiment"."""
+
+    n_e: NotNegative = 0.0
+    n_s: NotNegative = 0.0
+    M_b: NotNegative = 0.0
+    M_s: NotNegative = 0.0
+    M_g: NotNegative = 0.0
+    X_f: NotNegative = 0.0
+    level: NotNegative = 1.0
+    """Multiplies all of them."""
+    correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
+    """Of successive samples (first-order autoregression)."""
+
+
+class OperatingPoint(Section):
+    """Where the ship runs; the ship's own point where nothing is given."""
+
+    n_e_rpm: Positive | None = None
+
+
+class Sensors(Section):
+    """The measurement chain of a raw log, see `rawlog.Sensors`, which has the usual values."""
+
+    rate_hz: Positive | None = None
+    set_point_noise_V: NotNegative | None = None
+    torque_noise_V: NotNegative | None = None
+    pulse_noise_V: NotNegative | None = None
+    telemetry_hz: Positive | None = None
+    receiver_limit_V: Positive | None = None
+    edge_s: NotNegative | None = None
+    steady_s: Positive = 60.0
+    """Steady stretch before the excitation [s]."""
+
+
+class Faults(Section):
+    """Faults of a raw log, each so many a minute (Table 6.10); zero: none."""
+
+    A: NotNegative = 0.0
+    B: NotNegative = 0.0
+    C: NotNegative = 0.0
+    D1: NotNegative = 0.0
+
+
+class Identify(TrialIdentify):
+    """[identify] as in TRIAL.toml, with the noise model; the seed is each draw's own."""
+
+    starts: Annotated[int, Field(ge=1)] = 1
+    products: bool = True
+    noise: NoiseModel | None = None
+
+    @model_validator(mode="after")
+    def _has_no_seed(self) -> Self:
+        if "seed" in self.model_fields_set:
+            raise unexpected("seed", f"{self.seed}", "none; each draw's seed follows from sweep.seed")
+        return self
+
+
+class Conditions(Section):
+    """What one draw is made under."""
+
+    excitation: Excitation = Excitation()
+    noise: Noise = Noise()
+    operating_point: OperatingPoint = OperatingPoint()
+    vessel: dict[str, Any] = Field(default_factory=dict)
+    """Dotted key of the vessel's file to a value in place of the ship's own."""
+    sensors: Sensors = Sensors()
+    faults: Faults = Faults()
+    identify: Identify = Identify()
+
+
+class Factor(Section):
+    """How one value varies: among values, evenly from low to high, or normally."""
+
+    values: Annotated[tuple[Value, ...], Field(strict=False, min_length=1)] | None = None
+    low: float | None = None
+    high: float | None = None
+    scale: Literal["linear", "log"] = "linear"
+    mean: float | None = None
+    std: Positive | None = None
+    points: Annotated[int, Field(ge=1)] | None = None
+    """Levels in a grid."""
+
+    @model_validator(mode="after")
+    def _is_one_kind(self) -> Self:
+        pairs = {"low": (self.low, self.high), "mean": (self.mean, self.std)}
+        given = [name for name, pair in pairs.items() if pair != (None, None)]
+        if len(given) + (self.values is not None) != 1 or any(None in pairs[name] for name in given):
+            raise unexpected(
+                "values", "no or several ways to vary", "values, or low and high, or mean and std"
+            )
+        if self.low is not None and self.high is not None:
+            if not self.low < self.high:
+                raise unexpected("high", f"{self.high:g}", f"more than low, {self.low:g}")
+            if self.scale == "log" and self.low <= 0.0:
+                raise unexpected("low", f"{self.low:g}", "a positive number on a logarithmic scale")
+        return self
+
+    def at(self, share: float) -> Value:
+        """Return the value below which this share (0 to 1) of the draws lies."""
+        if self.values is not None:
+            return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        if self.mean is not None and self.std is not None:
+            return self.mean + self.std * float(ndtri(min(max(share, 1e-12), 1.0 - 1e-12)))
+        assert self.low is not None
+        assert self.high is not None
+        if self.scale == "log":
+            return float(self.low * (self.high / self.low) ** share)
+        return self.low + share * (self.high - self.low)
+
+    def levels(self) -> list[Value] | None:
+        """Return the levels of a grid; None where there are none."""
+        if self.values is not None:
+            return list(self.values)
+        if self.points is None:
+            return None
+        if self.mean is not None:
+            return [self.at((point + 0.5) / self.points) for point in range(self.points)]
+        return [self.at(float(share)) for share in np.linspace(0.0, 1.0, self.points)]
+
+    @property
+    def is_text(self) -> bool:
+        """Whether any value is a word."""
+        return self.values is not None and any(isinstance(value, str) for value in self.values)
+
+
+class Plan(Conditions):
+    """A whole SWEEP.toml.
+
+    Examples
+    --------
+    >>> plan = Plan.load("duration")
+    >>> plan.draws, sorted(plan.factors)
+    (360, ['excitation.amplitude_rpm', 'excitation.duration_s'])
+    """
+
+    sweep: Header
+    factors: dict[str, Factor] = Field(default_factory=dict)
+    """Dotted key of a value in the other tables to how it varies."""
+
+    @model_validator(mode="after")
+    def _varies_what_exists(self) -> Self:
+        for key, factor in self.factors.items():
+            section, _, name = key.partition(".")
+            known = _keys_of(section)
+            if known is not None and name not in known:
+                near = suggestion(key, [f"{section}.{other}" for other in known])
+                raise unexpected("factors", f"the unknown key {key!r}", f"a key of the file, {near}")
+            if known is None and (section != "vessel" or not name):
+                near = suggestion(section, [*_SECTIONS, "vessel"])
+                raise unexpected("factors", f"the unknown key {key!r}", f"section.key; {near}")
+            if self.sweep.design == "grid" and factor.levels() is None:
+                raise unexpected("factors", f"{key!r} without levels", "values or points for a grid")
+        return self
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the built-in studies."""
+        return tuple(sorted(entry.name.removesuffix(_SUFFIX) for entry in _built_in().iterdir()))
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> Self:
+        """Return a built-in study by name, or read a SWEEP.toml; a vessel file counts from its folder.
+
+        Raises
+        ------
+        InputError
+            Where there is no such study or file, or a key or value is wrong; one line names it.
+        """
+        name = str(name_or_path)
+        if name in cls.names():
+            with resources.as_file(_built_in() / f"{name}{_SUFFIX}") as path:
+                return read_toml(path, cls).checked(name)
+        path = Path(name_or_path)
+        if not name.endswith(_SUFFIX) and not path.exists():
+            raise InputError(
+                f"sweep {name!r}: found no built-in study of this name, {suggestion(name, cls.names())} "
+                "(a sweep of your own is given by the path of its .toml file)"
+            )
+        plan = read_toml(path, cls)
+        if (path.parent / plan.sweep.vessel).is_file():
+            header = plan.sweep.model_copy(update={"vessel": str(path.parent / plan.sweep.vessel)})
+            plan = plan.model_copy(update={"sweep": header})
+        return plan.checked(str(path))
+
+    def checked(self, source: str) -> Self:
+        """Return the plan once the ship, the structure and the ends of every factor are known to work.
+
+        Raises
+        ------
+        InputError
+            Where they do not; a draw would fail for the same reason, over and over.
+        """
+        try:
+            self.structure  # noqa: B018 made here, so that its errors come before the first draw
+            self.ship.replace(self.vessel)
+            for key, factor in self.factors.items():
+                for value in (factor.at(0.01), factor.at(0.99)):
+                    self.ship.replace(self.conditions_with({key: value}).vessel)
+        except InputError as error:
+            message = str(error)
+            raise InputError(message if message.startswith(source) else f"{source}: {message}") from error
+        return self
+
+    @cached_property
+    def ship(self) -> Vessel:
+        """The ship that every draw starts from."""
+        return Vessel.load(self.sweep.vessel)
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The structure that every draw is identified with."""
+        return structure_from(self.identify, "gauge" if self.sweep.chain == "log" else "brake")
+
+    @cached_property
+    def draws(self) -> int:
+        """Number of draws."""
+        if self.sweep.draws is not None:
+            return self.sweep.draws
+        return math.prod(map(len, self._levels.values())) * (self.sweep.repeats or 1)
+
+    @cached_property
+    def _levels(self) -> dict[str, list[Value]]:
+        return {key: self.factors[key].levels() or [] for key in sorted(self.factors)}
+
+    def factor_values(self, index: int) -> dict[str, Value]:
+        """Return the factors of one draw; a grid is gone through whole before it is repeated."""
+        # Sorted: the order of a file's lines is no part of the design.
+        keys = sorted(self.factors)
+        if self.sweep.design == "grid":
+            counts = tuple(len(levels) for levels in self._levels.values())
+            cell = np.unravel_index(index % math.prod(counts), counts) if counts else ()
+            return {
+                key: levels[int(at)] for (key, levels), at in zip(self._levels.items(), cell, strict=True)
+            }
+        shares = place(self.sweep.design, len(keys), self.draws, self.sweep.seed, index)
+        return {key: self.factors[key].at(float(share)) for key, share in zip(keys, shares, strict=True)}
+
+    def seed_of(self, index: int) -> int:
+        """Return the seed of everything that is drawn in one draw."""
+        return seed_of(self.sweep.seed, index)
+
+    def conditions_with(self, values: Mapping[str, Value]) -> Conditions:
+        """Return the conditions with some values changed, checked anew.
+
+        Raises
+        ------
+        InputError
+            Where a value is not possible.
+        """
+        content = {name: dict(getattr(self, name)) for name in Conditions.model_fields}
+        # The seed of [identify] may not be given, not even as it is.
+        content["identify"].pop("seed")
+        for key, value in values.items():
+            section, _, name = key.partition(".")
+            content[section][name] = value
+        return validated(content, Conditions, self.sweep.name)
+
+    def record(self) -> dict[str, Any]:
+        """Return what the results depend on, for comparing with an earlier run's."""
+        content = self.model_dump(mode="json")
+        content["sweep"].pop("vessel")
+        content["ship"] = self.ship.model_dump(mode="json")
+        content["factors"] = {key: content["factors"][key] for key in sorted(self.factors)}
+        as_read: dict[str, Any] = json.loads(json.dumps(content))
+        return as_read | {"shipfp_rs": __version__}
+
+
+_SECTIONS: Mapping[str, type[BaseModel]] = {
+    "excitation": Excitation,
+    "noise": Noise,
+    "operating_point": OperatingPoint,
+    "sensors": Sensors,
+    "faults": Faults,
+    "identify": Identify,
+}
+
+
+def _keys_of(section: str) -> tuple[str, ...] | None:
+    """Keys of a table that may be factors; None where any may or the table is unknown."""
+    if section == "identify":
+        return VARIED_OF_IDENTIFY
+    return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None
+
+
+def _built_in() -> resources.abc.Traversable:
+    return resources.files("shipfp_rs") / "data" / "sweeps"

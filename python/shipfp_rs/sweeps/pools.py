@@ -1,0 +1,183 @@
+"""Where draws run: threads, processes, a Dask cluster, or any executor that the user has."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Literal, Protocol
+
+from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.sweeps.worker import begin_process
+
+Where = Literal["processes", "threads", "dask"]
+
+AHEAD = 2
+"""Tasks for each worker that are handed out at a time: one runs, one waits, so that no worker ever does."""
+
+
+class Pool(Protocol):
+    """An executor, how many workers it has, and what it raises when one of these is gone."""
+
+    lost: tuple[type[BaseException], ...]
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand out a task."""
+
+    @property
+    def workers(self) -> int:
+        """Number of workers at present."""
+
+    def renew(self) -> None:
+        """Make good for a lost worker."""
+
+
+def available_workers() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Given:
+    """An executor that is not ours to make or to end."""
+
+    lost: tuple[type[BaseException], ...] = ()
+
+    def __init__(self, executor: Executor, workers: int) -> None:
+        self.executor, self.workers = executor, workers
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand out a task."""
+        return self.executor.submit(work, *arguments)
+
+    def renew(self) -> None:
+        """Nothing to make good."""
+
+
+class Processes:
+    """Processes of this machine; when one is killed the others go down with it, and new ones are started."""
+
+    lost: tuple[type[BaseException], ...] = (BrokenProcessPool,)
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._executor = self._new()
+
+    def _new(self) -> ProcessPoolExecutor:
+        # Spawned: a fork would copy a process that has threads, and locks that are held.
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self.workers, mp_context=context, initializer=begin_process)
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand out a task; a pool found broken counts for the task as a worker lost does."""
+        try:
+            return self._executor.submit(work, *arguments)
+        except BrokenProcessPool as error:
+            failed: Future[Any] = Future()
+            failed.set_exception(error)
+            return failed
+
+    def renew(self) -> None:
+        """Start new processes."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._executor = self._new()
+
+    def close(self) -> None:
+        """End the processes once what runs has run."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+
+class Cluster:
+    """A Dask cluster; its scheduler hands a lost worker's tasks to others, and gives up on one that kills several."""
+
+    def __init__(self, client: Any) -> None:
+        from distributed.scheduler import KilledWorker
+
+        self.lost: tuple[type[BaseException], ...] = (KilledWorker,)
+        self._client = client
+        self._executor = client.get_executor(pure=False)
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers that the scheduler knows at present, at least one."""
+        return max(int(sum(self._client.nthreads().values())), 1)
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand out a task."""
+        future: Future[Any] = self._executor.submit(work, *arguments)
+        return future
+
+    def renew(self) -> None:
+        """Nothing to do: nannies start workers anew, and the scheduler takes any that comes."""
+
+
+@contextlib.contextmanager
+def pool_of(executor: Where | Executor, workers: int | None, address: str | None) -> Iterator[Pool]:
+    """Give a pool and end it afterwards, a given executor excepted.
+
+    Raises
+    ------
+    InputError
+        Where there is no such pool, or the packages for it are missing.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}, expected 1 or more")
+    if address is not None and executor != "dask":
+        raise InputError(f"address {address!r}: expected executor 'dask' with it")
+    count = workers or available_workers()
+    if isinstance(executor, Executor):
+        yield Given(executor, workers or int(getattr(executor, "_max_workers", count)))
+    elif executor == "threads":
+        with ThreadPoolExecutor(count) as threads:
+            try:
+                yield Given(threads, count)
+            except BaseException:
+                threads.shutdown(wait=False, cancel_futures=True)
+                raise
+    elif executor == "processes":
+        with contextlib.closing(Processes(count)) as processes:
+            yield processes
+    elif executor == "dask":
+        with _client(address, count) as client:
+            yield Cluster(client)
+    else:
+        raise InputError(f"executor {executor!r}, expected 'processes', 'threads', 'dask' or an Executor")
+
+
+@contextlib.contextmanager
+def _client(address: str | None, workers: int) -> Iterator[Any]:
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError as error:
+        raise InputError(
+            f"a Dask cluster needs an optional package ({error}); pip install 'shipfp_rs[cluster]'"
+        ) from error
+    if address is not None:
+        try:
+            client = distributed.Client(address, timeout="10s")
+        except (OSError, ValueError) as error:
+            raise InputError(f"{address}: no Dask scheduler answers there ({error})") from error
+        with client:
+            yield client
+        return
+    # Loopback only, and no dashboard: nobody else on the network is meant to reach the workers.
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            worker_dashboard_address=None,
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+class ClusterLostError(ShipfpError):
+    """The scheduler of a cluster is gone."""

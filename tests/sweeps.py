@@ -1,0 +1,40 @@
+"""Small sweeps for the tests: cheap draws, a table to compare, and what a sweep's folder holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from shipfp_rs.sweeps import Plan
+from shipfp_rs.toml_files import validated
+
+CHEAP: dict[str, Any] = {
+    "excitation": {
+        "kind": "chirp",
+        "duration_s": 10.0,
+        "start_hz": 0.2,
+        "rate_hz": 20.0,
+        "amplitude_rpm": 40.0,
+    },
+    "noise": {"n_e": 0.001, "M_b": 0.005},
+    "identify": {"noise": "white"},
+    "factors": {"noise.level": {"low": 0.5, "high": 2.0}},
+}
+
+
+def cheap_plan(draws: int, *, sweep: dict[str, Any] | None = None, **tables: Any) -> Plan:
+    """Return a plan of draws that take some 30 ms each, with other tables where given."""
+    header = {"vessel": "stan-launch-804", "draws": draws, **(sweep or {})}
+    return validated({**CHEAP, **tables, "sweep": header}, Plan, "SWEEP.toml").checked("SWEEP.toml")
+
+
+def rows(folder: Path) -> list[dict[str, Any]]:
+    """Return the table of a sweep's folder, a dictionary a draw."""
+    return pq.read_table(folder / "results.parquet").to_pylist()
+
+
+def results(folder: Path) -> bytes:
+    """Return the bytes of a sweep's table."""
+    return (folder / "results.parquet").read_bytes()
