@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
@@ -66,6 +67,42 @@ def test_agrees_with_sums_over_the_sensitivities(samples, outputs, dead_times):
     assert found[4] == expected[4] < samples or samples == 3
     for one, other in zip(found[:4], expected[:4], strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("order", [0, 3, 8])
+@pytest.mark.parametrize("samples", [7, 255, 256, 1013])
+def test_products_are_those_of_filtered_rows(samples, order, dead_times):
+    """Segments run side by side must not show: nor at their seams, nor with gaps across them."""
+    outputs, wrt, offsets = [0, 3], EVERYTHING, np.array([0.01, -0.02])
+    dn_set = record(samples)
+    values = measured(dn_set, outputs, **dead_times)
+    values[:, -1] = np.nan
+    parameters = twin.vector(**NEAR | dead_times)
+    filters = np.column_stack([np.ones(2), np.random.default_rng(order).normal(scale=0.3, size=(2, order))])
+    found, count = _core.linear_products(
+        parameters,
+        dn_set,
+        **COST,
+        outputs=outputs,
+        measured=values,
+        offsets=offsets,
+        filters=filters,
+        wrt=wrt,
+    )
+    simulated, slopes = _core.linear_sensitivities(parameters, dn_set, DT, "first", INITIAL, outputs, wrt)
+    whole = np.isfinite(values).all(axis=0)
+    residual = np.where(whole, values - simulated - offsets[:, None], 0.0)
+    rows = np.concatenate([slopes, np.ones((1, 2, samples)), residual[None]])
+    rows = np.array(
+        [lfilter(taps, [1.0], row, axis=-1) for taps, row in zip(filters, rows.swapaxes(0, 1), strict=True)]
+    )
+    reached = np.array([k >= order and whole[k - order : k + 1].all() for k in range(samples)])
+    rows *= reached
+    size = np.linalg.norm(rows, axis=-1)
+    assert count == reached.sum()
+    np.testing.assert_allclose(
+        found, np.einsum("iak,jbk->iajb", rows, rows), rtol=0, atol=1e-12 * size.max() ** 2
+    )
 
 
 def test_gradient_is_the_slope_of_the_cost(dead_times):
@@ -208,6 +245,22 @@ def test_arguments_are_checked(change, message):
     }
     with pytest.raises(InputError, match=message):
         _core.linear_cost_batch(**arguments | change)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"filters": np.ones((2, 33))}, "filters has 66 values, expected 2 rows of 1 to 32"),
+        ({"filters": np.ones((3, 1))}, r"filters: found .* shape \[3, 1\], expected \[2, 1\]"),
+        ({"filters": np.full((2, 1), np.nan)}, "filters holds a value that is not finite"),
+        ({"offsets": np.ones(3)}, r"offsets is \[1\.0, 1\.0, 1\.0\], expected 2 finite numbers"),
+    ],
+)
+def test_arguments_of_the_products_are_checked(change, message):
+    arguments = {"outputs": [0, 2], "measured": np.ones((2, 10)), "wrt": [0]}
+    arguments |= {"offsets": np.zeros(2), "filters": np.ones((2, 1))} | change
+    with pytest.raises(InputError, match=message):
+        _core.linear_products(twin.vector(), np.ones(10), **COST, **arguments)
 
 
 @given(st.floats(0.1, 10), st.integers(2, 600))

@@ -16,6 +16,7 @@ __all__ = [
     "_spin_for_test",
     "linear_cost",
     "linear_cost_batch",
+    "linear_products",
     "linear_response",
     "linear_response_sensitivities",
     "linear_sensitivities",
@@ -110,6 +111,18 @@ def linear_cost_batch(
     wrt: Sequence[int],
     threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]: ...
+def linear_products(
+    parameters: NDArray[np.float64],
+    dn_set: NDArray[np.float64],
+    dt: float,
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], int]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 

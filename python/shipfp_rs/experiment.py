@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -115,6 +116,13 @@ class Experiment:
     def duration(self) -> float:
         """Length [s]."""
         return len(self) / self.rate_hz
+
+    @cached_property
+    def dn_set(self) -> Array:
+        """Normalised deviation of the set point, which drives every simulation, shape (N,)."""
+        values = self.normalised("n_set")
+        values.flags.writeable = False
+        return values
 
     def normalised(self, name: str) -> Array:
         """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,).

@@ -303,7 +303,7 @@ def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, flo
     plain = replace(search, blocks=tuple(replace(block, weigh=False) for block in search.blocks))
     vector = np.where(_kalman_gains(search), 0.0, vector)
     rows = []
-    for block, evaluation in zip(plain.blocks, plain.evaluate(vector), strict=True):
+    for block, evaluation in zip(plain.blocks, plain.evaluate(vector, ()), strict=True):
         figures = {}
         for index, output in enumerate(search.structure.outputs):
             measured = np.where(evaluation.valid, block.measured[index], np.nan)

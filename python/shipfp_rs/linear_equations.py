@@ -69,7 +69,7 @@ class LinearEquations:
         """Return the normalised outputs, shape (O, N)."""
         return _core.simulate_linear(
             self._kernel_parameters(values),
-            experiment.normalised("n_set"),
+            experiment.dn_set,
             1.0 / experiment.rate_hz,
             experiment.hold,
             self._initial(values),
@@ -82,11 +82,39 @@ class LinearEquations:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         return _core.linear_sensitivities(
             self._kernel_parameters(values),
-            experiment.normalised("n_set"),
+            experiment.dn_set,
             1.0 / experiment.rate_hz,
             experiment.hold,
             self._initial(values),
             self._kernel_outputs,
+            [_INDEX[name] for name in names],
+        )
+
+    def products(
+        self,
+        values: Mapping[str, float],
+        experiment: Experiment,
+        names: Sequence[str],
+        measured: Array,
+        offsets: Array,
+        filters: Array,
+    ) -> tuple[Array, int]:
+        """Return sums of products of residuals and sensitivities of each output, filtered, and the number of samples.
+
+        The columns of the sums (O, W + 2, O, W + 2) are the derivatives with respect to `names`, what an offset of the
+        output adds, and its residual: measured (O, N), NaN where masked, less simulated and offset (O,). `filters`
+        (O, T) hold each output's, the sample's own tap first.
+        """
+        return _core.linear_products(
+            self._kernel_parameters(values),
+            experiment.dn_set,
+            1.0 / experiment.rate_hz,
+            experiment.hold,
+            self._initial(values),
+            self._kernel_outputs,
+            measured,
+            offsets,
+            filters,
             [_INDEX[name] for name in names],
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +13,15 @@ from scipy.signal import lfilter
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.products import Products
 from shipfp_rs.structure import Structure
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Data = Experiment | FrequencyResponse
+
+CHUNK = 2048
+"""Samples whose triangular factor is found at a time, while they are in a cache."""
 
 
 @dataclass
@@ -26,6 +31,22 @@ class Evaluation:
     residual: Array
     jacobian: Array
     valid: npt.NDArray[np.bool_]
+
+    def turned(self) -> Evaluation:
+        """Return the same, but for `valid`, turned within the samples so that all but the first few of them are zero.
+
+        What is left has the same products of all columns in all pairs of outputs.
+        """
+        rows = np.concatenate([self.jacobian, self.residual[None]])
+        tall = rows.reshape(-1, rows.shape[-1]).T
+        if tall.shape[0] <= tall.shape[1]:
+            return self
+        factor = np.zeros((0, tall.shape[1]))
+        for start in range(0, len(tall), CHUNK):
+            more = np.concatenate([factor, tall[start : start + CHUNK]])
+            factor = np.asarray(np.linalg.qr(more, mode="r"))
+        short = factor.T.reshape(*rows.shape[:2], -1)
+        return Evaluation(short[-1], short[:-1], self.valid)
 
 
 @dataclass(frozen=True)
@@ -73,7 +94,7 @@ class Block:
             raise InputError(f"{data.name!r}: every sample of {', '.join(signals)} is masked, nothing to fit")
         return block
 
-    @property
+    @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:
         """True where all outputs were measured, shape (R,)."""
         return np.asarray(np.isfinite(self.measured).all(axis=0))
@@ -97,7 +118,9 @@ class Block:
             states = [name for name in self.nuisance if name in self.structure.equations.states]
             offsets = [name for name in self.nuisance if name not in states]
             known = {name: value for name, value in values.items() if name not in offsets}
-            simulated, jacobian = self.structure.equations.sensitivities(known, self.data, [*names, *states])
+            wanted = [*names, *states]
+            simulated, jacobian = self.structure.equations.sensitivities(known, self.data, wanted)
+            jacobian = jacobian.reshape(len(wanted), *simulated.shape)
             if offsets:
                 simulated = simulated + np.array([[values[name]] for name in offsets])
                 constant = np.eye(len(offsets))[:, :, None] * np.ones(simulated.shape[1])
@@ -107,6 +130,42 @@ class Block:
             residual[:, ~valid] = 0.0
             jacobian *= valid
         return Evaluation(residual, jacobian, valid)
+
+    def filtered(
+        self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None
+    ) -> Evaluation:
+        """Evaluate, and prewhiten an experiment with each output's noise model, if there are any."""
+        evaluation = self.evaluate(values, names)
+        if models is None or isinstance(self.data, FrequencyResponse):
+            return evaluation
+        return prewhiten(evaluation, models)
+
+    def products(
+        self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None
+    ) -> Products:
+        """Sum up the products of what `filtered` returns, in one pass of the equations' own where they have one."""
+        kernel = getattr(self.structure.equations, "products", None)
+        if kernel is None or isinstance(self.data, FrequencyResponse):
+            evaluation = self.filtered(values, names, models)
+            with np.errstate(over="ignore", invalid="ignore"):
+                return Products.of(evaluation.residual, evaluation.jacobian, int(evaluation.valid.sum()))
+        outputs = self.structure.outputs
+        own = [name for name in self.nuisance if name in self.structure.equations.states]
+        offsets = np.array([values.get(f"offset {output}", 0.0) for output in outputs])
+        models = [np.ones(1)] * len(outputs) if models is None else models
+        filters = np.ascontiguousarray(np.array(models)[:, : order_of(models) + 1])
+        known = {name: value for name, value in values.items() if not name.startswith("offset ")}
+        sums, count = kernel(known, self.data, [*names, *own], self.measured, offsets, filters)
+        # Behind the derivatives come an offset of the output itself and its residual; an offset of another one is zero.
+        row, one = np.arange(len(outputs))[:, None], len(names) + len(own)
+        chosen = np.broadcast_to(np.arange(one), (len(outputs), one))
+        if len(own) < len(self.nuisance):
+            chosen = np.hstack([chosen, np.where(row == row.T, one, one + 2)])
+        chosen = np.hstack([chosen, np.full_like(row, one + 1)])
+        padded = np.pad(sums, [(0, 0), (0, 1)] * 2)
+        return Products(
+            padded[row[:, :, None, None], chosen[:, :, None, None], row.T[..., None], chosen], count
+        )
 
     def _weighed(self, model: ComplexArray, slopes: ComplexArray) -> Evaluation:
         """Residuals of log amplitude and of phase over their deviations: a turned phase is no error of amplitude."""
@@ -125,36 +184,37 @@ def _split(response: ComplexArray) -> Array:
     return np.concatenate([response.real, response.imag], axis=-1)
 
 
+def order_of(models: Sequence[Array]) -> int:
+    """Return how many samples back the longest of the noise models reaches."""
+    return max(int(np.flatnonzero(model)[-1]) for model in models)
+
+
 def prewhiten(evaluation: Evaluation, models: Sequence[Array]) -> Evaluation:
     """Filter residuals and sensitivities of a time block with each output's autoregressive model.
 
     A sample whose filter reaches over a masked one is masked too. `models` holds [1, a1, ..., ap] an output.
     """
-    order = max(int(np.flatnonzero(model)[-1]) for model in models)
+    order = order_of(models)
     reach = lfilter(np.ones(order + 1), [1.0], np.where(evaluation.valid, 0.0, 1.0))
     valid = np.asarray(reach < 0.5)
     valid[:order] = False
-    residual, jacobian = np.empty_like(evaluation.residual), np.empty_like(evaluation.jacobian)
+    rows = np.concatenate([evaluation.jacobian, evaluation.residual[None]])
     for index, model in enumerate(models):
-        residual[index] = lfilter(model, [1.0], evaluation.residual[index])
-        jacobian[:, index] = lfilter(model, [1.0], evaluation.jacobian[:, index], axis=-1)
-    residual *= valid
-    jacobian *= valid
-    return Evaluation(residual, jacobian, valid)
+        rows[:, index] = lfilter(model, [1.0], rows[:, index], axis=-1)
+    rows *= valid
+    return Evaluation(rows[-1], rows[:-1], valid)
 
 
 def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]], order: int) -> Array:
     """Fit [1, a1, ..., ap] to the residuals of one output, gaps left out, by least squares over all blocks."""
-    gram, right = np.zeros((order, order)), np.zeros(order)
+    whole = np.zeros((order + 1, order + 1))
     for values, valid in residuals:
         if len(values) <= 2 * order:
             continue
-        lagged = np.lib.stride_tricks.sliding_window_view(values, order + 1)
-        whole = np.lib.stride_tricks.sliding_window_view(valid, order + 1).all(axis=1)
-        rows = lagged[whole]
-        past, now = rows[:, :-1][:, ::-1], rows[:, -1]
-        gram += past.T @ past
-        right += past.T @ now
+        reached = np.lib.stride_tricks.sliding_window_view(valid, order + 1).all(axis=1)
+        lagged = np.stack([values[order - lag : len(values) - lag] for lag in range(order + 1)]) * reached
+        whole += lagged @ lagged.T
+    gram, right = whole[1:, 1:], whole[1:, 0]
     ridge = 1e-12 * np.trace(gram) / order
     if not ridge > 0.0:
         return np.concatenate([[1.0], np.zeros(order)])

@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.problem import Evaluation, prewhiten
+from shipfp_rs.problem import Block, Evaluation, prewhiten
+from shipfp_rs.products import regression
 from shipfp_rs.solver import AR_ORDER, Minimum, Search, scatter_of
 
 Array = npt.NDArray[np.float64]
@@ -112,71 +113,93 @@ def input_correlations(search: Search, minimum: Minimum) -> dict[str, ResidualTe
     """
     # Residuals far out count as in the fit: up to the threshold of its cost (eq. 4.7).
     plain = replace(search, huber=None)
-    evaluations, residual, jacobian = plain.whitened(minimum.vector, minimum.noise)
+    evaluations = plain.filtered(minimum.vector, minimum.noise)
+    parts = list(plain.parts(evaluations, minimum.noise))
     if search.huber is not None:
-        residual = np.clip(residual, -search.huber, search.huber)
-    size = np.linalg.norm(jacobian, axis=0)
-    basis, strength, _ = np.linalg.svd(jacobian[:, size > 0] / size[size > 0], full_matrices=False)
-    basis = basis[:, strength > 1e-12 * strength[:1]]
+        for part in parts:
+            np.clip(part[-1], -search.huber, search.huber, out=part[-1])
+    priors = plain.priors(minimum.vector)
+    gram = priors.T @ priors
+    for part in parts:
+        rows = part.reshape(len(part), -1)
+        gram += rows @ rows.T
     shortest = min((len(b.data) for b in search.blocks if isinstance(b.data, Experiment)), default=0)
     lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
     lags = np.append(0, lags)
+    count = sum(int(np.count_nonzero(part[-1])) for part in parts) + int(np.count_nonzero(priors[:, -1]))
     tests = {}
     for index, output in enumerate(search.structure.outputs):
-        inputs = _lagged_inputs(search, minimum, evaluations, index, lags, len(residual))
-        cleared = inputs - basis @ (basis.T @ inputs)
-        covariance = _covariance(cleared, residual, evaluations, minimum.noise.models is None)
-        tests[output] = _test(inputs, cleared, covariance, residual, lags)
+        # Column by column: the sensitivities and the residual, then the lagged set points.
+        size = len(gram)
+        joint = np.zeros((size + len(lags),) * 2)
+        joint[:size, :size] = gram
+        inputs = []
+        for block, evaluation, part in zip(search.blocks, evaluations, parts, strict=True):
+            lagged = _lagged_inputs(block, evaluation, minimum, index, lags)
+            mixed = np.tensordot(minimum.noise.root[:, index], part, axes=(0, 1))
+            joint[size:, :size] += lagged @ mixed.T
+            joint[size:, size:] += (
+                minimum.noise.root[:, index] @ minimum.noise.root[:, index] * (lagged @ lagged.T)
+            )
+            inputs.append(lagged)
+        joint[:size, size:] = joint[size:, :size].T
+        own = np.arange(len(joint)) < size - 1
+        explained = regression(joint, own)[:, 1:]
+        covariance = explained.T @ (priors[:, :-1].T @ priors[:, :-1]) @ explained
+        for lagged, evaluation, part in zip(inputs, evaluations, parts, strict=True):
+            factors = minimum.noise.root[:, index]
+            covariance += _covariance(
+                factors, lagged, explained, part, int(evaluation.valid.sum()), minimum.noise.models is None
+            )
+        products = joint[size:, size - 1] - explained.T @ gram[:-1, -1]
+        length = np.sqrt(np.diag(joint)[size:])
+        tests[output] = _test(length, covariance, products, float(gram[-1, -1]), count, lags)
     return tests
 
 
 def _lagged_inputs(
-    search: Search,
-    minimum: Minimum,
-    evaluations: Sequence[Evaluation],
-    output: int,
-    lags: npt.NDArray[np.int64],
-    rows: int,
+    block: Block, evaluation: Evaluation, minimum: Minimum, output: int, lags: npt.NDArray[np.int64]
 ) -> Array:
-    """Lagged set points (R, L) as they would appear in the whitened residuals if they acted on one output."""
-    inputs, start = np.zeros((rows, len(lags))), 0
-    for block, evaluation in zip(search.blocks, evaluations, strict=True):
-        outputs, samples = evaluation.residual.shape
-        if isinstance(block.data, Experiment):
-            dn_set = block.data.normalised("n_set")
-            # Before the record the set point is taken to have been what it is at its first sample.
-            lagged = np.stack([np.append(np.full(lag, dn_set[0]), dn_set)[:samples] for lag in lags])
-            if minimum.noise.models is not None:
-                lagged = lfilter(minimum.noise.models[output], [1.0], lagged, axis=-1)
-            lagged = np.where(evaluation.valid, lagged, 0.0)
-            mixed = minimum.noise.root[:, output, None, None] * lagged
-            inputs[start : start + outputs * samples] = mixed.transpose(0, 2, 1).reshape(-1, len(lags))
-        start += outputs * samples
-    return inputs
+    """Lagged set points (L, R) as they would appear in an output's filtered residuals if they acted on it."""
+    samples = evaluation.residual.shape[1]
+    lagged = np.zeros((len(lags), samples))
+    if not isinstance(block.data, Experiment):
+        return lagged
+    models = minimum.noise.models
+    model = np.ones(1) if models is None else models[output]
+    # Before the record the set point is taken to have been what it is at its first sample.
+    first = np.full(len(model) - 1, block.data.dn_set[0])
+    filtered = lfilter(model, [1.0], np.append(first, block.data.dn_set))[len(first) :]
+    for row, lag in zip(lagged, lags, strict=True):
+        row[:lag] = block.data.dn_set[0] * model.sum()
+        row[lag:] = filtered[: samples - lag]
+    lagged *= evaluation.valid
+    return lagged
 
 
-def _covariance(cleared: Array, residual: Array, evaluations: Sequence[Evaluation], coloured: bool) -> Array:
-    """Covariance A' S A of the correlations, with the residuals' own scatter S in each block, shape (L, L)."""
-    total, start = np.zeros((cleared.shape[1],) * 2), 0
-    for evaluation in evaluations:
-        outputs, samples = evaluation.residual.shape
-        rows = slice(start, start + outputs * samples)
-        own, part = residual[rows].reshape(outputs, samples), cleared[rows].reshape(outputs, samples, -1)
-        if coloured and samples > 2 * AR_ORDER:
-            # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
-            models = [_stable_model(row) for row in own]
-            own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
-            part = np.stack(
-                [
-                    lfilter([1.0], model, rows[::-1], axis=0)[::-1]
-                    for model, rows in zip(models, part, strict=True)
-                ]
-            )
-        scatter = own @ own.T / max(int(evaluation.valid.sum()), 1)
-        total += np.einsum("omi,op,pmj->ij", part, scatter, part, optimize=True)
-        start += outputs * samples
-    # What follows are the rows of priors, with unit variance.
-    return np.asarray(total + cleared[start:].T @ cleared[start:])
+def _covariance(
+    factors: Array, lagged: Array, explained: Array, part: Array, count: int, coloured: bool
+) -> Array:
+    """Covariance A' S A of the correlations in a block, with the residuals' own scatter S, shape (L, L).
+
+    A holds the lagged set points (L, R), times a factor in each output, less what the sensitivities explain of them.
+    """
+    own = part[-1]
+    outputs, samples = own.shape
+    left = np.empty((outputs, len(lagged), samples))
+    for output, factor in enumerate(factors):
+        np.matmul(-explained.T, part[:-1, output], out=left[output])
+        left[output] += factor * lagged
+    if coloured and samples > 2 * AR_ORDER:
+        # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
+        models = [_stable_model(row) for row in own]
+        own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
+        left = np.stack(
+            [lfilter([1.0], model, rows[:, ::-1]) for model, rows in zip(models, left, strict=True)]
+        )
+    tall = left.reshape(-1, samples)
+    products = (tall @ tall.T).reshape(left.shape[:2] * 2)
+    return np.asarray(np.einsum("op,oipj->ij", own @ own.T / max(count, 1), products))
 
 
 def _stable_model(residual: Array) -> Array:
@@ -189,17 +212,20 @@ def _stable_model(residual: Array) -> Array:
 
 
 def _test(
-    inputs: Array, cleared: Array, covariance: Array, residual: Array, lags: npt.NDArray[np.int64]
+    size: Array,
+    covariance: Array,
+    products: Array,
+    sum_of_squares: float,
+    count: int,
+    lags: npt.NDArray[np.int64],
 ) -> ResidualTest:
-    size = np.linalg.norm(inputs, axis=0)
-    size[size == 0.0] = 1.0
+    size = np.where(size > 0.0, size, 1.0)
     unit = covariance / np.outer(size, size)
-    products = (cleared.T @ residual) / size
+    products = products / size
     strength, direction = np.linalg.eigh(unit)
-    variance = float(residual @ residual) / max(int(np.count_nonzero(residual)), 1)
-    told = strength > OPEN * variance
+    told = strength > OPEN * sum_of_squares / max(count, 1)
     along = direction[:, told].T @ products
-    length = float(np.linalg.norm(residual)) or 1.0
+    length = np.sqrt(sum_of_squares) or 1.0
     return ResidualTest(
         lags,
         products / length,
@@ -217,18 +243,16 @@ def responds(search: Search, minimum: Minimum) -> bool:
     if not all(isinstance(block.data, Experiment) for block in search.blocks):
         return True
     still = []
+    models = minimum.noise.models
     for block in search.blocks:
         mean = np.mean(block.measured[:, block.valid], axis=1, keepdims=True)
         offsets = any(name.startswith("offset") for name in block.nuisance)
         level = np.where(block.valid, block.measured - offsets * mean, 0.0)
-        constant = Evaluation(level, np.zeros((1, *level.shape)), block.valid)
-        still.append(constant if minimum.noise.models is None else prewhiten(constant, minimum.noise.models))
-    moved = search.filtered(minimum.vector, minimum.noise)
-    samples = sum(int(evaluation.valid.sum()) for evaluation in moved)
-    before, after = (
-        np.linalg.slogdet(scatter_of(e) + 1e-300 * np.eye(len(e[0].residual))) for e in (still, moved)
-    )
-    ratio = samples * (before[1] - after[1])
+        constant = Evaluation(level, np.zeros((0, *level.shape)), block.valid)
+        still.append(constant if models is None else prewhiten(constant, models))
+    count, moved = search.scatter(minimum.vector, minimum.noise)
+    before, after = (np.linalg.slogdet(s + 1e-300 * np.eye(len(s))) for s in (scatter_of(still), moved))
+    ratio = count * (before[1] - after[1])
     return bool(chi2.sf(ratio, search.size) < STILL)
 
 
@@ -240,7 +264,7 @@ def residual_figures(search: Search, minimum: Minimum) -> dict[str, dict[str, fl
     experiments = [isinstance(block.data, Experiment) for block in search.blocks]
     if not any(experiments):
         return {}
-    evaluations = search.filtered(minimum.vector, minimum.noise)
+    evaluations = search.filtered(minimum.vector, minimum.noise, ())
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
     models = minimum.noise.models

@@ -11,13 +11,12 @@ import numpy.typing as npt
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.least_squares import Solution, minimise
-from shipfp_rs.problem import Block, Evaluation, autoregressive_model, prewhiten
+from shipfp_rs.problem import Block, Evaluation, autoregressive_model
+from shipfp_rs.products import cleared, condense, regression
 from shipfp_rs.structure import Parameter, Structure
 
 Array = npt.NDArray[np.float64]
 
-TOLD = 1e-12
-"""Part of the strongest direction among the unknowns that enter linearly below which they are not told apart."""
 STABLE_DRAWS = 50
 """Vectors drawn before a random start is given up because its loop is always unstable."""
 AR_ORDER = 8
@@ -28,6 +27,9 @@ ROUGH = 1e-2
 """The same where noise models are still to be fitted."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends it where there is no noise to measure the change by."""
+
+
+NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
 
 
 @dataclass(frozen=True)
@@ -100,35 +102,39 @@ class Search:
             | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
         )
 
+    def _each(self, vector: Array) -> Iterator[tuple[Block, dict[str, float], slice]]:
+        """Yield every block with the values of all that its model depends on and the place of its own unknowns."""
+        values, start = self.values(vector), len(self.free)
+        for block in self.blocks:
+            own = slice(start, start + len(block.nuisance))
+            yield (
+                block,
+                values | dict(zip(block.nuisance, map(float, vector[own]), strict=True)),
+                own,
+            )
+            start = own.stop
+
     def evaluate(self, vector: Array, names: Sequence[str] | None = None) -> list[Evaluation]:
         """Evaluate every block; each Jacobian has the block's own columns last, after those of `names` (None: all)."""
-        values = self.values(vector)
-        evaluations, start = [], len(self.free)
-        for block in self.blocks:
-            own = dict(
-                zip(block.nuisance, map(float, vector[start : start + len(block.nuisance)]), strict=True)
-            )
-            evaluations.append(block.evaluate(values | own, self.names if names is None else names))
-            start += len(block.nuisance)
-        return evaluations
+        names = self.names if names is None else names
+        return [block.evaluate(values, names) for block, values, _ in self._each(vector)]
 
     def filtered(self, vector: Array, noise: Noise, names: Sequence[str] | None = None) -> list[Evaluation]:
         """Evaluate every block and prewhiten the experiments."""
-        evaluations = self.evaluate(vector, names)
-        if noise.models is None:
-            return evaluations
-        return [
-            prewhiten(evaluation, noise.models) if isinstance(block.data, Experiment) else evaluation
-            for block, evaluation in zip(self.blocks, evaluations, strict=True)
-        ]
+        names = self.names if names is None else names
+        return [block.filtered(values, names, noise.models) for block, values, _ in self._each(vector)]
 
     def whitened(self, vector: Array, noise: Noise) -> tuple[list[Evaluation], Array, Array]:
         """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
 
-        The Jacobian is that of the residual, minus that of the model.
+        The Jacobian is that of the residual, minus that of the model. Long records are turned into as few rows as have
+        the same products, unless a threshold bends single residuals.
         """
         evaluations = self.filtered(vector, noise)
-        rows = np.concatenate([*(part.T for part in self._parts(evaluations, noise)), self._priors(vector)])
+        if self.huber is None:
+            evaluations = [evaluation.turned() for evaluation in evaluations]
+        parts = [part.reshape(len(part), -1).T for part in self.parts(evaluations, noise)]
+        rows = np.concatenate([*parts, self.priors(vector)])
         return evaluations, rows[:, -1], rows[:, :-1]
 
     def condensed(self, kept: Array, noise: Noise) -> tuple[Array, Array]:
@@ -139,18 +145,9 @@ class Search:
         model is linear take their best values for it (variable projection, 10.1137/0710036, with the Jacobian of
         10.1007/BF01932995), for a small vK_i and a large initial dE otherwise make a long curved valley.
         """
-        linear = self.linear
-        evaluations = self.filtered(self.complete(kept, noise), noise)
-        rest = np.append(~linear, True)
-        priors = self._priors(np.append(kept, np.zeros(self.size - len(kept))))[:, rest]
-        gram = priors.T @ priors
-        with np.errstate(over="ignore", invalid="ignore"):
-            for part in self._parts(evaluations, noise):
-                own = part[:-1][linear]
-                own = own[own.any(axis=1)]
-                cleared = part[rest]
-                cleared -= regression(own, cleared).T @ own
-                gram += cleared @ cleared.T
+        gram = cleared(
+            self._gram(self.complete(kept, noise), noise, self.names), np.append(self.linear, False)
+        )
         if not np.isfinite(gram).all():
             raise SimulationError("the sensitivities left the range of finite numbers")
         return condense(gram)
@@ -160,14 +157,31 @@ class Search:
         linear = self.linear
         if not linear.any():
             return kept
-        vector, start = np.zeros(self.size), len(self.free)
+        vector = np.zeros(self.size)
         vector[~linear] = kept
-        for block, evaluation in zip(self.blocks, self.filtered(vector, noise, ()), strict=True):
-            own = slice(start, start + len(block.nuisance))
-            part = _weighted(evaluation, noise).reshape(len(block.nuisance) + 1, -1)
-            vector[own][linear[own]] = -regression(part[:-1][linear[own]], part[-1:])[:, 0]
-            start += len(block.nuisance)
+        gram = self._gram(vector, noise, ())
+        if not np.isfinite(gram).all():
+            raise SimulationError("the simulation left the range of finite numbers")
+        vector[linear] = -regression(gram, np.append(linear[len(self.free) :], False))[:, -1]
         return vector
+
+    def _gram(self, vector: Array, noise: Noise, names: Sequence[str]) -> Array:
+        """Products of the columns of [-d(model)/d(unknowns), e] (Q + 1, Q + 1); of the parameters only `names` or none."""
+        count = len(names)
+        gram = np.zeros((count + self.size - len(self.free) + 1,) * 2)
+        if names:
+            priors = self.priors(vector)
+            gram += priors.T @ priors
+        if self.huber is not None:
+            for part in self.parts(self.filtered(vector, noise, names), noise):
+                rows = part.reshape(len(part), -1)
+                gram += rows @ rows.T
+            return gram
+        for block, values, own in self._each(vector):
+            place = np.r_[:count, own.start - len(self.free) + count : own.stop - len(self.free) + count, -1]
+            with np.errstate(over="ignore", invalid="ignore"):
+                gram[np.ix_(place, place)] += block.products(values, names, noise.models).gram(noise.root)
+        return gram
 
     @property
     def linear(self) -> npt.NDArray[np.bool_]:
@@ -175,8 +189,8 @@ class Search:
         own = [name in block.linear for block in self.blocks for name in block.nuisance]
         return np.array([False] * len(self.free) + own) & (self.huber is None)
 
-    def _parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
-        """Each block's [-d(model)/d(vector), e], weighted, shape (Q + 1, rows)."""
+    def parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
+        """Yield each block's [-d(model)/d(vector), e], weighted, shape (Q + 1, O, R)."""
         start, free = len(self.free), len(self.free)
         for block, evaluation in zip(self.blocks, evaluations, strict=True):
             part = rows = _weighted(evaluation, noise)
@@ -187,9 +201,9 @@ class Search:
             if self.huber is not None:
                 _bend(part, self.huber)
             start += len(block.nuisance)
-            yield part.reshape(self.size + 1, -1)
+            yield part
 
-    def _priors(self, vector: Array) -> Array:
+    def priors(self, vector: Array) -> Array:
         """Rows [J, e] of the priors, (mean - value) / std, and of the ridge, sqrt(weight) (nominal - value), eq. 4.6."""
         rows = [(i, p.prior[0], 1.0 / p.prior[1]) for i, p in enumerate(self.free) if p.prior is not None]
         rows += [
@@ -208,30 +222,31 @@ class Search:
         upper = np.array([parameter.upper for parameter in self.free])
         return np.concatenate([lower, -open_end]), np.concatenate([upper, open_end])
 
-    def noise_of(self, evaluations: Sequence[Evaluation], models: tuple[Array, ...] | None) -> Noise:
-        """Weights that fit the residuals: identity, inverse standard deviations, or inverse root covariance."""
-        outputs = len(self.structure.outputs)
-        if self.weighting in ("none", "std"):
-            return Noise(np.eye(outputs), models)
-        scatter = scatter_of(evaluations)
-        if self.huber is not None:
-            scatter = np.diag(_robust_variance(evaluations))
-        elif self.weighting == "variance":
+    def noise_at(self, vector: Array, noise: Noise) -> tuple[Noise, float]:
+        """Weights that fit the residuals filtered by the noise's models, and what the minima are ranked by.
+
+        The weights are the identity, inverse standard deviations, or the inverse root of the covariance. With them the
+        criterion is N ln det of the scatter.
+        """
+        count, scatter = self.scatter(vector, noise)
+        outputs = len(scatter)
+        if self.weighting == "variance":
             scatter = np.diag(np.diag(scatter))
+        criterion = float(count * np.linalg.slogdet(scatter + 1e-300 * np.eye(outputs))[1])
+        if self.huber is not None:
+            scatter = np.diag(_robust_variance(self.filtered(vector, noise, ())))
         # A perfect fit leaves no scatter to weigh by; this floor is far below any measurement.
         floor = 1e-24 + 1e-14 * np.trace(scatter) / outputs
         factor = np.linalg.cholesky(scatter + floor * np.eye(outputs))
-        return Noise(np.linalg.inv(factor), models)
+        return replace(noise, root=np.linalg.inv(factor)), criterion
 
-    def criterion(self, evaluations: Sequence[Evaluation], residual: Array) -> float:
-        """Return what the minima are ranked by: a sum of squares, or N ln det of the scatter."""
-        if self.weighting in ("none", "std"):
-            return float(residual @ residual)
-        scatter = scatter_of(evaluations)
-        if self.weighting == "variance":
-            scatter = np.diag(np.diag(scatter))
-        count = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
-        return float(count * np.linalg.slogdet(scatter + 1e-300 * np.eye(len(scatter)))[1])
+    def scatter(self, vector: Array, noise: Noise) -> tuple[int, Array]:
+        """Return the number of samples and the mean outer product of their filtered residuals, shape (O, O)."""
+        parts = [block.products(values, (), noise.models) for block, values, _ in self._each(vector)]
+        count = sum(part.count for part in parts)
+        if count == 0:
+            raise InputError(NOTHING_LEFT)
+        return count, np.asarray(sum(part.scatter for part in parts) / count)
 
     def initial_noise(self) -> Noise:
         """Weights before the first fit: by the spread of each measured output."""
@@ -260,7 +275,7 @@ class Search:
         return self.noise == "ar" and any(isinstance(block.data, Experiment) for block in self.blocks)
 
     def _with_models(self, minimum: Minimum) -> Noise:
-        raw = self.evaluate(minimum.vector)
+        raw = self.evaluate(minimum.vector, ())
         time_blocks = [
             evaluation
             for block, evaluation in zip(self.blocks, raw, strict=True)
@@ -270,23 +285,29 @@ class Search:
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
             for output in range(len(self.structure.outputs))
         )
-        return self.noise_of(self.filtered(minimum.vector, replace(minimum.noise, models=models)), models)
+        noise = replace(minimum.noise, models=models)
+        return self.noise_at(minimum.vector, noise)[0] if self._reweighs else noise
+
+    @property
+    def _reweighs(self) -> bool:
+        return self.weighting in ("variance", "determinant")
 
     def _weighted(
         self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
     ) -> Minimum:
         vector, evaluations_used, criterion = start, 0, np.inf
-        rounds = WEIGHT_ITERATIONS if self.weighting in ("variance", "determinant") else 1
-        for _ in range(rounds):
+        for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
             solution = self._solve(vector, noise, tick)
             evaluations_used += solution.evaluations
             moved = np.max(np.abs(solution.vector - vector) / (np.abs(vector) + 1e-9))
             vector, before = solution.vector, criterion
-            evaluations = self.filtered(vector, noise)
-            criterion = self.criterion(evaluations, solution.residual)
-            if rounds == 1 or moved < UNMOVED or abs(before - criterion) < tolerance:
+            if not self._reweighs:
+                criterion = solution.cost
                 break
-            noise = self.noise_of(evaluations, noise.models)
+            following, criterion = self.noise_at(vector, noise)
+            if moved < UNMOVED or abs(before - criterion) < tolerance:
+                break
+            noise = following
         return Minimum(
             vector=vector,
             criterion=criterion,
@@ -327,7 +348,7 @@ def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
     """Mean outer product of the residuals over all valid samples, shape (O, O)."""
     count = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
     if count == 0:
-        raise InputError("no valid sample is left to fit; widen the window or repair the log")
+        raise InputError(NOTHING_LEFT)
     return np.asarray(sum(evaluation.residual @ evaluation.residual.T for evaluation in evaluations) / count)
 
 
@@ -337,31 +358,6 @@ def _weighted(evaluation: Evaluation, noise: Noise) -> Array:
     np.matmul(-noise.root, evaluation.jacobian, out=rows[:-1])
     np.matmul(noise.root, evaluation.residual, out=rows[-1])
     return rows
-
-
-def regression(regressors: Array, rows: Array) -> Array:
-    """Return the coefficients (L, M) that explain the rows (M, R) best by the regressors (L, R), null directions zero."""
-    gram = regressors @ regressors.T
-    size = np.sqrt(np.diag(gram))
-    size[size == 0.0] = 1.0
-    strength, direction = np.linalg.eigh(gram / np.outer(size, size))
-    told = strength > TOLD * max(strength, default=0.0)
-    half = direction[:, told] / np.sqrt(strength[told]) / size[:, None]
-    return np.asarray(half @ (half.T @ (regressors @ rows.T)))
-
-
-def condense(gram: Array) -> tuple[Array, Array]:
-    """Return a residual (Q + 1,) and Jacobian (Q + 1, Q) whose products are those of [J e]'[J e], shape (Q + 1, Q + 1)."""
-    size = np.sqrt(np.diag(gram)[:-1])
-    size[size == 0.0] = 1.0
-    strength, direction = np.linalg.eigh(gram[:-1, :-1] / np.outer(size, size))
-    # What is below rounding is a null direction: no row, so no step along it.
-    root = np.sqrt(np.where(strength > 1e-15 * strength[-1], strength, 0.0))
-    turned = direction.T @ (gram[:-1, -1] / size)
-    along = np.divide(turned, root, out=np.zeros_like(turned), where=root > 0.0)
-    rest = max(gram[-1, -1] - along @ along, 0.0)
-    jacobian = np.vstack([root[:, None] * direction.T * size, np.zeros(len(size))])
-    return np.append(along, np.sqrt(rest)), jacobian
 
 
 def _bend(part: Array, threshold: float) -> None:

@@ -1,30 +1,27 @@
 //! Cost, gradient and Gauss-Newton matrix of the linear structure, one pass over the samples.
 //!
-//! The pass does not form the sensitivities of the outputs. It sums the products of all pairs of rows: the residuals, the
-//! signals that outputs are made of and these signals' derivatives in the few directions the loop depends on. Cost, gradient,
+//! The pass does not form the sensitivities of the outputs. It sums the products of all pairs of rows: the residuals, and the
+//! signals that outputs are made of and their derivatives in the few directions the loop depends on. Cost, gradient,
 //! Gauss-Newton matrix and scatter are then small combinations of these sums, so many parameters cost no more than few.
 
+mod columns;
+mod products;
 mod sums;
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result, require};
-use crate::linear::basis::Basis;
-use crate::linear::walk::{Layout, walk};
-use crate::linear::{By, Drive, Output, Parameters, simulate};
+use crate::linear::{By, Drive, Output, Parameters};
 use crate::pool::on_threads;
 use crate::stop::Stop;
-use sums::{Combination, Sums};
+pub use products::{Products, Record};
 
 /// What a parameter vector is judged by: `sum_k e_k' W e_k` with `e` measured less simulated, over the samples where every
 /// measured output is finite.
 #[derive(Debug, Clone)]
 pub struct Objective<'a> {
-    drive: Drive<'a>,
-    outputs: Vec<Output>,
-    measured: &'a [f64],
+    record: Record<'a>,
     weight: &'a [f64],
-    wrt: Vec<By>,
 }
 
 /// An [`Objective`]'s value; matrices row after row.
@@ -54,10 +51,8 @@ impl<'a> Objective<'a> {
         weight: &'a [f64],
         wrt: Vec<By>,
     ) -> Result<Self> {
-        let (rows, samples) = (outputs.len(), drive.samples());
-        require(measured.len() == rows * samples, || {
-            format!("measured has {} values, expected {rows} outputs of {samples} samples", measured.len())
-        })?;
+        let rows = outputs.len();
+        let record = Record::new(drive, outputs, measured, wrt)?;
         require(weight.len() == rows * rows, || {
             format!("weight has {} values, expected {rows} rows of {rows}", weight.len())
         })?;
@@ -71,13 +66,13 @@ impl<'a> Objective<'a> {
                 })?;
             }
         }
-        Ok(Self { drive, outputs, measured, weight, wrt })
+        Ok(Self { record, weight })
     }
 
     /// Steps of one evaluation, each with its derivatives.
     #[must_use]
     pub fn work(&self) -> usize {
-        self.drive.samples() * (1 + self.wrt.len())
+        self.record.work()
     }
 
     /// The cost of one parameter vector.
@@ -86,21 +81,11 @@ impl<'a> Objective<'a> {
     /// [`Error::Invalid`] where no sample has every output, [`Error::Diverged`] where the simulation or the sums leave the finite
     /// numbers, [`Error::Stopped`] on request.
     pub fn evaluate(&self, parameters: &Parameters, stop: &Stop) -> Result<Cost> {
-        let basis = Basis::new(&self.outputs, &self.wrt);
-        // Where segments meet, infinity times zero can turn up before the simulation itself leaves the numbers: look again.
-        for layout in [Layout::Segments, Layout::Sequential] {
-            let sums = self.sums(parameters, &basis, layout, stop)?;
-            require(sums.count > 0, || {
-                "measured has no sample where every output is finite, expected at least 1".to_owned()
-            })?;
-            if sums.are_finite() {
-                return Ok(self.combine(parameters, &basis, &sums));
-            }
-        }
-        let mut values = vec![0.0; self.measured.len()];
-        simulate(parameters, &self.drive, &self.outputs, &[], &mut values, &mut [], stop)?;
-        let sample = self.drive.samples() - 1;
-        Err(Error::Diverged { sample, time: sample as f64 * self.drive.dt(), what: "the sum of squares" })
+        let products = self.record.products(parameters, stop)?;
+        require(products.count > 0, || {
+            "measured has no sample where every output is finite, expected at least 1".to_owned()
+        })?;
+        Ok(self.weigh(&products))
     }
 
     /// The costs of many parameter vectors on so many threads, 0 for all cores; the same bits for any number.
@@ -127,7 +112,7 @@ impl<'a> Objective<'a> {
     }
 
     fn infinite(&self) -> Cost {
-        let (rows, columns) = (self.outputs.len(), self.wrt.len());
+        let (rows, columns) = (self.record.outputs.len(), self.record.wrt.len());
         Cost {
             cost: f64::INFINITY,
             gradient: vec![f64::NAN; columns],
@@ -137,65 +122,22 @@ impl<'a> Objective<'a> {
         }
     }
 
-    /// Sums of products: of the residuals, followed by the basis' rows where derivatives are wanted.
-    fn sums(&self, parameters: &Parameters, basis: &Basis, layout: Layout, stop: &Stop) -> Result<Sums> {
-        let (rows, samples) = (self.outputs.len(), self.drive.samples());
-        let combinations: Vec<Combination> = self
-            .outputs
-            .iter()
-            .map(|&output| {
-                basis
-                    .output(output, parameters)
-                    .into_iter()
-                    .enumerate()
-                    .filter(|(_, factor)| *factor != 0.0)
-                    .collect()
-            })
-            .collect();
-        let mut sums = Sums::new(if self.wrt.is_empty() { rows } else { rows + basis.rows() });
-        walk(parameters, &self.drive, basis, layout, rows, stop, |mut block| {
-            for (row, measured) in self.measured.chunks_exact(samples).enumerate() {
-                block.put(row, measured);
-            }
-            sums.add(block.rows(), &combinations);
-            Ok(())
-        })?;
-        Ok(sums)
-    }
-
-    fn combine(&self, parameters: &Parameters, basis: &Basis, sums: &Sums) -> Cost {
-        let (rows, columns) = (self.outputs.len(), self.wrt.len());
-        let scatter: Vec<_> = (0..rows * rows).map(|at| sums.product(at / rows, at % rows)).collect();
-        let cost = scatter.iter().zip(self.weight).map(|(product, weight)| product * weight).sum();
-        // Each output's sensitivity as a combination of the basis' rows, by parameter.
-        let sensitivities: Vec<Vec<Vec<f64>>> = self
-            .wrt
-            .iter()
-            .map(|&by| self.outputs.iter().map(|&output| basis.sensitivity(output, by, parameters)).collect())
-            .collect();
-        // The sum over samples of a residual or a row of the basis times the sensitivity `combination`.
-        let against = |row: usize, combination: &[f64]| -> f64 {
-            combination.iter().enumerate().map(|(i, factor)| factor * sums.product(row, rows + i)).sum()
+    fn weigh(&self, products: &Products) -> Cost {
+        let (rows, columns) = (self.record.outputs.len(), self.record.wrt.len());
+        let residual = columns;
+        let weighted = |a: usize, b: usize| -> f64 {
+            let pairs = (0..rows * rows).map(|at| [at / rows, at % rows]);
+            pairs.zip(self.weight).map(|([i, j], weight)| weight * products.of([i, a], [j, b], rows)).sum()
         };
-        let weighted = |products: &dyn Fn(usize, usize) -> f64| -> f64 {
-            (0..rows * rows).map(|at| self.weight[at] * products(at / rows, at % rows)).sum()
-        };
-        let gradient = sensitivities.iter().map(|by| -2.0 * weighted(&|i, j| against(i, &by[j]))).collect();
-        let mut gauss_newton = vec![0.0; columns * columns];
-        for one in 0..columns {
-            for other in 0..=one {
-                let sum = 2.0
-                    * weighted(&|i, j| {
-                        let factors = sensitivities[one][i].iter().enumerate();
-                        factors
-                            .filter(|(_, factor)| **factor != 0.0)
-                            .map(|(row, factor)| factor * against(rows + row, &sensitivities[other][j]))
-                            .sum()
-                    });
-                gauss_newton[one * columns + other] = sum;
-                gauss_newton[other * columns + one] = sum;
-            }
+        let pairs = (0..columns * columns).map(|at| (at / columns, at % columns));
+        Cost {
+            cost: weighted(residual, residual),
+            gradient: (0..columns).map(|by| -2.0 * weighted(by, residual)).collect(),
+            gauss_newton: pairs.map(|(a, b)| 2.0 * weighted(a.max(b), a.min(b))).collect(),
+            scatter: (0..rows * rows)
+                .map(|at| products.of([at / rows, residual], [at % rows, residual], rows))
+                .collect(),
+            count: products.count,
         }
-        Cost { cost, gradient, gauss_newton, scatter, count: sums.count }
     }
 }

@@ -21,6 +21,14 @@ pub struct Basis {
     pub directions: Vec<usize>,
 }
 
+/// Combinations of the rows, and each derivative of an output as factors of them.
+///
+/// They are fewer than the derivatives where several parameters move the loop in one direction.
+pub struct Span {
+    pub columns: Vec<Vec<f64>>,
+    pub factors: Vec<Vec<f64>>,
+}
+
 impl Basis {
     /// What `outputs` and their derivatives by `wrt` need.
     pub fn new(outputs: &[Output], wrt: &[By]) -> Self {
@@ -47,6 +55,32 @@ impl Basis {
         let mut combination = vec![0.0; self.rows()];
         self.add(&mut combination, None, 1.0, &coefficients(output, parameters));
         combination
+    }
+
+    /// What an output's derivatives by `wrt` are made of.
+    pub fn span(&self, output: Output, wrt: &[By], parameters: &Parameters) -> Span {
+        let own: Vec<usize> = (0..SIGNALS)
+            .filter(|&signal| wrt.iter().any(|&by| coefficients_by(output, by)[signal] != 0.0))
+            .collect();
+        let unit = |signal| std::array::from_fn(|i| f64::from(i == signal));
+        let combined = |direction, coefficients: &[f64; SIGNALS]| {
+            let mut combination = vec![0.0; self.rows()];
+            self.add(&mut combination, direction, 1.0, coefficients);
+            combination
+        };
+        let of_signals = own.iter().map(|&signal| combined(None, &unit(signal)));
+        let of_directions =
+            self.directions.iter().map(|&way| combined(Some(way), &coefficients(output, parameters)));
+        let factors = |&by: &By| {
+            let (slopes, along) = (coefficients_by(output, by), along(by, parameters));
+            let of_signals = own.iter().map(|&signal| slopes[signal]);
+            let of_directions = self.directions.iter().map(|&way| along[way]);
+            of_signals.chain(of_directions).collect()
+        };
+        Span {
+            columns: of_signals.chain(of_directions).collect(),
+            factors: wrt.iter().map(factors).collect(),
+        }
     }
 
     /// The derivative of an output by `by` as a combination of the rows.

@@ -8,7 +8,8 @@
 use std::array::from_fn;
 use std::ops::Range;
 
-use super::advance::{Advance, LANES, Pack, States};
+pub use super::advance::LANES;
+use super::advance::{Advance, Pack, States};
 use super::basis::Basis;
 use super::discrete::{LEAP, Model, SHORTEST_NETWORK, delayed, direct};
 use super::parameters::Parameters;
@@ -17,7 +18,7 @@ use crate::integrate::Hold;
 use crate::stop::Stop;
 
 /// Steps in a block; its rows then fit into the fastest cache.
-const STEPS: usize = 32;
+pub const STEPS: usize = 32;
 /// Values of one row in a block.
 pub const BLOCK: usize = STEPS * LANES;
 
@@ -79,6 +80,11 @@ pub struct Block<'a> {
 }
 
 impl Block<'_> {
+    /// Number of steps in it, up to [`STEPS`].
+    pub const fn steps(&self) -> usize {
+        self.steps
+    }
+
     /// All rows, one after the other.
     pub const fn rows(&mut self) -> &mut [f64] {
         self.rows
@@ -127,8 +133,6 @@ pub enum Layout {
 }
 
 /// Simulate, and give each block of the basis' rows to `consume`, behind `spare` rows for its own use.
-///
-/// A block has at least three rows more than that, of zeros.
 ///
 /// # Errors
 /// What `consume` returns, or [`Error::Stopped`](crate::error::Error::Stopped).
@@ -274,7 +278,7 @@ fn pass<const N: usize, const J: usize>(
 ) -> Result<()> {
     let mut states = starts(model, course)?;
     let mut inputs = Inputs::new();
-    let mut packs = vec![[0.0; LANES]; (spare + basis.rows() + 3) * STEPS];
+    let mut packs = vec![[0.0; LANES]; (spare + basis.rows()) * STEPS];
     for (first, steps) in course.blocks() {
         course.stop.check()?;
         inputs.fill(course, &model.late, first, steps);

@@ -1,14 +1,15 @@
 //! Bindings of the linear kernels.
 
 use numpy::{
-    Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
+    Complex64, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2,
+    PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow, hand_back};
 use super::guard;
-use crate::cost::{Cost, Objective};
+use crate::cost::{Cost, Objective, Record};
 use crate::error::require;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
@@ -164,6 +165,42 @@ fn linear_cost_batch<'py>(
     ))
 }
 
+/// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted). The columns of an output
+/// are its derivatives by `wrt`, what an offset of it adds, and its residual.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn linear_products<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    dn_set: &Bound<'py, PyAny>,
+    dt: f64,
+    hold: &str,
+    initial: &Bound<'py, PyAny>,
+    outputs: Vec<usize>,
+    measured: &Bound<'py, PyAny>,
+    offsets: &Bound<'py, PyAny>,
+    filters: &Bound<'py, PyAny>,
+    wrt: Vec<usize>,
+) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
+    let vector: Vector<'_> = borrow("parameters", parameters)?;
+    let vector = Parameters::new(vector.as_slice()?, "parameters")?;
+    let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
+    let initial: Vector<'_> = borrow("initial", initial)?;
+    let measured: PyReadonlyArray2<'_, f64> = borrow("measured", measured)?;
+    let offsets: Vector<'_> = borrow("offsets", offsets)?;
+    let filters: PyReadonlyArray2<'_, f64> = borrow("filters", filters)?;
+    let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
+    let rows = outputs.len();
+    expect_shape("measured", measured.shape(), [rows, drive.samples()], "outputs, samples")?;
+    expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
+    let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
+    let record = Record::new(drive, outputs, measured.as_slice()?, wrt)?
+        .filtered(filters.as_slice()?)?
+        .with_offsets(offsets.as_slice()?)?;
+    let products = guard::run(py, record.work(), |stop| record.products(&vector, stop))?;
+    Ok((hand_back(py, products.values, [rows, products.columns, rows, products.columns])?, products.count))
+}
+
 /// The arrays behind an objective, borrowed from Python.
 struct ObjectiveArrays<'py> {
     dn_set: Vector<'py>,
@@ -232,6 +269,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(linear_sensitivities, module)?)?;
     module.add_function(wrap_pyfunction!(linear_cost, module)?)?;
     module.add_function(wrap_pyfunction!(linear_cost_batch, module)?)?;
+    module.add_function(wrap_pyfunction!(linear_products, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response_sensitivities, module)?)?;
     Ok(())

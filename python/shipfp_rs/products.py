@@ -1,0 +1,87 @@
+"""Sums of products of residuals and sensitivities: all that a search needs of a record, however long it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+TOLD = 1e-12
+"""Part of the strongest direction among the unknowns that enter linearly below which they are not told apart."""
+
+ROUNDING = 1e-14
+"""Part of a column's sum of squares below which what is left of it is noise."""
+
+
+@dataclass(frozen=True)
+class Products:
+    """Sums over samples of the products of all pairs of columns, in all pairs of outputs.
+
+    Parameters
+    ----------
+    sums
+        Of the model's derivatives by the unknowns, and of the residual last, shape (O, C, O, C).
+    count
+        Number of samples that count.
+    """
+
+    sums: Array
+    count: int
+
+    @classmethod
+    def of(cls, residual: Array, jacobian: Array, count: int) -> Products:
+        """Add up the products of residuals (O, R) and derivatives of the model (C - 1, O, R)."""
+        rows = np.concatenate([jacobian, residual[None]]).transpose(1, 0, 2)
+        tall = rows.reshape(-1, residual.shape[1])
+        return cls((tall @ tall.T).reshape(rows.shape[:2] * 2), count)
+
+    @property
+    def scatter(self) -> Array:
+        """Sum over samples of the outer products of the residuals, shape (O, O)."""
+        return self.sums[:, -1, :, -1]
+
+    def gram(self, root: Array) -> Array:
+        """Products of [-d(model)/d(unknowns), e] (C, C) with the outputs weighted by a root (O, O) of their weight."""
+        sign = np.append(-np.ones(self.sums.shape[1] - 1), 1.0)
+        return np.asarray(np.einsum("iajb,ij->ab", self.sums, root.T @ root) * np.outer(sign, sign))
+
+
+def regression(gram: Array, own: Mask) -> Array:
+    """Return the coefficients (L, M) that explain the columns not of `own` (M) best by those of `own` (L).
+
+    The gram matrix holds the products of all columns; null directions among those of `own` are left alone.
+    """
+    inner = gram[np.ix_(own, own)]
+    size = np.sqrt(np.diag(inner))
+    size[size == 0.0] = 1.0
+    strength, direction = np.linalg.eigh(inner / np.outer(size, size))
+    told = strength > TOLD * max(strength, default=0.0)
+    half = direction[:, told] / np.sqrt(strength[told]) / size[:, None]
+    return np.asarray(half @ (half.T @ gram[np.ix_(own, ~own)]))
+
+
+def cleared(gram: Array, own: Mask) -> Array:
+    """Return the products (M, M) of the columns not of `own` that are left when those are cleared of what `own` explain."""
+    across = gram[np.ix_(own, ~own)]
+    whole = gram[np.ix_(~own, ~own)]
+    left = whole - across.T @ regression(gram, own)
+    kept = np.diag(left) > ROUNDING * np.diag(whole)
+    return np.asarray(np.where(np.outer(kept, kept), left, 0.0))
+
+
+def condense(gram: Array) -> tuple[Array, Array]:
+    """Return a residual (Q + 1,) and Jacobian (Q + 1, Q) whose products are those of [J e]'[J e], shape (Q + 1, Q + 1)."""
+    size = np.sqrt(np.diag(gram)[:-1])
+    size[size == 0.0] = 1.0
+    strength, direction = np.linalg.eigh(gram[:-1, :-1] / np.outer(size, size))
+    # What is below rounding is a null direction: no row, so no step along it.
+    root = np.sqrt(np.where(strength > 1e-15 * strength[-1], strength, 0.0))
+    turned = direction.T @ (gram[:-1, -1] / size)
+    along = np.divide(turned, root, out=np.zeros_like(turned), where=root > 0.0)
+    rest = max(gram[-1, -1] - along @ along, 0.0)
+    jacobian = np.vstack([root[:, None] * direction.T * size, np.zeros(len(size))])
+    return np.append(along, np.sqrt(rest)), jacobian
