@@ -1,18 +1,28 @@
-"""Pulse trains to shaft speed: crossing times, repair, reflector angles, speed per interval, uniform grids."""
+"""Pulse trains to shaft speed: crossing times, repair, reflector angles, speed per interval, uniform grids, fusion."""
 
 from shipfp_rs.tacho.angles import ReflectorAngles, reflector_angles
 from shipfp_rs.tacho.crossings import PulseTimes, pulse_times
+from shipfp_rs.tacho.fusion import FusedSpeed, Train, TrainReport, fuse
+from shipfp_rs.tacho.matlab import midcross, pulseperiod, statelevels, tachorpm
 from shipfp_rs.tacho.speed import IntervalSpeed, interval_gain, resample, speed_from_pulses
 from shipfp_rs.tacho.tracks import PulseFlag
 
 __all__ = [
+    "FusedSpeed",
     "IntervalSpeed",
     "PulseFlag",
     "PulseTimes",
     "ReflectorAngles",
+    "Train",
+    "TrainReport",
+    "fuse",
     "interval_gain",
+    "midcross",
     "pulse_times",
+    "pulseperiod",
     "reflector_angles",
     "resample",
     "speed_from_pulses",
+    "statelevels",
+    "tachorpm",
 ]

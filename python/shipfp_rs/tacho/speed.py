@@ -138,20 +138,27 @@ def resample(
     if not count > 0:
         raise InputError(f"stop_s: found {stop_s} with start_s = {start_s}, expected later")
     grid = start_s + np.arange(count) / rate_hz
+    speed = np.full(count, np.nan)
+    for _, edges, turned in unbroken(interval_speed):
+        inside = slice(*np.searchsorted(grid, edges[[0, -1]]))
+        speed[inside] = CubicSpline(edges, turned, bc_type="natural")(grid[inside], 1)
+    masked = np.isnan(speed)
+    return speed, masked
+
+
+def unbroken(interval_speed: IntervalSpeed) -> list[tuple[slice, Array, Array]]:
+    """Stretches of intervals without a break: which ones, their edges [s], and the angle turned up to each [rev]."""
     half = 0.5 * interval_speed.duration_s
     first, last = interval_speed.time_s - half, interval_speed.time_s + half
     if not first.size:
-        return np.full(count, np.nan), np.ones(count, dtype=np.bool_)
+        return []
     breaks = np.flatnonzero(first[1:] - last[:-1] > 1e-3 * half[1:])
-    begins, ends = np.append(0, breaks + 1), np.append(breaks, len(first) - 1)
-    speed = np.full(count, np.nan)
-    for begin, end in zip(begins, ends, strict=True):
-        inside = slice(*np.searchsorted(grid, [first[begin], last[end]]))
-        edges = np.append(first[begin : end + 1], last[end])
-        turned = np.cumsum((interval_speed.speed_rps * interval_speed.duration_s)[begin : end + 1])
-        speed[inside] = CubicSpline(edges, np.append(0.0, turned), bc_type="natural")(grid[inside], 1)
-    masked = np.isnan(speed)
-    return speed, masked
+    stretches = []
+    for begin, end in zip(np.append(0, breaks + 1), np.append(breaks + 1, len(first)), strict=True):
+        stretch = slice(int(begin), int(end))
+        turned = np.cumsum((interval_speed.speed_rps * interval_speed.duration_s)[stretch])
+        stretches.append((stretch, np.append(first[stretch], last[end - 1]), np.append(0.0, turned)))
+    return stretches
 
 
 def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: float) -> Array:

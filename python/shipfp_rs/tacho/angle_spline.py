@@ -1,0 +1,130 @@
+"""Angle of a shaft as a spline through the passages of all pulses, with the variance of its slope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+Array = npt.NDArray[np.float64]
+
+_DEGREE = 4
+"""Of the angle; the speed is a cubic spline."""
+_STIFFNESS = 1e-6
+"""Weight of the coefficients' second differences against that of the pulses: bridges where there are none."""
+
+
+@dataclass(frozen=True)
+class AngleSpline:
+    """Angle in turns, its slope the speed."""
+
+    spline: BSpline
+    inverse: sparse.dia_matrix
+    """Band of the inverse normal matrix."""
+    shift: Array
+    """What an offset of each stretch but the first moves the coefficients by, shape (M, R)."""
+    offsets: Array
+    """Angle at the begin of each stretch, shape (S,)."""
+    offset_covariance: Array
+
+    def speed(self, time: Array) -> Array:
+        """Speed [rev/s]."""
+        return np.asarray(self.spline(time, 1))
+
+    def speed_variance(self, time: Array) -> Array:
+        """Return its variance [(rev/s)^2]."""
+        slope = _slopes(self.spline, time)
+        own = np.asarray((slope @ self.inverse).multiply(slope).sum(axis=1)).ravel()
+        through = slope @ self.shift
+        return np.asarray(own + np.einsum("ij,jk,ik->i", through, self.offset_covariance, through))
+
+
+def fit_angle_spline(
+    time: Array, angle: Array, weight: Array, stretch: npt.NDArray[np.intp], spacing_s: float
+) -> AngleSpline:
+    """Fit a spline and an offset of each stretch to passages by weighted least squares.
+
+    Parameters
+    ----------
+    time, angle
+        Passages [s] and the angles of their stretch there [rev], shape (N,).
+    weight
+        One over the variance of each angle [1/rev^2], shape (N,).
+    stretch
+        Stretch of each, shape (N,), from 0 on; the first one's offset is zero.
+    spacing_s
+        Distance of the knots [s].
+    """
+    first, last = float(time.min()), float(time.max())
+    pieces = max(int(np.ceil((last - first) / spacing_s)), 1)
+    inner = np.linspace(first, last, pieces + 1)
+    knots = np.concatenate([[first] * _DEGREE, inner, [last] * _DEGREE])
+    basis = BSpline.design_matrix(time, knots, _DEGREE)
+    normal = (basis.T @ basis.multiply(weight[:, None])).todia()
+    size = basis.shape[1]
+    differences = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(size - 2, size))
+    normal = normal + _STIFFNESS * np.median(normal.diagonal()) * (differences.T @ differences)
+    band = np.zeros((_DEGREE + 1, size))
+    for k in range(_DEGREE + 1):
+        band[k, : size - k] = normal.diagonal(k)
+    factor = cholesky_banded(band, lower=True)
+
+    stretches = int(stretch.max()) + 1
+    member = sparse.csr_array(
+        (np.ones(len(time)), (np.arange(len(time)), stretch)), shape=(len(time), stretches)
+    )[:, 1:]
+    coupling = (basis.T @ member.multiply(weight[:, None])).toarray()
+    right = basis.T @ (weight * angle)
+    alone = cho_solve_banded((factor, True), right)
+    shift = cho_solve_banded((factor, True), coupling) if stretches > 1 else np.zeros((size, 0))
+    # Eliminating the spline leaves a small system for the offsets; one that nothing ties stays at the least.
+    rest = np.diag(member.T @ weight) - coupling.T @ shift
+    covariance = np.linalg.pinv(rest, rcond=1e-10, hermitian=True)
+    # A pulse of a stretch reads angle + offset: the offsets below are what has to be added to its count.
+    offsets = covariance @ (coupling.T @ alone - member.T @ (weight * angle))
+    coefficients = alone + shift @ offsets
+    return AngleSpline(
+        BSpline(knots, coefficients, _DEGREE),
+        _inverse_band(factor),
+        shift,
+        np.append(0.0, offsets),
+        covariance,
+    )
+
+
+def _slopes(spline: BSpline, time: Array) -> sparse.csr_array:
+    """Derivatives of the basis functions at each time, one row each."""
+    lower = BSpline.design_matrix(time, spline.t[1:-1], _DEGREE - 1)
+    size = len(spline.c)
+    rise = _DEGREE / (spline.t[_DEGREE + 1 : size + _DEGREE] - spline.t[1:size])
+    change = sparse.diags_array([-rise, rise], offsets=[0, 1], shape=(size - 1, size))
+    return lower @ change
+
+
+def _inverse_band(factor: Array) -> sparse.dia_matrix:
+    """Band of the inverse of a matrix from its banded Cholesky factor (lower form), after Takahashi.
+
+    K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63: from the last row up, each row of the inverse
+    within the band needs only such rows below it.
+    """
+    width, size = factor.shape
+    reach = width - 1
+    inverse = np.zeros((size + reach, width))  # inverse[i, d] is entry (i, i + d)
+    window = np.zeros((reach, reach))  # of the rows i + 1 to i + reach, both triangles
+    for i in range(size - 1, -1, -1):
+        pivot = factor[0, i]
+        column = factor[1:, i] / pivot
+        beside = -window @ column
+        corner = 1.0 / pivot**2 - column @ beside
+        inverse[i, 0], inverse[i, 1:] = corner, beside
+        window[1:, 1:] = window[:-1, :-1].copy()
+        window[0, 0] = corner
+        window[0, 1:] = window[1:, 0] = beside[:-1]
+    diagonals = [inverse[: size - d, d] for d in range(width)]
+    return sparse.diags_array(
+        diagonals[:0:-1] + diagonals, offsets=list(range(-reach, width)), shape=(size, size)
+    )
