@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -156,7 +156,7 @@ def fit_sine(
             break
     lines = _solved(values, time, middle, rate_hz, np.concatenate([frequency * multiples, others]))
     noise = line_noise(lines.residual, rate_hz, lines.frequency_hz)[0]
-    return Lines(**{**vars(lines), "frequency_std_hz": float(np.sqrt(noise) * spread)})
+    return replace(lines, frequency_std_hz=float(np.sqrt(noise) * spread))
 
 
 def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tuple[Array, Array, float]:

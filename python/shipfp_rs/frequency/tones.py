@@ -94,15 +94,11 @@ def stepped_sine_response(
         ]
         response, std = (np.array(column) for column in zip(*pairs, strict=True))
         points[name] = (response[:, 0], std[:, 0], None)
-    used = min(1 + harmonics, *(len(fit["n_set"].frequency_hz) for fit in fits)) if fits else 1
     provenance = {
         "method": "sine fits, IEEE 1057",
         "frequency_std_hz": [fit["n_set"].frequency_std_hz for fit in fits],
         "offset": {name: [fit[name].offset for fit in fits] for name in ("n_set", *names)},
-        "distortion": {
-            name: [float(np.linalg.norm(f[name].amplitude[1:used]) / f[name].amplitude[0]) for f in fits]
-            for name in ("n_set", *names)
-        },
+        "distortion": {name: [_distortion(fit[name]) for fit in fits] for name in ("n_set", *names)},
     }
     return to_response("stepped sines", frequency, points, given[0].operating_point, provenance)
 
@@ -202,6 +198,12 @@ def _fitted(
     set_point = fit_sine(settled.signals["n_set"], rate, near_hz, harmonics=harmonics, disturbances_hz=apart)
     fits = {name: fit_lines(settled.signals[name], rate, set_point.frequency_hz) for name in names}
     return {"n_set": set_point, **fits}
+
+
+def _distortion(fit: Lines) -> float:
+    """Amplitude of the fitted harmonics over that of the sine."""
+    order = fit.frequency_hz[1:] / fit.frequency_hz[0]
+    return float(np.linalg.norm(fit.amplitude[1:][np.abs(order - np.round(order)) < 1e-9]) / fit.amplitude[0])
 
 
 def _reference(experiment: Experiment, name: str, fit: Lines) -> float:

@@ -23,8 +23,8 @@ class AngleSpline:
     """Angle in turns, its slope the speed."""
 
     spline: BSpline
-    inverse: sparse.dia_matrix
-    """Band of the inverse normal matrix."""
+    factor: Array
+    """Banded Cholesky factor of the normal matrix, lower form."""
     shift: Array
     """What an offset of each stretch but the first moves the coefficients by, shape (M, R)."""
     offsets: Array
@@ -38,7 +38,7 @@ class AngleSpline:
     def speed_variance(self, time: Array) -> Array:
         """Return its variance [(rev/s)^2]."""
         slope = _slopes(self.spline, time)
-        own = np.asarray((slope @ self.inverse).multiply(slope).sum(axis=1)).ravel()
+        own = np.asarray((slope @ _inverse_band(self.factor)).multiply(slope).sum(axis=1)).ravel()
         through = slope @ self.shift
         return np.asarray(own + np.einsum("ij,jk,ik->i", through, self.offset_covariance, through))
 
@@ -89,7 +89,7 @@ def fit_angle_spline(
     coefficients = alone + shift @ offsets
     return AngleSpline(
         BSpline(knots, coefficients, _DEGREE),
-        _inverse_band(factor),
+        factor,
         shift,
         np.append(0.0, offsets),
         covariance,
