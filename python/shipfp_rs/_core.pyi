@@ -10,6 +10,7 @@ __all__ = [
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
+    "Decimator",
     "PulseCrossings",
     "__version__",
     "_panic_for_test",
@@ -21,6 +22,7 @@ __all__ = [
     "linear_response_sensitivities",
     "linear_sensitivities",
     "pulse_levels",
+    "running_median",
     "simulate_linear",
     "simulate_plant",
     "simulate_plant_batch",
@@ -154,3 +156,11 @@ def statespace_response(
     D: NDArray[np.float64],
     frequency_hz: NDArray[np.float64],
 ) -> NDArray[np.complex128]: ...
+
+@final
+class Decimator:
+    def __new__(cls, taps: NDArray[np.float64], up: int, down: int) -> Self: ...
+    def feed(self, samples: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def finish(self, total: int) -> NDArray[np.float64]: ...
+
+def running_median(samples: NDArray[np.float64], window: int) -> NDArray[np.float64]: ...

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from shipfp_rs.despike import Spans, bridge, find_spikes, runs
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Log
 from shipfp_rs.low_pass import MARGIN_S
+from shipfp_rs.rows import Rows
 from shipfp_rs.trial import SetPoint, Spikes, Torque
 
 Array = npt.NDArray[np.float64]
@@ -54,10 +54,10 @@ class Cleaner:
     """Calibrated samples of a channel with its spikes bridged or masked; remembers those of one stretch."""
 
     def __init__(
-        self, log: Log, sensor: SetPoint | Torque, unit: str, spikes: Spikes, first: int, last: int
+        self, rows: Rows, sensor: SetPoint | Torque, unit: str, spikes: Spikes, first: int, last: int
     ) -> None:
-        self.log = log
-        self.channel = log.channel(sensor.column)
+        self.rows = rows
+        self.channel = rows.channel
         self.calibration = sensor.calibration.calibration(unit)
         self.spikes = spikes
         self.first, self.last = first, last
@@ -74,7 +74,7 @@ class Cleaner:
                 + (max(self.first, first) + int(np.argmax(inside))) / self.channel.rate_hz
             )
             raise InputError(
-                f"{self.log.name}: set point {self.channel.name!r} is NaN at {at:g} s; it drives the model, cut "
+                f"{self.rows.log.name}: set point {self.channel.name!r} is NaN at {at:g} s; it drives the model, cut "
                 "the window there"
             )
         return bridge(samples, missing | self._spiky(samples, missing, first))
@@ -92,10 +92,7 @@ class Cleaner:
         ]
 
     def _read(self, first: int, stop: int) -> tuple[Array, npt.NDArray[np.bool_]]:
-        rate, start_s = self.channel.rate_hz, self.channel.start_s
-        samples = self.calibration(
-            self.log.read(self.channel.name, start_s + first / rate, start_s + stop / rate)
-        )
+        samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples)
         self._gaps.append(runs(missing) + first)
         return samples, missing

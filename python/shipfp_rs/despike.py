@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
+
+from shipfp_rs._core import running_median
 
 Array = npt.NDArray[np.float64]
 Spans = npt.NDArray[np.int64]
@@ -15,6 +16,9 @@ ROBUST_SIGMA = 1.4826
 
 SCALE_WINDOW_S = 1.0
 """Stretch over which the spread about the running median is judged [s]."""
+
+SCALE_SAMPLES = 500
+"""Samples in that stretch which are looked at, where there are so many."""
 
 COMES_BACK = 0.3
 """Largest difference of level before and after a spike, as a share of its height."""
@@ -49,11 +53,15 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
     longest = max(round(longest_s * rate_hz), 1)
-    baseline = median_filter(samples, 2 * longest + 1, mode="reflect")
+    baseline = running_median(samples, 2 * longest + 1)
     distance = np.abs(samples - baseline)
-    scale_window = 2 * round(0.5 * SCALE_WINDOW_S * rate_hz) + 1
-    spread = ROBUST_SIGMA * median_filter(distance, scale_window, mode="reflect")
-    limit = np.maximum(threshold * spread, least * float(np.median(np.abs(samples))))
+    # A few hundred samples tell a spread; the others say the same again.
+    stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
+    scale_window = 2 * round(0.5 * SCALE_WINDOW_S * rate_hz / stride) + 1
+    spread = ROBUST_SIGMA * np.repeat(running_median(distance[::stride].copy(), scale_window), stride)
+    limit = np.maximum(
+        threshold * spread[: len(samples)], least * float(np.median(np.abs(baseline[::stride])))
+    )
     suspects = runs(distance > SHOULDER * limit)
     # A spike that swings through the baseline is one spike.
     suspects = _joined(suspects, gap=max(longest // 10, 1))

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from shipfp_rs.despike import bridge
+from shipfp_rs._core import Decimator
+from shipfp_rs.despike import Spans, runs
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Channel
 
@@ -22,11 +23,13 @@ PASSBAND, STOPBAND = 0.3, 0.5
 """Edges of the low-pass as shares of the output's rate; nothing above half of it may fold back."""
 ATTENUATION_DB = 80.0
 MARGIN_S = 1.0
-"""Read before and after each piece, so that running medians and the filter have settled where it counts."""
-PIECE = 1 << 19
-"""Samples filtered at once; windows may be longer than memory."""
+"""Read before and after each piece, so that running medians have settled where it counts."""
+PIECE = 1 << 17
+"""Samples cleaned at once; windows may be longer than memory."""
 MASKED_SHARE = 0.05
 """Share of the filter's weight on masked samples from which on its output is masked."""
+ALIGNED = 1e-6
+"""Parts of a sample by which clocks differ through rounding alone."""
 
 
 def nearest_rate(channel: Channel, wanted_hz: float) -> float:
@@ -43,9 +46,19 @@ def nearest_rate(channel: Channel, wanted_hz: float) -> float:
 
 
 class LowPass:
-    """Zero-phase FIR low-pass and resampling to the common rate, in pieces, masked samples allowed for."""
+    """Zero-phase FIR low-pass and resampling to the common rate, in pieces, masked samples allowed for.
 
-    def __init__(self, channel: Channel, rate_hz: float) -> None:
+    Parameters
+    ----------
+    channel
+        The channel, or that on whose index the samples come.
+    rate_hz
+        Common rate [Hz].
+    start
+        Place of the first output on the channel's index [samples]; may lie between two samples.
+    """
+
+    def __init__(self, channel: Channel, rate_hz: float, start: float) -> None:
         ratio = Fraction(rate_hz / channel.rate_hz).limit_denominator(4096)
         if ratio > 1 or not math.isclose(ratio, rate_hz / channel.rate_hz, rel_tol=1e-6):
             raise InputError(
@@ -54,39 +67,84 @@ class LowPass:
             )
         self.up, self.down = ratio.numerator, ratio.denominator
         self.samples = channel.samples
+        self.start = max(round(start), 0)
         inner_rate = channel.rate_hz * self.up
-        nyquist = 0.5 * inner_rate
-        taps, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate_hz / nyquist)
-        self.taps = signal.firwin(
-            taps | 1, 0.5 * (PASSBAND + STOPBAND) * rate_hz, window=("kaiser", beta), fs=inner_rate
-        )
-        self.weights = np.abs(self.taps) / np.abs(self.taps).sum()
-        # Whole multiples of `up` keep each piece on the input's index.
-        self.margin = math.ceil(MARGIN_S * rate_hz / self.up) * self.up
-        self.piece = max(PIECE // self.down, 1) * self.up
+        shift = start - self.start
+        self.taps = _taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
+        # Runs of masked samples longer than the filter are not bridged: no output sees both of their sides.
+        self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
+        self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 
-    def __call__(self, source: Source, start: int, count: int) -> Array:
-        """Return `count` outputs, the first at sample `start` of the channel."""
+    def __call__(self, source: Source, count: int) -> Array:
+        """Return `count` outputs; NaN where too much of what they are made of is masked."""
+        # Begin by whole outputs earlier, as many as the filter needs to fill.
+        ahead = min(math.ceil(self.margin / self.down), self.start // self.down)
+        begin = self.start - ahead * self.down
+        skipped = ahead * self.up
+        # A channel may end a sample before the grid does.
+        total = min(skipped + count, math.ceil((self.samples - begin) * self.up / self.down))
+        end = min(begin + math.ceil(total * self.down / self.up) + self.margin, self.samples)
+        filter_ = Decimator(self.taps, self.up, self.down)
+        values, masked = [], []
+        for first in range(begin, end, PIECE):
+            stop = min(first + PIECE, end)
+            lead = min(self.margin, first)
+            samples = source(first - lead, min(stop + self.margin, self.samples))
+            missing = np.isnan(samples)
+            core = slice(lead, lead + stop - first)
+            values.append(filter_.feed(self._bridged(samples, missing)[core]))
+            masked.append(runs(missing[core]) + (first - begin))
+        filtered = np.concatenate([*values, filter_.finish(total)])[:total]
+        filtered[self._masked_share(np.concatenate(masked), total) > MASKED_SHARE] = np.nan
         result = np.full(count, np.nan)
-        for done in range(0, count, self.piece):
-            size = min(self.piece, count - done)
-            at = start + done // self.up * self.down
-            before = min(self.margin, at // self.down * self.up)
-            first = at - before // self.up * self.down
-            stop = min(at + math.ceil((size + self.margin) * self.down / self.up), self.samples)
-            samples = source(first, stop)
-            # A channel may end a sample before the grid does.
-            filtered = self._filtered(samples)[before : before + size]
-            result[done : done + len(filtered)] = filtered
+        result[: total - skipped] = filtered[skipped:]
         return result
 
-    def _filtered(self, samples: Array) -> Array:
-        missing = np.isnan(samples)
-        result = self._resampled(bridge(samples, missing), self.taps)
-        if missing.any():
-            share = self._resampled(missing.astype(np.float64), self.weights)
-            result[share > MASKED_SHARE] = np.nan
-        return result
+    def _masked_share(self, spans: Spans, total: int) -> Array:
+        """Share of the filter's weight that each output has on masked samples, shape (total,)."""
+        count, half = len(self.taps), len(self.taps) // 2
+        weight = np.append(0.0, np.cumsum(np.abs(self.taps)))
+        share = np.zeros(total)
+        for start, stop in (spans * self.up).tolist():
+            reached = slice(
+                max(math.ceil((start - half) / self.down), 0), min((stop + half) // self.down + 1, total)
+            )
+            newest = np.arange(reached.start, reached.stop) * self.down + half + 1
+            share[reached] += (
+                weight[np.clip(newest - start, 0, count)] - weight[np.clip(newest - stop, 0, count)]
+            )
+        return np.asarray(share / weight[-1])
 
-    def _resampled(self, samples: Array, taps: Array) -> Array:
-        return np.asarray(signal.resample_poly(samples, self.up, self.down, window=taps, padtype="edge"))
+    def _bridged(self, samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
+        """Straight lines over masked samples; long runs stand at the values beside them.
+
+        What is put in depends on nothing further away than the margin, so not on how the signal is cut into pieces.
+        """
+        if not missing.any():
+            return samples
+        bridged = samples.copy()
+        for start, stop in runs(missing).tolist():
+            before = samples[start - 1] if start > 0 else np.nan
+            after = samples[stop] if stop < len(samples) else np.nan
+            if stop - start <= self.longest_bridge and np.isfinite(before + after):
+                bridged[start:stop] = before + (after - before) / (stop + 1 - start) * np.arange(
+                    1, stop - start + 1
+                )
+            elif np.isfinite(before):
+                held = start + self.longest_bridge if np.isfinite(after) else stop
+                bridged[start:held] = before
+                bridged[held:stop] = after
+            else:
+                bridged[start:stop] = after if np.isfinite(after) else 0.0
+        return bridged
+
+
+def _taps(rate: float, shift: float) -> Array:
+    """Kaiser-windowed sinc for an output at `rate` times the inner rate, its middle `shift` inner samples late."""
+    count, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate / 0.5)
+    half = count // 2
+    time = np.arange(-half, half + 1) + shift
+    inside = np.sqrt(np.maximum(1.0 - (time / (half + abs(shift))) ** 2, 0.0))
+    cutoff = (PASSBAND + STOPBAND) * rate
+    taps = cutoff * np.sinc(cutoff * time) * np.i0(beta * inside)
+    return np.asarray(taps / taps.sum())

@@ -8,22 +8,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.calibration import Calibration
 from shipfp_rs.cleaning import Cleaner, Repair
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.log import Channel, Log
 from shipfp_rs.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
 from shipfp_rs.pulse_train import PulseTrain
+from shipfp_rs.rows import Rows
 from shipfp_rs.tacho import resample
-from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Torque, Trial, Window
+from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Spikes, Tacho, Torque, Trial, Window
 from shipfp_rs.vessel import Vessel
+from shipfp_rs.workers import side_by_side
 
 Array = npt.NDArray[np.float64]
 
@@ -38,7 +43,9 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
-def process(log: Log, trial: Trial, vessel: Vessel | None = None) -> list[Experiment]:
+def process(
+    log: Log, trial: Trial, vessel: Vessel | None = None, *, chunk: int | None = None
+) -> list[Experiment]:
     """Cut a log into experiments.
 
     The set point is calibrated and short jumps of the signal generator's relay are bridged; the torque is
@@ -55,6 +62,8 @@ def process(log: Log, trial: Trial, vessel: Vessel | None = None) -> list[Experi
         Channels, windows, operating point and settings; windows of other logs are left out.
     vessel
         The ship; None: the one that the trial names.
+    chunk
+        Samples of a channel read at once; the results are the same bits for any.
 
     Returns
     -------
@@ -76,7 +85,7 @@ def process(log: Log, trial: Trial, vessel: Vessel | None = None) -> list[Experi
     windows = trial.windows_of(log.name)
     if not windows:
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
-    recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel))
+    recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point = recording.operating_point()
     return [recording.experiment(window, point) for window in windows]
 
@@ -96,17 +105,28 @@ class _Grid:
 
     def low_passed(self, channel: Channel, source: Source) -> Array:
         """Return samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
-        first = max(round((self.start_s - channel.start_s) * channel.rate_hz), 0)
-        return LowPass(channel, self.rate_hz)(source, first, self.count)
+        start = (self.start_s - channel.start_s) * channel.rate_hz
+        return LowPass(channel, self.rate_hz, start)(source, self.count)
+
+
+@dataclass(frozen=True)
+class _Cleaned:
+    """A calibrated channel on the grid of a stretch, what was repaired, and its calibration."""
+
+    samples: Array
+    repairs: list[Repair]
+    calibration: Calibration
 
 
 class _Recording:
-    """A log together with what the trial says about it."""
+    """A log together with what the trial says about it; every channel is read once, all side by side."""
 
-    def __init__(self, log: Log, trial: Trial, vessel: Vessel) -> None:
+    def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
         self.log = log
         self.trial = trial
         self.vessel = vessel
+        self._chunk = chunk
+        self._stopped = threading.Event()
         channels = trial.channels
         for key, sensor in (("set_point", channels.set_point), ("torque", channels.torque)):
             if sensor is not None:
@@ -114,20 +134,75 @@ class _Recording:
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
             stretches[STEADY_STRETCH] = trial.operating_point.steady_s
-        for label, stretch in stretches.items():
-            self._rows(label, channels.set_point.column, *stretch)
-        longest = max(stretches.values(), key=lambda stretch: stretch[1] - stretch[0])
-        self.trains = [
-            PulseTrain(log, name, tacho, vessel.gearbox.ratio, longest)
-            for name, tacho in channels.tachos.items()
-        ]
+        # In the order of time, in which the channels are read.
+        self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
+        self._base = self._rows(channels.set_point)
+        self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
+        self.grids = {label: self._grid(label) for label in self.stretches}
+        self._read()
+
+    def _rows(self, sensor: SetPoint | Torque | Tacho) -> Rows:
+        return Rows(self.log, sensor.column, delay_s=sensor.delay_s, size=self._chunk, stopped=self._stopped)
+
+    def _grid(self, label: str) -> _Grid:
+        """Times from a sample of the set point on; whatever else is evaluated at them."""
+        base = self._base.channel
+        first, last = self._within(self._base, label)
+        count = int((last - first) * self.rate_hz / base.rate_hz + 1e-9)
+        if count < 2:
+            start_s, stop_s = self.stretches[label]
+            raise InputError(
+                f"{label}: {start_s:g} to {stop_s:g} s hold {count} samples at {self.rate_hz:g} Hz"
+            )
+        return _Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
+
+    def _within(self, rows: Rows, label: str) -> tuple[int, int]:
+        try:
+            return rows.within(*self.stretches[label])
+        except InputError as error:
+            raise InputError(f"{label}: {error}") from error
+
+    def _read(self) -> None:
+        """Read, clean and resample every channel, then find the speed in every stretch."""
+        channels = self.trial.channels
+        settings = self.trial.processing
+        levels = [partial(self._cleaned, channels.set_point, "rpm", settings.set_point_jumps)]
+        if channels.torque is not None:
+            levels.append(partial(self._cleaned, channels.torque, "Nm", settings.torque_spikes))
+        trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
+        found: list[Any] = side_by_side([*levels, *trains], self._stopped)
+        self.set_point: dict[str, _Cleaned] = found[0]
+        self.torque: dict[str, _Cleaned] | None = found[1] if channels.torque is not None else None
+        self.trains: list[PulseTrain] = found[len(levels) :]
+        speeds = side_by_side(
+            [partial(self._engine_speed, grid) for grid in self.grids.values()], self._stopped
+        )
+        self.speeds = dict(zip(self.grids, speeds, strict=True))
+
+    def _cleaned(self, sensor: SetPoint | Torque, unit: str, spikes: Spikes) -> dict[str, _Cleaned]:
+        """Calibrate, repair and resample a channel in every stretch; spikes of a torque are masked."""
+        rows = self._rows(sensor)
+        found = {}
+        for label, grid in self.grids.items():
+            cleaner = Cleaner(rows, sensor, unit, spikes, *self._within(rows, label))
+            if isinstance(sensor, SetPoint):
+                samples = grid.low_passed(rows.channel, cleaner.bridged)
+                repairs = cleaner.repairs("D1", "bridged by straight lines")
+            else:
+                samples = grid.low_passed(rows.channel, cleaner.masked)
+                repairs = cleaner.repairs("C", "masked")
+            found[label] = _Cleaned(samples, repairs, cleaner.calibration)
+        return found
+
+    def _train(self, name: str, tacho: Tacho) -> PulseTrain:
+        return PulseTrain(self._rows(tacho), name, tacho, self.vessel.gearbox.ratio, self.stretches)
 
     def operating_point(self) -> dict[str, float]:
         """Values given, or means over the steady stretch."""
         given, torque = self.trial.operating_point, self.trial.channels.torque
         point: dict[str, float] = {}
         if given.steady_s is not None:
-            signals, _ = self._signals(STEADY_STRETCH, *given.steady_s)
+            signals, _ = self._signals(STEADY_STRETCH)
             point = {name: float(np.nanmean(values)) for name, values in signals.items()}
             spread = float(np.std(signals["n_set"])) / point["n_set"]
             if spread > STEADY:
@@ -142,12 +217,10 @@ class _Recording:
 
     def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
         """Cut one window."""
-        signals, account = self._signals(_label(window), window.start_s, window.stop_s)
+        signals, account = self._signals(_label(window))
         return Experiment(
             name=window.name,
-            rate_hz=nearest_rate(
-                self.log.channel(self.trial.channels.set_point.column), self.trial.processing.rate_hz
-            ),
+            rate_hz=self.rate_hz,
             signals=signals,
             operating_point=point,
             hold="first",
@@ -155,58 +228,34 @@ class _Recording:
             provenance={"log": self.log.name, "window_s": [window.start_s, window.stop_s], **account},
         )
 
-    def _signals(self, label: str, start_s: float, stop_s: float) -> tuple[dict[str, Array], dict[str, Any]]:
+    def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return the signals of a stretch at the common rate, and an account of how they were made."""
-        channels = self.trial.channels
-        set_point = self.log.channel(channels.set_point.column)
-        rate = nearest_rate(set_point, self.trial.processing.rate_hz)
-        first, last = self._rows(label, set_point.name, start_s, stop_s)
-        # The grid starts at a sample of the set point; whatever else is evaluated at its times.
-        count = int((last - first) * rate / set_point.rate_hz + 1e-9)
-        if count < 2:
-            raise InputError(f"{label}: {start_s:g} to {stop_s:g} s hold {count} samples at {rate:g} Hz")
-        grid = _Grid(label, set_point.start_s + first / set_point.rate_hz, rate, count)
-
-        cleaner = Cleaner(
-            self.log, channels.set_point, "rpm", self.trial.processing.set_point_jumps, first, last
-        )
-        signals = {"n_set": grid.low_passed(set_point, cleaner.bridged)}
-        repairs = cleaner.repairs("D1", "bridged by straight lines")
-        calibration = {"set_point": dataclasses.asdict(cleaner.calibration)}
-
-        signals["n_e"], speed_account, speed_repairs = self._engine_speed(grid, set_point)
-        repairs += speed_repairs
-
-        if channels.torque is not None:
-            rows = self._rows(label, channels.torque.column, start_s, stop_s)
-            cleaner = Cleaner(self.log, channels.torque, "Nm", self.trial.processing.torque_spikes, *rows)
-            name = SIGNAL_OF_LOCATION[channels.torque.location]
-            signals[name] = grid.low_passed(cleaner.channel, cleaner.masked)
-            repairs += cleaner.repairs("C", "masked")
-            calibration["torque"] = dataclasses.asdict(cleaner.calibration)
-
+        torque = self.trial.channels.torque
+        set_point, speed = self.set_point[label], self.speeds[label]
+        signals = {"n_set": set_point.samples, "n_e": speed.rpm}
+        repairs = set_point.repairs + speed.repairs
+        calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
+        if torque is not None and self.torque is not None:
+            cleaned = self.torque[label]
+            signals[SIGNAL_OF_LOCATION[torque.location]] = cleaned.samples
+            repairs += cleaned.repairs
+            calibration["torque"] = dataclasses.asdict(cleaned.calibration)
         _require_sense(label, signals, self.vessel)
         return signals, {
-            "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * rate:g} Hz passed, "
-            f"{ATTENUATION_DB:g} dB from {STOPBAND * rate:g} Hz on",
+            "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * self.rate_hz:g} Hz passed, "
+            f"{ATTENUATION_DB:g} dB from {STOPBAND * self.rate_hz:g} Hz on",
             "calibration": calibration,
-            "speed": speed_account,
+            "speed": speed.account,
             "repairs": [repair.to_dict() for repair in repairs if len(repair.spans)],
         }
 
-    def _rows(self, label: str, channel: str, start_s: float, stop_s: float) -> tuple[int, int]:
-        try:
-            return self.log.rows(channel, start_s, stop_s)
-        except InputError as error:
-            raise InputError(f"{label}: {error}") from error
+    def _engine_speed(self, grid: _Grid) -> _EngineSpeed:
+        """Return the engine speed in a stretch from its best train.
 
-    def _engine_speed(self, grid: _Grid, base: Channel) -> tuple[Array, dict[str, Any], list[Repair]]:
-        """Return the engine speed [rpm] from the best train, an account of the choice, and its repairs.
-
-        It is sampled at the rate of `base` first, so that it passes the very filter that the others do.
+        It is sampled at the rate of the set point first, so that it passes the very filter that the others do.
         """
-        pulses = {train.name: train.pulses(grid.start_s, grid.stop_s) for train in self.trains}
-        speeds = {train.name: train.speed(pulses[train.name]) for train in self.trains}
+        base = self._base.channel
+        speeds = {train.name: train.speed(grid.label) for train in self.trains}
         train = max(self.trains, key=lambda train: train.score(speeds[train.name]))
         speed = speeds[train.name]
         if not len(speed.time_s):
@@ -225,7 +274,8 @@ class _Recording:
 
         def sampled(first: int, stop: int) -> Array:
             start_s = base.start_s + first / base.rate_hz
-            rps, _ = resample(speed, base.rate_hz, start_s, start_s + (stop - first) / base.rate_hz)
+            stop_s = start_s + (stop - first) / base.rate_hz
+            rps, _ = resample(train.around(speed, start_s, stop_s), base.rate_hz, start_s, stop_s)
             return rps * train.rpm_per_rps
 
         account = {
@@ -239,8 +289,17 @@ class _Recording:
             },
             "median_rpm": median_rpm,
         }
-        repairs = train.repairs(pulses[train.name], speed, grid.start_s, grid.stop_s)
-        return grid.low_passed(base, sampled), account, repairs
+        repairs = train.repairs(grid.label, speed, grid.start_s, grid.stop_s)
+        return _EngineSpeed(grid.low_passed(base, sampled), account, repairs)
+
+
+@dataclass(frozen=True)
+class _EngineSpeed:
+    """The engine speed [rpm] on the grid of a stretch, an account of the train's choice, and its repairs."""
+
+    rpm: Array
+    account: dict[str, Any]
+    repairs: list[Repair]
 
 
 def _label(window: Window) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from shipfp_rs.cleaning import Repair
 from shipfp_rs.despike import runs
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Log
+from shipfp_rs.rows import Rows
 from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,
@@ -26,30 +27,53 @@ Array = npt.NDArray[np.float64]
 MARGIN_S = 2.0
 """Read before and after a stretch, so that it begins and ends within an interval."""
 
+SPLINE_REACH = 40
+"""Intervals over which a change of one fades from a cubic spline, by 3.7 each, to the last bit."""
+
 
 class PulseTrain:
-    """One train; its reflectors are measured on the longest stretch that the trial uses."""
+    """One train, read once; its reflectors are measured on the longest of the stretches.
+
+    Parameters
+    ----------
+    rows
+        The channel.
+    name
+        Of the train in the trial.
+    tacho
+        What the trial says of it.
+    gear_ratio
+        Turns of the engine to one of the propeller.
+    stretches
+        Label to start and stop on the log's clock [s].
+    """
 
     def __init__(
-        self, log: Log, name: str, tacho: Tacho, gear_ratio: float, longest: tuple[float, float]
+        self,
+        rows: Rows,
+        name: str,
+        tacho: Tacho,
+        gear_ratio: float,
+        stretches: Mapping[str, tuple[float, float]],
     ) -> None:
-        self.log = log
         self.name = name
-        self.channel = log.channel(tacho.column)
+        self.channel = rows.channel
         self.tacho = tacho
         self.rpm_per_rps = 60.0 * (gear_ratio if tacho.shaft == "propeller" else 1.0)
         """Engine rpm per rev/s of the train's own shaft."""
-        pulses = self.pulses(*longest)
-        self.angles = reflector_angles(pulses.times_s, tacho.pulses_per_rev, gaps=pulses.gaps_s)
+        self.pulses = {label: self._pulses(rows, *stretch) for label, stretch in stretches.items()}
+        longest = self.pulses[max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])]
+        self.angles = reflector_angles(longest.times_s, tacho.pulses_per_rev, gaps=longest.gaps_s)
 
-    def pulses(self, start_s: float, stop_s: float) -> PulseTimes:
+    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         """Pulses of a stretch and a margin on either side, on the log's clock."""
         channel = self.channel
-        start_s, stop_s = max(start_s - MARGIN_S, channel.start_s), min(stop_s + MARGIN_S, channel.stop_s)
+        first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
+        stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
         try:
-            first, _ = self.log.rows(channel.name, start_s, stop_s)
+            rows.within(start_s, stop_s)
             pulses = pulse_times(
-                self.log.chunks(channel.name, start_s=start_s, stop_s=stop_s),
+                rows.pieces(first, stop),
                 channel.rate_hz,
                 threshold=self.tacho.threshold,
                 hysteresis=self.tacho.hysteresis,
@@ -59,8 +83,9 @@ class PulseTrain:
         offset = channel.start_s + first / channel.rate_hz
         return replace(pulses, times_s=pulses.times_s + offset, gaps_s=pulses.gaps_s + offset)
 
-    def speed(self, pulses: PulseTimes) -> IntervalSpeed:
-        """Interval speeds [rev/s] of the train's shaft."""
+    def speed(self, label: str) -> IntervalSpeed:
+        """Interval speeds [rev/s] of the train's shaft in a stretch."""
+        pulses = self.pulses[label]
         return speed_from_pulses(
             pulses.times_s,
             self.tacho.pulses_per_rev,
@@ -69,14 +94,26 @@ class PulseTrain:
             time_std_s=pulses.time_std_s,
         )
 
+    @staticmethod
+    def around(speed: IntervalSpeed, start_s: float, stop_s: float) -> IntervalSpeed:
+        """Return the intervals of a stretch and so many on either side that a spline feels none beyond."""
+        first, last = np.searchsorted(speed.time_s, [start_s, stop_s])
+        part = slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH)
+        return replace(
+            speed,
+            time_s=speed.time_s[part],
+            speed_rps=speed.speed_rps[part],
+            std_rps=speed.std_rps[part],
+            duration_s=speed.duration_s[part],
+            flags=speed.flags[part],
+        )
+
     def score(self, speed: IntervalSpeed) -> float:
         """Good intervals; where the reflectors' angles are unknown only one a turn says anything about speed."""
         good = float(np.count_nonzero(speed.flags == PulseFlag.GOOD))
         return good if self.angles.ok else good / self.tacho.pulses_per_rev
 
-    def repairs(
-        self, pulses: PulseTimes, speed: IntervalSpeed, start_s: float, stop_s: float
-    ) -> list[Repair]:
+    def repairs(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Repair]:
         """What was repaired in a stretch."""
         begins, ends = speed.time_s - 0.5 * speed.duration_s, speed.time_s + 0.5 * speed.duration_s
 
@@ -92,5 +129,5 @@ class PulseTrain:
         return [
             repair("A", "second crossings removed", begins[extra[:, 0]], ends[extra[:, 1] - 1]),
             repair("B", "lost pulses put in at equal shares", begins[missed[:, 0]], ends[missed[:, 1] - 1]),
-            repair("gap", "masked", *pulses.gaps_s.T),
+            repair("gap", "masked", *self.pulses[label].gaps_s.T),
         ]

@@ -67,6 +67,8 @@ class SetPoint(Section):
     column: str
     unit: str
     calibration: Line
+    delay_s: float = 0.0
+    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
 
 
 class Torque(Section):
@@ -77,6 +79,8 @@ class Torque(Section):
     calibration: Line
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
+    delay_s: float = 0.0
+    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
 
 
 class Tacho(Section):
@@ -89,6 +93,8 @@ class Tacho(Section):
     """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
     hysteresis: Positive | None = None
     """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
+    delay_s: float = 0.0
+    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
 
 
 class Channels(Section):
@@ -279,6 +285,7 @@ column = "U_torque"
 unit = "V"
 calibration = { scale = 1059.0, offset = 0.0 }
 location = "gauge"              # "gauge" between the inertias, "brake" of the engine, "shaft" of the gearbox
+# delay_s = 0.004               # how late the channel is (filters of the telemetry); any channel may have one
 
 [channels.PTM_4]                # a pulse train; add one table for each, under any name
 column = "PTM_4"

@@ -2,6 +2,7 @@
 
 pub mod cost;
 pub mod error;
+pub mod filter;
 pub mod integrate;
 pub mod linear;
 pub mod plant;

@@ -5,6 +5,7 @@
 
 mod arrays;
 mod errors;
+mod filter;
 mod guard;
 mod linear;
 mod plant;
@@ -17,6 +18,7 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    filter::register(module)?;
     guard::register(module)?;
     linear::register(module)?;
     plant::register(module)?;

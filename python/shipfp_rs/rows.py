@@ -1,0 +1,98 @@
+"""One channel of a log read once, front to back, in stretches that overlap a little."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from shipfp_rs.log import BLOCK, Log, Samples
+
+KEPT = 1 << 17
+"""Samples that stay at hand behind the last one read: stretches overlap by filter margins of a second or two."""
+
+
+class Stopped(Exception):
+    """Whoever asked for the samples wants no more of them."""
+
+
+class Rows:
+    """Rows of a channel, by first and stop; asked for in ascending order, each sample is decoded once.
+
+    Parameters
+    ----------
+    log, channel
+        The recording and the name of one of its channels.
+    delay_s
+        How late the channel tells what happened [s]; its samples are taken to be that much older.
+    size
+        Samples read at once; results do not depend on it.
+    stopped
+        Set by another thread to end the reading.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        channel: str,
+        *,
+        delay_s: float = 0.0,
+        size: int | None = None,
+        stopped: threading.Event | None = None,
+    ) -> None:
+        self.log = log
+        recorded = log.channel(channel)
+        self._start_s = recorded.start_s
+        self.channel = replace(recorded, start_s=recorded.start_s - delay_s)
+        self._size = size or BLOCK
+        self._stopped = stopped or threading.Event()
+        self._chunks: Iterator[Samples] = iter(())
+        self._held: deque[tuple[int, Samples]] = deque()
+        self._at = -1  # row that the next chunk begins with
+
+    def within(self, start_s: float, stop_s: float) -> tuple[int, int]:
+        """Return first row of a stretch and first one after it; `InputError` where the channel lacks it."""
+        first, stop = self.log.rows(self.channel.name, start_s, stop_s)
+        late = round((self._start_s - self.channel.start_s) * self.channel.rate_hz)
+        last = self.channel.samples
+        return min(max(first + late, 0), last - 1), min(max(stop + late, 1), last)
+
+    def read(self, first: int, stop: int) -> Samples:
+        """Return rows as recorded, shape (stop - first,)."""
+        parts = list(self.pieces(first, stop))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def pieces(self, first: int, stop: int) -> Iterator[Samples]:
+        """Yield rows in pieces of whatever lengths they were read in."""
+        if self._at < 0 or first < (self._held[0][0] if self._held else self._at):
+            channel = self.channel
+            self._chunks = self.log.chunks(
+                channel.name, self._size, start_s=self._start_s + first / channel.rate_hz
+            )
+            self._at = first
+            self._held.clear()
+        held = 0
+        while first < stop:
+            if held == len(self._held):
+                held -= self._read_on()
+            start, chunk = self._held[held]
+            held += 1
+            if first < start + len(chunk):
+                yield chunk[first - start : stop - start]
+                first = start + len(chunk)
+
+    def _read_on(self) -> int:
+        """Hold one chunk more; return how many old ones were given up."""
+        if self._stopped.is_set():
+            raise Stopped
+        chunk = next(self._chunks)
+        self._held.append((self._at, chunk))
+        self._at += len(chunk)
+        given_up = 0
+        while len(self._held) > 1 and self._held[1][0] <= self._at - len(chunk) - KEPT:
+            self._held.popleft()
+            given_up += 1
+        return given_up

@@ -1,0 +1,205 @@
+//! Zero-phase FIR low-pass that puts out only the samples wanted, over pieces of any length.
+
+use multiversion::multiversion;
+
+use crate::error::{Error, Result, require};
+use crate::stop::{CHECK_EVERY, Stop};
+
+/// Sums kept side by side, so that no addition waits for the one before.
+const LANES: usize = 32;
+
+/// Resamples by `up / down` with one filter: output m is the filter's answer at input m down / up.
+///
+/// The input may come in pieces of any length; before the first sample and after the last it stands at these. The
+/// outputs are the same bits for any pieces. Samples must be finite.
+#[derive(Debug, Clone)]
+pub struct Decimator {
+    /// One row for each phase between two input samples, in the order in which it meets the samples, zeros before it
+    /// up to a whole number of lanes.
+    phases: Vec<Vec<f64>>,
+    up: usize,
+    down: usize,
+    /// Taps on either side of the middle one.
+    half: usize,
+    /// Samples that some later output still needs, the first one repeated before it as often as a row is long.
+    held: Vec<f64>,
+    /// Samples given up before those held.
+    given_up: usize,
+    /// Outputs made so far.
+    made: usize,
+}
+
+impl Decimator {
+    /// A filter with these taps, the middle one at the output's place, at `up` times the input's rate; its gain is
+    /// their sum.
+    ///
+    /// # Errors
+    /// Unless the number of taps is odd, and `up` and `down` are positive.
+    pub fn new(taps: &[f64], up: usize, down: usize) -> Result<Self> {
+        require(taps.len() % 2 == 1, || {
+            format!("taps: found {} of them, expected an odd number", taps.len())
+        })?;
+        require(up > 0 && down > 0, || {
+            format!("up, down: found {up} and {down}, expected positive numbers")
+        })?;
+        let length = taps.len().div_ceil(up).next_multiple_of(LANES);
+        let phases = (0..up)
+            .map(|phase| {
+                let mut row: Vec<f64> =
+                    taps.iter().skip(phase).step_by(up).map(|tap| tap * up as f64).collect();
+                row.resize(length, 0.0);
+                row.reverse();
+                row
+            })
+            .collect();
+        Ok(Self { phases, up, down, half: taps.len() / 2, held: Vec::new(), given_up: 0, made: 0 })
+    }
+
+    /// Outputs that the next piece completes.
+    ///
+    /// # Errors
+    /// On a stop; the filter must not be used after it.
+    pub fn feed(&mut self, piece: &[f64], stop: &Stop) -> Result<Vec<f64>> {
+        let Some(&first) = piece.first() else { return Ok(Vec::new()) };
+        if self.held.is_empty() {
+            self.held.resize(self.phases[0].len(), first);
+        }
+        self.held.extend_from_slice(piece);
+        self.make(usize::MAX, stop)
+    }
+
+    /// The outputs that are left, `total` in all from the very first, the input standing at its last sample.
+    ///
+    /// # Errors
+    /// On a stop, or where no sample was ever fed.
+    pub fn finish(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
+        let Some(&last) = self.held.last() else {
+            return Err(Error::Invalid("samples: none were fed, expected at least one".to_owned()));
+        };
+        let end = self.end_of(total).saturating_sub(self.given_up);
+        self.held.resize(end.max(self.held.len()), last);
+        self.make(total, stop)
+    }
+
+    /// Just after the newest sample of an output, the repeated ones counted.
+    #[inline]
+    fn end_of(&self, output: usize) -> usize {
+        (output * self.down + self.half) / self.up + 1 + self.phases[0].len()
+    }
+
+    /// Make all outputs whose samples are held, but no more than `total` in all, and give up what no later one needs.
+    fn make(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
+        let result = outputs(self, total, stop)?;
+        self.made += result.len();
+        let begin = self.end_of(self.made) - self.phases[0].len();
+        // The last one stays: it may have to be repeated.
+        let done = (begin - self.given_up).min(self.held.len() - 1);
+        self.held.drain(..done);
+        self.given_up += done;
+        Ok(result)
+    }
+}
+
+/// The outputs that can be made; compiled once for each instruction set and chosen at run time.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
+fn outputs(filter: &Decimator, total: usize, stop: &Stop) -> Result<Vec<f64>> {
+    let mut result = Vec::new();
+    let mut read = 0;
+    for output in filter.made..total {
+        let taps = &filter.phases[(output * filter.down + filter.half) % filter.up];
+        let end = filter.end_of(output) - filter.given_up;
+        let Some(samples) = filter.held.get(end - taps.len()..end) else { break };
+        result.push(dot(taps, samples));
+        read += taps.len();
+        if read >= CHECK_EVERY {
+            stop.check()?;
+            read = 0;
+        }
+    }
+    Ok(result)
+}
+
+/// Sum of products of two slices of a whole number of lanes.
+#[inline(always)]
+fn dot(taps: &[f64], samples: &[f64]) -> f64 {
+    let mut sums = [0.0; LANES];
+    for (row, column) in taps.as_chunks::<LANES>().0.iter().zip(samples.as_chunks::<LANES>().0) {
+        // By index: an iterator over the sums would keep them in memory, and the loop be three times slower.
+        #[allow(clippy::needless_range_loop)]
+        for lane in 0..LANES {
+            sums[lane] += row[lane] * column[lane];
+        }
+    }
+    let mut eight = [0.0; 8];
+    for lane in 0..LANES / 4 {
+        eight[lane] = (sums[lane] + sums[lane + 8]) + (sums[lane + 16] + sums[lane + 24]);
+    }
+    eight.iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn filtered(taps: &[f64], up: usize, down: usize, pieces: &[&[f64]], total: usize) -> Vec<f64> {
+        let mut filter = Decimator::new(taps, up, down).unwrap();
+        let mut result = Vec::new();
+        for piece in pieces {
+            result.extend(filter.feed(piece, &Stop::new()).unwrap());
+        }
+        result.truncate(total);
+        if result.len() < total {
+            result.extend(filter.finish(total, &Stop::new()).unwrap());
+        }
+        result
+    }
+
+    /// Zeros put between the samples, every tap times every place.
+    fn reference(taps: &[f64], up: usize, down: usize, samples: &[f64], total: usize) -> Vec<f64> {
+        let half = (taps.len() / 2).cast_signed();
+        let (up_, last) = (up.cast_signed(), samples.len().cast_signed() - 1);
+        (0..total.cast_signed())
+            .map(|output| {
+                let centre = output * down.cast_signed();
+                (-half..=half)
+                    .filter(|shift| (centre + shift).rem_euclid(up_) == 0)
+                    .map(|shift| {
+                        let sample = samples[(centre + shift).div_euclid(up_).clamp(0, last).cast_unsigned()];
+                        up as f64 * taps[(half - shift).cast_unsigned()] * sample
+                    })
+                    .sum()
+            })
+            .collect()
+    }
+
+    proptest! {
+        #[test]
+        fn any_pieces_give_the_same_bits_and_every_tap_counts(
+            samples in prop::collection::vec(-1.0..1.0, 1..200),
+            half in prop::collection::vec(-1.0..1.0, 1..30),
+            up in 1..5_usize,
+            down in 1..7_usize,
+            cuts in prop::collection::vec(0..200_usize, 0..5),
+        ) {
+            let taps: Vec<f64> = half.iter().chain(half.iter().rev().skip(1)).copied().collect();
+            let total = samples.len() * up / down + 1;
+            let whole = filtered(&taps, up, down, &[&samples], total);
+            let mut cuts: Vec<usize> = cuts.into_iter().filter(|&cut| cut < samples.len()).collect();
+            cuts.extend([0, samples.len()]);
+            cuts.sort_unstable();
+            let pieces: Vec<&[f64]> = cuts.windows(2).map(|pair| &samples[pair[0]..pair[1]]).collect();
+            prop_assert_eq!(&filtered(&taps, up, down, &pieces, total), &whole);
+            for (ours, theirs) in whole.iter().zip(reference(&taps, up, down, &samples, total)) {
+                prop_assert!((ours - theirs).abs() < 1e-10, "{} {}", ours, theirs);
+            }
+        }
+    }
+
+    #[test]
+    fn filters_that_have_no_middle_are_refused() {
+        assert!(Decimator::new(&[0.5, 0.5], 1, 2).unwrap_err().to_string().contains("found 2 of them"));
+        assert!(Decimator::new(&[1.0], 0, 2).unwrap_err().to_string().contains("found 0 and 2"));
+        assert!(Decimator::new(&[1.0], 1, 1).unwrap().finish(1, &Stop::new()).is_err());
+    }
+}

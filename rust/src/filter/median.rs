@@ -1,0 +1,256 @@
+//! Median of a window that runs over a signal, by sorting blocks.
+//!
+//! J. Suomela, "Median filtering is equivalent to sorting", arXiv:1406.1717. The signal is cut into blocks of one window
+//! each, and each block is sorted once. A window that reaches from one block into the next is the end of the first
+//! and the beginning of the second: both are kept as linked lists in order of size, from which samples are taken out in
+//! the order of time (first block), or were taken out in reverse and are put back (second). Sorting is all that takes
+//! more than a constant number of steps a sample, and it runs through memory that stays in the cache.
+
+use crate::error::{Result, require};
+use crate::stop::Stop;
+
+/// Median of the `window` samples around each one, the signal reflected at its ends (d c b a | a b c d | d c b a).
+///
+/// NaN counts as greater than every number.
+///
+/// # Errors
+/// Where `window` is even or longer than 2^31, or on a stop.
+pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec<f64>> {
+    require(window % 2 == 1 && u32::try_from(window).is_ok_and(|window| window < 1 << 31), || {
+        format!("window: found {window}, expected an odd number of samples")
+    })?;
+    if samples.is_empty() || window == 1 {
+        return Ok(samples.to_vec());
+    }
+    let (count, half) = (samples.len(), window / 2);
+    // Reflected sample `index` places after the beginning of the first window.
+    let at = |index: usize| {
+        let place = (index + 2 * count * half.div_ceil(2 * count) - half) % (2 * count);
+        samples[if place < count { place } else { 2 * count - 1 - place }]
+    };
+    let mut result = Vec::with_capacity(count + window);
+    // The block that the window leaves and the one that it enters change places from block to block.
+    let mut blocks = [Block::new(window), Block::new(window)];
+    blocks[0].sort((0..window).map(at));
+    result.push(number(blocks[0].least_large()));
+    let mut start = window;
+    while result.len() < count {
+        stop.check()?;
+        if start >= half && start + window <= half + count {
+            blocks[1].sort(samples[start - half..][..window].iter().copied());
+        } else {
+            blocks[1].sort((start..start + window).map(at));
+        }
+        blocks[1].take_all_out();
+        let [leaving, entering] = &mut blocks;
+        for index in 0..window {
+            leaving.take_out(index);
+            entering.put_back(index);
+            if leaving.small + entering.small < half {
+                // A toss-up that no branch predictor guesses; both are moved, one of them nowhere.
+                let from_leaving = leaving.least_large() <= entering.least_large();
+                leaving.advance_if(from_leaving);
+                entering.advance_if(!from_leaving);
+            }
+            result.push(number(leaving.least_large().min(entering.least_large())));
+        }
+        blocks.swap(0, 1);
+        start += window;
+    }
+    result.truncate(count);
+    Ok(result)
+}
+
+/// A block's samples as a list in order of size, cut into small and large ones.
+struct Block {
+    /// Keys in order, their last bits replaced by the place: one word sorts much faster than two.
+    order: Vec<u64>,
+    /// Place to its key; the greatest of all past the last.
+    keys: Vec<u64>,
+    /// Place to its links; the list's end is past the last, and both ends are one.
+    links: Vec<Link>,
+    /// The least of the large ones.
+    middle: u32,
+    /// How many small ones there are.
+    small: usize,
+}
+
+/// Where a sample stands in the list.
+#[derive(Clone, Copy, Default)]
+struct Link {
+    next: u32,
+    previous: u32,
+    /// Position in the whole block's order.
+    rank: u32,
+}
+
+#[allow(clippy::cast_possible_truncation)] // the window was checked
+impl Block {
+    fn new(window: usize) -> Self {
+        let end = Link { rank: window as u32, ..Link::default() };
+        Self {
+            order: Vec::with_capacity(window),
+            keys: vec![u64::MAX; window + 1],
+            links: vec![end; window + 1],
+            middle: 0,
+            small: 0,
+        }
+    }
+
+    /// Take the samples in; half of them are small.
+    fn sort(&mut self, samples: impl ExactSizeIterator<Item = f64>) {
+        let window = samples.len();
+        let places = window.next_power_of_two() as u64 - 1;
+        self.order.clear();
+        for (place, (key, value)) in self.keys.iter_mut().zip(samples).enumerate() {
+            *key = ordered(value);
+            self.order.push(*key & !places | place as u64);
+        }
+        self.order.sort_unstable();
+        let keys = &self.keys;
+        for alike in self.order.chunk_by_mut(|a, b| a & !places == b & !places) {
+            if alike.len() > 1 {
+                alike.sort_unstable_by_key(|word| keys[(word & places) as usize]);
+            }
+        }
+        let end = window as u32;
+        let mut last = end;
+        for (word, rank) in self.order.iter().zip(0..) {
+            let place = (word & places) as u32;
+            self.links[last as usize].next = place;
+            self.links[place as usize].previous = last;
+            self.links[place as usize].rank = rank;
+            last = place;
+        }
+        self.links[last as usize].next = end;
+        self.links[end as usize].previous = last;
+        self.small = window / 2;
+        self.middle = (self.order[self.small] & places) as u32;
+    }
+
+    /// Empty the list from the last place to the first, so that `put_back` in the order of time undoes it.
+    fn take_all_out(&mut self) {
+        let end = self.links.len() - 1;
+        for place in (0..end).rev() {
+            self.unlink(place);
+        }
+        self.middle = end as u32;
+        self.small = 0;
+    }
+
+    #[inline]
+    fn unlink(&mut self, place: usize) {
+        let Link { next, previous, .. } = self.links[place];
+        self.links[previous as usize].next = next;
+        self.links[next as usize].previous = previous;
+    }
+
+    #[inline]
+    fn is_small(&self, place: usize) -> bool {
+        self.links[place].rank < self.links[self.middle as usize].rank
+    }
+
+    /// Take a sample out of the list; the large ones give up their least in place of a small one.
+    #[inline]
+    fn take_out(&mut self, place: usize) {
+        let is_small = self.is_small(place);
+        self.unlink(place);
+        if self.small > 0 {
+            // What stood before the one taken out is still told by its own links.
+            let before = self.links[self.middle as usize].previous;
+            self.middle = if is_small { self.middle } else { before };
+            self.small -= 1;
+        } else if self.middle as usize == place {
+            self.middle = self.links[place].next;
+        }
+    }
+
+    /// Put a sample back; the count of small ones stays, so a new small one makes the greatest of them large.
+    #[inline]
+    fn put_back(&mut self, place: usize) {
+        let Link { next, previous, .. } = self.links[place];
+        self.links[previous as usize].next = place as u32;
+        self.links[next as usize].previous = place as u32;
+        let before = self.links[self.middle as usize].previous;
+        self.middle = if self.is_small(place) { before } else { self.middle };
+    }
+
+    #[inline]
+    fn advance_if(&mut self, wanted: bool) {
+        let next = self.links[self.middle as usize].next;
+        self.middle = if wanted { next } else { self.middle };
+        self.small += usize::from(wanted);
+    }
+
+    #[inline]
+    fn least_large(&self) -> u64 {
+        self.keys[self.middle as usize]
+    }
+}
+
+/// An integer in the order of the numbers, NaN after infinity, the greatest integer left free.
+#[inline]
+const fn ordered(value: f64) -> u64 {
+    let bits = value.to_bits();
+    if value.is_nan() {
+        u64::MAX - 1
+    } else if bits >> 63 == 1 {
+        !bits
+    } else {
+        bits | 1 << 63
+    }
+}
+
+/// The number back from its integer.
+#[inline]
+const fn number(key: u64) -> f64 {
+    if key == u64::MAX - 1 {
+        f64::NAN
+    } else if key >> 63 == 1 {
+        f64::from_bits(key & !(1 << 63))
+    } else {
+        f64::from_bits(!key)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Sort every window.
+    fn reference(samples: &[f64], window: usize) -> Vec<f64> {
+        let (count, half) = (samples.len().cast_signed(), (window / 2).cast_signed());
+        (0..count)
+            .map(|middle| {
+                let mut values: Vec<f64> = (middle - half..=middle + half)
+                    .map(|index| {
+                        let place = index.rem_euclid(2 * count);
+                        samples[place.min(2 * count - 1 - place).cast_unsigned()]
+                    })
+                    .collect();
+                values.sort_by(f64::total_cmp);
+                values[half.cast_unsigned()]
+            })
+            .collect()
+    }
+
+    proptest! {
+        #[test]
+        fn every_window_has_its_median(
+            samples in prop::collection::vec(prop_oneof![-3.0..3.0, Just(0.0), Just(1.0), Just(f64::INFINITY), Just(f64::NAN)], 1..400),
+            half in 0..60_usize,
+        ) {
+            let window = 2 * half + 1;
+            let ours = running_median(&samples, window, &Stop::new()).unwrap();
+            let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+            prop_assert_eq!(bits(&ours), bits(&reference(&samples, window)));
+        }
+    }
+
+    #[test]
+    fn windows_are_odd_and_signals_may_be_empty() {
+        assert!(running_median(&[1.0], 2, &Stop::new()).unwrap_err().to_string().contains("found 2"));
+        assert!(running_median(&[], 3, &Stop::new()).unwrap().is_empty());
+    }
+}
