@@ -19,3 +19,7 @@ class IdentificationError(ShipfpError):
 
 class InternalError(ShipfpError):
     """A defect of this library, caught before it could end the process."""
+
+
+class LogWarning(UserWarning):
+    """Something of a log was left out or lost; the rest was read."""

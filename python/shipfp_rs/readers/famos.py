@@ -6,43 +6,34 @@ import math
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Literal
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.readers.third_party import load, one_line_errors, rehearse
+from shipfp_rs.readers.isolation import in_child
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
 """Trigger times count from here, on the logger's own clock, which is taken as UTC."""
 
-REHEARSAL = """
-import sys, imctermite
-file = imctermite.ImcTermite(sys.argv[1])
-for channel in file.get_channels_metadata():
-    if channel.kind == "numeric":
-        for mode in ("raw", "scaled"):
-            for _ in file.iter_channel_numpy(channel.uuid, include_x=False, mode=mode): pass
-"""
-"""The package's C++ ends the process on some truncated and altered files."""
-
 
 @register_reader(".raw", ".dat")
+@in_child("imctermite", extra="famos")
 def open_famos(path: Path, rate_hz: float | None) -> Log:
     """Open a FAMOS file; integers with a scale become float64, all else keeps the recorded type."""
-    package = load(path, "imctermite", "famos")
-    if not hasattr(package, "ImcTermite"):
+    import imctermite
+
+    if not hasattr(imctermite, "ImcTermite"):
         # The older package imctermite owns the same module name and has another interface.
         raise InputError(
             f"{path}: the installed module imctermite is not imctermite3; pip uninstall imctermite, then "
             "pip install --force-reinstall 'shipfp_rs[famos]'"
         )
-    rehearse(path, REHEARSAL)
-    with one_line_errors(path):
-        file = package.ImcTermite(str(path))
-        found = [channel for channel in file.get_channels_metadata() if channel.kind == "numeric"]
-        first = min((channel.absolute_trigger_time for channel in found), default=0.0)
-        start_utc = EPOCH + timedelta(seconds=first) if first else None
+    file = imctermite.ImcTermite(str(path))
+    found = [channel for channel in file.get_channels_metadata() if channel.kind == "numeric"]
+    first = min((channel.absolute_trigger_time for channel in found), default=0.0)
+    start_utc = EPOCH + timedelta(seconds=first) if first else None
     channels: list[Channel] = []
-    keys: dict[str, tuple[str, str]] = {}
+    keys: dict[str, tuple[str, Literal["raw", "scaled"]]] = {}
     for channel in found:
         if channel.dimension != 1:
             raise InputError(
@@ -66,15 +57,9 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
         uuid, mode = keys[name]
-        with one_line_errors(path):
-            chunks = file.iter_channel_numpy(
-                uuid, include_x=False, chunk_rows=size, mode=mode, start_index=first
-            )
-        while True:
-            with one_line_errors(path):
-                chunk = next(chunks, None)
-            if chunk is None:
-                return
+        for chunk in file.iter_channel_numpy(
+            uuid, include_x=False, chunk_rows=size, mode=mode, start_index=first
+        ):
             yield chunk["y"]
 
     return Log(str(path), channels, blocks, start_utc)

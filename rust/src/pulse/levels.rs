@@ -10,6 +10,12 @@ const TAIL: f64 = 1e-3;
 /// Each round narrows the range at least by two, and a hundredfold where one level holds everything.
 const ROUNDS: usize = 12;
 const LANES: usize = 8;
+/// What lies beyond is taken for saturated, as infinity is: differences of what lies within are finite.
+const LARGEST: f64 = f64::MAX / 4.0;
+
+fn is_usable(x: f64) -> bool {
+    x.abs() <= LARGEST
+}
 
 /// Low and high state level: the modes of the lower and the upper half of a histogram of the finite samples.
 ///
@@ -37,10 +43,11 @@ pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)>
         let last = BINS - 1 - past_tail(bins.iter().rev(), tail);
         if last - first >= BINS / 2 {
             let (lower, upper) = bins.split_at(BINS / 2);
-            let centre = |bin: usize| low + width * (bin as f64 + 0.5);
+            // The width of the narrowest ranges is rounded up.
+            let centre = |bin: usize| (low + width * (bin as f64 + 0.5)).min(high);
             return Ok((centre(mode(lower)), centre(BINS / 2 + mode(upper))));
         }
-        (low, high) = (low + width * first as f64, low + width * (last + 1) as f64);
+        (low, high) = (low + width * first as f64, (low + width * (last + 1) as f64).min(high));
     }
     Ok((low, high))
 }
@@ -71,7 +78,7 @@ fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)
     let mut high = [f64::NEG_INFINITY; LANES];
     let mut count = [0; LANES];
     by_lane(samples, stop, |lane, x| {
-        let finite = x.is_finite();
+        let finite = is_usable(x);
         low[lane] = if finite && x < low[lane] { x } else { low[lane] };
         high[lane] = if finite && x > high[lane] { x } else { high[lane] };
         count[lane] += u64::from(finite);
@@ -89,7 +96,7 @@ fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Res
     by_lane(samples, stop, |lane, x| {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped
         let bin = ((x - low) * scale).clamp(0.0, (BINS - 1) as f64) as u8;
-        lanes[lane][if x.is_finite() { usize::from(bin) } else { BINS }] += 1;
+        lanes[lane][if is_usable(x) { usize::from(bin) } else { BINS }] += 1;
     })?;
     Ok(std::array::from_fn(|bin| lanes.iter().map(|bins| bins[bin]).sum()))
 }

@@ -1,6 +1,8 @@
 //! Pulse trains to crossing times, streaming over chunks.
 
 mod crossings;
+#[cfg(test)]
+mod fuzz;
 mod levels;
 mod sample;
 

@@ -1,0 +1,133 @@
+"""The child's side of `isolation`: opens logs and sends their samples over a pipe."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import signal
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.log import Log, Samples
+
+SPARE_BYTES = 200_000_000
+"""What a reader may use beside three times the file."""
+
+
+def serve() -> None:
+    """Answer requests until the parent closes the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to act on
+    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    # A package that prints must not print into the answers.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    server = _Server()
+    for line in requests:
+        facts, block = server.answer(json.loads(line))
+        _send(answers, facts, block)
+
+
+def _send(answers: BinaryIO, facts: dict[str, Any], block: Samples | None) -> None:
+    parts: list[Samples] = []
+    if block is not None:
+        masked = np.ma.is_masked(block)
+        facts |= {"dtype": block.dtype.str, "count": len(block), "masked": bool(masked)}
+        parts = [np.ma.getdata(block), *([np.ma.getmaskarray(block)] if masked else [])]
+    answers.write(json.dumps(facts).encode() + b"\n")
+    for part in parts:
+        answers.write(np.ascontiguousarray(part).view(np.uint8).data)
+    answers.flush()
+
+
+class _Server:
+    def __init__(self) -> None:
+        self._path = ""
+        self._log: Log | None = None
+        self._streams: dict[int, Iterator[Samples]] = {}
+        self._start_bytes: int | None = None
+
+    def answer(self, request: dict[str, Any]) -> tuple[dict[str, Any], Samples | None]:
+        try:
+            if "open" in request:
+                return self._open(*request["open"]), None
+            return {}, self._read(*request["read"], drop=request["drop"])
+        except InputError as error:
+            return {"error": str(error)}, None
+        except MemoryError:
+            return {
+                "error": f"{self._path}: needs more memory than three times its size and 200 MB; is it damaged?"
+            }, None
+        except Exception as error:  # these packages raise anything on damaged files
+            reason = " ".join(str(error).split())[:500] or type(error).__name__
+            suffix = Path(self._path).suffix
+            return {"error": f"{self._path}: can't be read as {suffix}: {reason}; is the file damaged?"}, None
+
+    def _open(
+        self, package: str, module: str, reader: str, path: str, rate_hz: float | None
+    ) -> dict[str, Any]:
+        self._log, self._streams, self._path = None, {}, path
+        _bound_memory(None)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                importlib.import_module(package)
+                open_log = getattr(importlib.import_module(module), reader).__wrapped__
+        except (ImportError, OSError) as error:
+            raise InputError(
+                f"{path}: the package {package} can't be loaded: {error}; install it again"
+            ) from error
+        used = _data_bytes()
+        self._start_bytes = self._start_bytes or used
+        _bound_memory(used + 3 * Path(path).stat().st_size + SPARE_BYTES)
+        with warnings.catch_warnings(record=True) as notes:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", LogWarning)
+            log = self._log = open_log(Path(path), rate_hz)
+        return {
+            "channels": [asdict(channel) for channel in log.channels.values()],
+            "start_utc": log.start_utc and log.start_utc.isoformat(),
+            "warnings": [str(note.message) for note in notes],
+            "grown": used - self._start_bytes,
+        }
+
+    def _read(self, stream: int, name: str, first: int, size: int, *, drop: list[int]) -> Samples | None:
+        for gone in drop:
+            self._streams.pop(gone, None)
+        if self._log is None:
+            raise InputError(f"{self._path}: not open")
+        if stream not in self._streams:
+            self._streams[stream] = self._log.raw_blocks(name, first, size)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            block = next(self._streams[stream], None)
+        if block is None:
+            return None
+        return block.astype(block.dtype.newbyteorder("="), copy=False)
+
+
+def _data_bytes() -> int:
+    """Private writable memory of this process, 0 where the system does not tell."""
+    try:
+        status = Path("/proc/self/status").read_text()
+    except OSError:
+        return 0
+    found = re.search(r"VmData:\s*(\d+) kB", status)
+    return 1024 * int(found[1]) if found else 0
+
+
+def _bound_memory(limit: int | None) -> None:
+    """Let allocations fail above a limit, where the system can."""
+    if sys.platform == "linux":
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        soft = hard if limit is None else limit
+        resource.setrlimit(resource.RLIMIT_DATA, (soft if hard < 0 else min(soft, hard), hard))

@@ -1,0 +1,201 @@
+"""HDF5 files (.h5, .hdf5) and MATLAB files of version 7.3, which are HDF5, through the package h5py."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.readers.isolation import in_child
+from shipfp_rs.readers.time_base import TIME_NAMES, seconds_per, split_unit, stated_rate, time_base
+
+START_NAMES = ("start_utc", "start_time", "wf_start_time")
+SINCE = re.compile(r"\s*([a-zµ]+)\s+since\s+(.+)")
+"""Units of time in the Climate and Forecast conventions."""
+
+
+@register_reader(".h5", ".hdf5")
+@in_child("h5py", extra="hdf5")
+def open_hdf5(path: Path, rate_hz: float | None) -> Log:
+    """Open an HDF5 file: each dataset of one axis, and each field of one, is a channel; its path is the name.
+
+    Unit (`unit`, `units`), sample rate (`rate_hz`, `sample_rate`, `dt` ...) and start (`start_s` [s], `start_utc` in
+    ISO 8601) are attributes of the dataset or of a group above it; MATLAB 7.3 may keep the rate in a scalar. Without
+    a rate, a dataset `time` of the same length beside it or above it is the time base.
+    """
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        raise InputError(f"{path}: not an HDF5 file, or its first block is damaged")
+    file = h5py.File(path, "r")
+    rows, skipped = _find_rows(path, file)
+    scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
+    times = {key: row for key, row in rows.items() if posixpath.basename(key).lower() in TIME_NAMES}
+    clocks: dict[str, tuple[float, float, datetime | None]] = {}
+    found: dict[str, tuple[_Row, Channel, datetime | None]] = {}
+    for key, row in rows.items():
+        if key in times or (row.length == 1 and len(rows) > 1):
+            continue
+        facts = _attributes(row.dataset)
+        name, unit = split_unit(key)
+        unit = _text(facts.get("unit", facts.get("units", unit)))
+        start_s = float(np.asarray(facts.get("start_s", 0.0)).reshape(-1)[0])
+        stamp = next((facts[each] for each in START_NAMES if each in facts), None)
+        start_utc = None if stamp is None else _instant(path, stamp)
+        rate = rate_hz or stated_rate(facts.items()) or stated_rate(scalars)
+        if rate is None:
+            time = _time_of(path, key, row.length, times)
+            if time not in clocks:
+                clocks[time] = _clock(path, time, times[time])
+            start_s, rate, zero = clocks[time]
+            start_utc = zero or start_utc
+        found[name] = (row, Channel(name, unit, rate, row.length, start_s), start_utc)
+    if skipped and not found:
+        raise InputError(f"{path}: no numbers along one axis in {', '.join(skipped)}")
+    if skipped:
+        warnings.warn(
+            f"{path}: no numbers along one axis in {', '.join(skipped)}; left out", LogWarning, stacklevel=2
+        )
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        row = found[name][0]
+        for start in range(first, row.length, size):
+            yield row.read(start, min(start + size, row.length))
+
+    zero = min((utc for _, _, utc in found.values() if utc), default=None)
+    channels = [
+        replace(channel, start_s=channel.start_s + (utc - zero).total_seconds()) if utc and zero else channel
+        for _, channel, utc in found.values()
+    ]
+    return Log(str(path), channels, blocks, zero)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Numbers along one axis of a dataset, or one field of it."""
+
+    dataset: Any
+    length: int
+    field: str | None = None
+
+    def read(self, start: int, stop: int) -> Samples:
+        axis = int(np.argmax(self.dataset.shape))
+        place = tuple(slice(start, stop) if k == axis else 0 for k in range(self.dataset.ndim))
+        samples: Samples = (self.dataset.fields(self.field) if self.field else self.dataset)[place]
+        return (
+            samples.astype(bool)
+            if _text(self.dataset.attrs.get("MATLAB_class", "")) == "logical"
+            else samples
+        )
+
+
+def _find_rows(path: Path, file: Any) -> tuple[dict[str, _Row], list[str]]:
+    """All rows of numbers of a file by their path in it, and the names of the other datasets."""
+    import h5py
+
+    rows: dict[str, _Row] = {}
+    skipped: list[str] = []
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+            return
+        matlab = _text(item.attrs.get("MATLAB_class", ""))
+        one_axis = item.ndim > 0 and item.size == max(item.shape) > 0 and "MATLAB_empty" not in item.attrs
+        names = item.dtype.names or (None,)
+        for field in names:
+            kind = item.dtype[field] if field else item.dtype
+            key = f"{name}/{field}" if field else name
+            scalar = item.ndim == 0 and item.size == 1
+            if (
+                kind.kind in "biuf"
+                and kind.itemsize <= 8
+                and (one_axis or scalar)
+                and matlab not in ("char", "cell")
+            ):
+                _check_filters(path, key, item)
+                rows[key] = _Row(item, item.size, field)
+            else:
+                skipped.append(key)
+
+    file.visititems(visit)
+    return rows, skipped
+
+
+def _check_filters(path: Path, key: str, dataset: Any) -> None:
+    import h5py
+
+    created = dataset.id.get_create_plist()
+    for index in range(created.get_nfilters()):
+        code, _, _, name = created.get_filter(index)
+        if not h5py.h5z.filter_avail(code):
+            raise InputError(
+                f"{path}: dataset {key!r} is compressed with filter {code} ({_text(name)}), which h5py lacks; pack it "
+                "again with h5repack -f GZIP=4"
+            )
+
+
+def _attributes(dataset: Any) -> dict[str, Any]:
+    """Attributes of a dataset and, where it has none of the name, of the groups above it; names in lower case."""
+    facts: dict[str, Any] = {}
+    wanted = {"unit", "units", "start_s", *START_NAMES}
+    item = dataset
+    while True:
+        for name in item.attrs:
+            key = name.lower()
+            if key not in facts and (key in wanted or stated_rate([(name, 1.0)])):
+                facts[key] = item.attrs[name]
+        if item.name == "/":
+            return facts
+        item = item.parent
+
+
+def _time_of(path: Path, key: str, length: int, times: dict[str, _Row]) -> str:
+    """Path of the time that belongs to a row: the nearest of its length."""
+    above = posixpath.dirname(key)
+    while True:
+        for time, row in times.items():
+            if posixpath.dirname(time) == above and row.length == length:
+                return time
+        if not above:
+            raise InputError(
+                f"{path}: no time base for {key!r}: neither an attribute rate_hz nor a dataset time of its "
+                f"{length} samples; add one or give rate_hz"
+            )
+        above = posixpath.dirname(above)
+
+
+def _clock(path: Path, key: str, row: _Row) -> tuple[float, float, datetime | None]:
+    """Start [s], rate [Hz] and zero of a row of times."""
+    facts = row.dataset.attrs
+    unit = _text(facts.get("units", facts.get("unit", "")))
+    since = SINCE.fullmatch(unit)
+    zero = _instant(path, since[2]) if since else None
+    factor = seconds_per(path, since[1] if since else unit)
+    blocks = (row.read(k, min(k + BLOCK, row.length)) * factor for k in range(0, row.length, BLOCK))
+    return *time_base(path, key, blocks, check=True), zero
+
+
+def _instant(path: Path, value: Any) -> datetime:
+    """Instant written in ISO 8601; without a zone it is taken as UTC."""
+    text = _text(value)
+    try:
+        instant = datetime.fromisoformat(text.strip().removesuffix("UTC").strip())
+    except ValueError as error:
+        raise InputError(
+            f"{path}: start {text!r}, expected a date and time like 2026-05-01T10:00:00Z"
+        ) from error
+    return instant.replace(tzinfo=UTC) if instant.tzinfo is None else instant.astimezone(UTC)
+
+
+def _text(value: Any) -> str:
+    value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,126 @@
+"""Readers that lean on third-party packages run in a process of their own.
+
+Their native code ends the process on some damaged files, loops on others, and asks for any amount of memory. In a
+child process that costs the user one line instead of the session.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib.util
+import warnings
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.log import Channel, Log, Reader, Samples
+from shipfp_rs.readers.child_process import LOCK, Child, give_back, take
+
+LIMIT_S = 30.0
+"""Longest wait for a child's answer, and a second more for every 5 MB of the file."""
+
+
+def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
+    """Make a reader that needs `package` run in a child process; `extra` is what installs the package."""
+
+    def decorate(reader: Reader) -> Reader:
+        @functools.wraps(reader)
+        def open_in_child(path: Path, rate_hz: float | None) -> Log:
+            if importlib.util.find_spec(package) is None:
+                raise InputError(
+                    f"{path}: reading {path.suffix} needs the optional package {package}; "
+                    f"pip install 'shipfp_rs[{extra}]'"
+                )
+            return _Source(package, reader, path, rate_hz).log()
+
+        return open_in_child
+
+    return decorate
+
+
+class _Source:
+    """One file, opened by whichever child is at hand while any of its channels is being read."""
+
+    def __init__(self, package: str, reader: Reader, path: Path, rate_hz: float | None) -> None:
+        self.path = path
+        self._package = package
+        self._where = [package, reader.__module__, reader.__name__, str(path.absolute()), rate_hz]
+        self._child: Child | None = None
+        self._readers = 0
+
+    def log(self) -> Log:
+        with self._reading() as child:
+            facts = self._open(child)
+        try:
+            channels = [Channel(**channel) for channel in facts["channels"]]
+            start = datetime.fromisoformat(facts["start_utc"]) if facts["start_utc"] else None
+            notes = [str(note) for note in facts["warnings"]]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{self.path}: the package {self._package} answers nonsense; is the file damaged?"
+            ) from error
+        for note in notes:
+            warnings.warn(note, LogWarning, stacklevel=5)
+        return Log(str(self.path), channels, self._blocks, start)
+
+    def _open(self, child: Child) -> dict[str, Any]:
+        facts, _ = self._ask(child, {"open": self._where})
+        child.opened = self._key()
+        return facts
+
+    def _key(self) -> tuple[Any, ...]:
+        status = self.path.stat()
+        return (*self._where, status.st_mtime_ns, status.st_size)
+
+    def _blocks(self, name: str, first: int, size: int) -> Iterator[Samples]:
+        with self._reading() as child:
+            if child.opened != self._key():
+                self._open(child)
+            stream = child.next_stream()
+            try:
+                while True:
+                    _, block = self._ask(
+                        child, {"read": [stream, name, first, size], "drop": child.dropped()}
+                    )
+                    if block is None:
+                        return
+                    yield block
+            finally:
+                # Told with the next request: this may run while another one is under way.
+                child.drop.append(stream)
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[Child]:
+        with LOCK:
+            if self._child is None or not self._child.usable():
+                self._child, self._readers = take(), 0
+            child = self._child
+            self._readers += 1
+        try:
+            yield child
+        finally:
+            with LOCK:
+                if child is self._child:
+                    self._readers -= 1
+                    if not self._readers:
+                        self._child = None
+                        give_back(child)
+                else:
+                    child.end()
+
+    def _ask(self, child: Child, request: dict[str, Any]) -> tuple[dict[str, Any], Samples | None]:
+        limit_s = LIMIT_S + self.path.stat().st_size / 5e6
+        try:
+            facts, block = child.ask(request, limit_s)
+        except TimeoutError:
+            raise InputError(f"{self.path}: not read within {limit_s:.0f} s; is the file damaged?") from None
+        except (OSError, EOFError, ValueError) as error:
+            raise InputError(
+                f"{self.path}: the package {self._package} crashes on it ({error}); is the file damaged?"
+            ) from None
+        if "error" in facts:
+            raise InputError(str(facts["error"]))
+        return facts, block

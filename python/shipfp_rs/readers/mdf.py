@@ -1,0 +1,107 @@
+"""ASAM MDF files, versions 3 and 4 (.mf4, .mdf), through the package asammdf."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from datetime import UTC
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.readers.isolation import in_child
+from shipfp_rs.readers.time_base import time_base
+
+
+@register_reader(".mf4", ".mdf")
+@in_child("asammdf", extra="mdf")
+def open_mdf(path: Path, rate_hz: float | None) -> Log:
+    """Open an MDF file: values scaled as it says, texts as the numbers they stand for.
+
+    A name that several groups have is followed by its group's number. Invalidated samples are gaps. Groups
+    without a uniform time base are left out with a warning, and so are channels that hold no numbers.
+    """
+    import asammdf
+
+    file: Any = asammdf.MDF(path)
+    if rate_hz is None and not any(group.channel_group.cycles_nr for group in file.groups):
+        raise InputError(f"{path}: no samples in it; was the recording finished?")
+    names = Counter(channel.name for group in file.groups for channel in group.channels)
+    channels: list[Channel] = []
+    keys: dict[str, tuple[int, int, bool]] = {}
+    skipped: list[str] = []
+    reasons: list[str] = []
+    for number, group in enumerate(file.groups):
+        count = group.channel_group.cycles_nr
+        master = file.masters_db.get(number)
+        try:
+            start_s, rate = _group_time(path, file, number, count, rate_hz)
+        except InputError as error:
+            skipped += [channel.name for index, channel in enumerate(group.channels) if index != master]
+            reasons.append(str(error))
+            continue
+        for index, channel in enumerate(group.channels):
+            if index == master:
+                continue
+            name = channel.name if names[channel.name] == 1 else f"{channel.name} {number}"
+            raw = _must_be_raw(file, number, index)
+            if raw is None or name in keys:
+                skipped.append(name)
+                continue
+            keys[name] = (number, index, raw)
+            channels.append(Channel(name, _unit(channel), rate, count, start_s))
+    if not channels and reasons:
+        raise InputError(reasons[0])
+    if skipped:
+        why = f" ({reasons[0]})" if reasons else ""
+        warnings.warn(
+            f"{path}: left out, no numbers or no uniform time base{why}: {', '.join(skipped)}",
+            LogWarning,
+            stacklevel=2,
+        )
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        number, index, raw = keys[name]
+        count = file.groups[number].channel_group.cycles_nr
+        for start in range(first, count, size):
+            yield _values(file, number, index, raw, start, min(size, count - start))
+
+    return Log(str(path), channels, blocks, file.header.start_time.astimezone(UTC))
+
+
+def _group_time(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> tuple[float, float]:
+    """Start [s] and rate [Hz] of a channel group."""
+    if file.masters_db.get(number) is None and rate_hz is None:
+        raise InputError(f"{path}: group {number} has no time channel; give rate_hz")
+    master = (
+        file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
+        for start in range(0, count, BLOCK)
+    )
+    start_s, rate = time_base(path, f"of group {number}", master, check=rate_hz is None)
+    return start_s, rate_hz or rate
+
+
+def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
+    """Whether a channel is a number only before its conversion, to text for instance; None where it is none."""
+    for raw in (False, True):
+        if _values(file, number, index, raw, 0, 1).dtype.kind in "biuf":
+            return raw
+    return None
+
+
+def _values(file: Any, number: int, index: int, raw: bool, start: int, count: int) -> Samples:
+    samples, invalid = file.get(
+        group=number, index=index, raw=raw, samples_only=True, record_offset=start, record_count=count
+    )
+    if samples.ndim != 1:
+        return np.empty(0, object)
+    return samples if invalid is None or not invalid.any() else np.ma.MaskedArray(samples, invalid)
+
+
+def _unit(channel: Any) -> str:
+    conversion = getattr(channel, "conversion", None)
+    return str(channel.unit or getattr(conversion, "unit", "") or "").strip()

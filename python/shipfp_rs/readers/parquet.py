@@ -1,0 +1,109 @@
+"""Parquet files, read and written row group by row group."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from shipfp_rs import log as logs
+from shipfp_rs.errors import InputError
+from shipfp_rs.files import replacing
+from shipfp_rs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.readers.table import METADATA_KEY, log_of_table
+
+
+@register_reader(".parquet", ".pq")
+def open_parquet(path: Path, rate_hz: float | None) -> Log:
+    """Open a Parquet file."""
+    with path.open("rb") as stream:
+        begin = stream.read(4)
+        stream.seek(-min(4, path.stat().st_size), 2)
+        end = stream.read(4)
+    if begin == b"PARE" or end == b"PARE":
+        raise InputError(f"{path}: the Parquet file is encrypted; decrypt it first")
+    if begin == b"PAR1" and end != begin:
+        raise InputError(
+            f"{path}: the Parquet file has no footer, without which nothing of it can be read: it was cut short or "
+            "never closed; fetch it again"
+        )
+    file = pa.parquet.ParquetFile(path)
+    groups = [file.metadata.row_group(index).num_rows for index in range(file.metadata.num_row_groups)]
+    if min(groups, default=0) < 0 or sum(groups) != file.metadata.num_rows:
+        raise InputError(f"{path}: row groups of {groups} rows; is the file damaged?")
+    starts = np.concatenate([[0], np.cumsum(groups, dtype=np.int64)])
+
+    def batches(column: str, first: int, size: int) -> Iterator[pa.Array]:
+        group = int(np.searchsorted(starts, first, side="right")) - 1
+        skip = first - int(starts[group])
+        # pre_buffer would load whole row groups; a logger may have written a file of only one.
+        for batch in pa.parquet.ParquetFile(path, pre_buffer=False).iter_batches(
+            batch_size=size, row_groups=list(range(group, len(groups))), columns=[column]
+        ):
+            if skip < len(batch):
+                yield batch.column(0)[skip:]
+            skip = max(skip - len(batch), 0)
+
+    return log_of_table(path, file.schema_arrow, file.metadata.num_rows, batches, rate_hz)
+
+
+def write_parquet(log: Log, path: Path) -> Path:
+    """Write a log as `Log.write` says."""
+    if path.suffix.lower() not in (".parquet", ".pq"):
+        raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
+    queues = {name: _Rows(log.raw_blocks(name)) for name in log.channels}
+    clock = {} if log.start_utc is None else {"start_utc": log.start_utc.isoformat()}
+    schema = pa.schema(
+        [_field(c, queues[c.name].dtype) for c in log.channels.values()],
+        metadata={METADATA_KEY: json.dumps(clock).encode()},
+    )
+    length = max(channel.samples for channel in log.channels.values())
+    with (
+        replacing(path) as temporary,
+        pa.parquet.ParquetWriter(temporary, schema, compression="zstd", use_dictionary=False) as writer,
+    ):
+        for first in range(0, length, logs.BLOCK):
+            rows = min(logs.BLOCK, length - first)
+            columns = [queues[field.name].take(rows, field.type) for field in schema]
+            writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+    return path
+
+
+class _Rows:
+    """Samples of one channel handed out in any number of rows, null after the end."""
+
+    def __init__(self, stream: Iterator[Samples]) -> None:
+        first = next(stream, np.empty(0))
+        self.dtype = first.dtype
+        self._stream = itertools.chain([first], stream)
+        self._held = first[:0]
+
+    def take(self, rows: int, kind: pa.DataType) -> pa.Array:
+        parts, missing = [], rows
+        while missing:
+            if not len(self._held):
+                self._held = next(self._stream, self._held)
+            if not len(self._held):
+                break
+            parts.append(self._held[:missing])
+            self._held = self._held[missing:]
+            missing -= len(parts[-1])
+        return pa.concat_arrays([*(pa.array(part, type=kind) for part in parts), pa.nulls(missing, kind)])
+
+
+def _field(channel: Channel, dtype: np.dtype[Any]) -> pa.Field:
+    facts = {
+        "unit": channel.unit,
+        "rate_hz": channel.rate_hz,
+        "start_s": channel.start_s,
+        "samples": channel.samples,
+    }
+    return pa.field(
+        channel.name, pa.from_numpy_dtype(dtype), metadata={METADATA_KEY: json.dumps(facts).encode()}
+    )

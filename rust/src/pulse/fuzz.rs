@@ -1,0 +1,241 @@
+//! Adversarial trains, levels and chunks by the million, each compared with the rules said sample by sample.
+//!
+//! `cargo test --release pulse_fuzz -- --ignored --nocapture` runs ten million.
+
+use super::{PulseCrossings, Sample, pulse_levels};
+use crate::stop::Stop;
+
+/// A sample type that takes any f64, rounded or clamped.
+trait Any: Sample {
+    fn of(x: f64) -> Self;
+}
+
+impl Any for f64 {
+    fn of(x: f64) -> Self {
+        x
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // wanted
+impl Any for f32 {
+    fn of(x: f64) -> Self {
+        x as Self
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // `as` clamps, NaN becomes 0
+impl Any for i16 {
+    fn of(x: f64) -> Self {
+        x as Self
+    }
+}
+
+/// `SplitMix64` (doi:10.1145/2660193.2660195): fast, and any seed will do.
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    #[allow(clippy::cast_possible_truncation)] // far below 2^32
+    fn below(&mut self, n: usize) -> usize {
+        (((self.next() >> 32) * n as u64) >> 32) as usize
+    }
+
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Low, high and middle in order, of any scale.
+    fn levels(&mut self) -> [f64; 3] {
+        let scale = [1.0, 1.0, 1000.0, 32_767.0, 5e-324, 1e-310, 1e30, 1e39, 1e308][self.below(9)];
+        loop {
+            let mut three: [f64; 3] = std::array::from_fn(|_| {
+                scale * [self.unit() * 3.0 - 1.5, self.below(5) as f64 - 2.0][self.below(2)]
+            });
+            three.sort_by(f64::total_cmp);
+            let [low, middle, high] = three;
+            if low < middle && middle < high && low.is_finite() && high.is_finite() {
+                return [low, high, middle];
+            }
+        }
+    }
+
+    fn value(&mut self, [low, high, middle]: [f64; 3]) -> f64 {
+        match self.below(24) {
+            0..=4 => low,
+            5..=9 => high,
+            10 => middle,
+            11 => [low, high, middle][self.below(3)].next_up(),
+            12 => [low, high, middle][self.below(3)].next_down(),
+            13 => f64::NAN,
+            14 => f64::INFINITY,
+            15 => f64::NEG_INFINITY,
+            16 => {
+                [f64::MAX, f64::MIN, 5e-324, -5e-324, 0.0, -0.0, 1e-310, f64::from(f32::MAX)][self.below(8)]
+            }
+            17 => f64::from_bits(self.next()),
+            18 | 19 => middle + (high - middle) * self.unit(),
+            20 | 21 => low + (middle - low) * self.unit(),
+            _ => low + (high - low) * (3.0 * self.unit() - 1.0),
+        }
+    }
+
+    /// A train of runs and noise; now and then one longer than the detector's batch.
+    fn train<T: Any>(&mut self, levels: [f64; 3]) -> Vec<T> {
+        let length = if self.below(4096) == 0 { self.below(10_000) } else { self.below(150) };
+        let mut train = Vec::with_capacity(length);
+        while train.len() < length {
+            let run = if self.below(10) == 0 { 1 + self.below(80) } else { 1 };
+            let x = T::of(self.value(levels));
+            train.extend(std::iter::repeat_n(x, run.min(length - train.len())));
+        }
+        train
+    }
+}
+
+/// The rules said sample by sample.
+struct Reference {
+    levels: [f64; 3],
+    seen: u64,
+    armed: bool,
+    previous: f64,
+    crossing: f64,
+    times: Vec<f64>,
+    gaps: Vec<(u64, u64)>,
+}
+
+impl Reference {
+    fn new(levels: [f64; 3]) -> Self {
+        let (times, gaps) = (vec![], vec![]);
+        Self { levels, seen: 0, armed: false, previous: f64::NAN, crossing: f64::NAN, times, gaps }
+    }
+
+    fn set_levels(&mut self, levels: [f64; 3]) {
+        if self.previous < self.levels[2] && self.previous >= levels[2] {
+            self.crossing = (self.seen - 1) as f64;
+        }
+        self.levels = levels;
+    }
+
+    fn take(&mut self, x: f64) {
+        let [low, high, middle] = self.levels;
+        let k = self.seen;
+        if x.is_nan() {
+            self.armed = false;
+            match self.gaps.last_mut() {
+                Some(gap) if gap.1 == k => gap.1 += 1,
+                _ => self.gaps.push((k, k + 1)),
+            }
+        }
+        if self.previous < middle && x >= middle {
+            let rise = x - self.previous;
+            self.crossing = if rise.is_finite() { k as f64 - (x - middle) / rise } else { k as f64 };
+        }
+        if x <= low {
+            self.armed = true;
+        } else if self.armed && x >= high {
+            self.times.push(self.crossing);
+            self.armed = false;
+        }
+        self.previous = x;
+        self.seen += 1;
+    }
+}
+
+#[derive(Default)]
+struct Tally {
+    samples: usize,
+    crossings: usize,
+    gaps: usize,
+    refused: usize,
+}
+
+/// One train, fed whole or in chunks, levels now and then changed between them.
+fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
+    let mut levels = draw.levels();
+    let train: Vec<T> = draw.train(levels);
+    let mut detector = PulseCrossings::new(levels[0], levels[1], levels[2]).unwrap();
+    let mut reference = Reference::new(levels);
+    let mut times = Vec::new();
+    let most = [train.len() + 1, 1 + draw.below(70), 65][draw.below(3)];
+    let mut rest = &train[..];
+    while !rest.is_empty() {
+        if draw.below(8) == 0 {
+            levels = draw.levels();
+            detector.set_levels(levels[0], levels[1], levels[2]).unwrap();
+            reference.set_levels(levels);
+        }
+        let (chunk, after) = rest.split_at(draw.below(most.min(rest.len()) + 1));
+        match detector.feed(chunk, &Stop::new()) {
+            Ok(found) => {
+                times.extend(found);
+                for &x in chunk {
+                    reference.take(x.into());
+                }
+            }
+            Err(_) => tally.refused += 1, // a level outside the sample type; as if the chunk had never come
+        }
+        // An empty chunk is a case of its own, but must not come for ever.
+        rest = if chunk.is_empty() && draw.below(2) == 0 { &rest[1..] } else { after };
+    }
+    let bits = |times: &[f64]| times.iter().map(|t| t.to_bits()).collect::<Vec<_>>();
+    let gaps: Vec<_> = detector.gaps().collect();
+    let same =
+        bits(&times) == bits(&reference.times) && gaps == reference.gaps && detector.seen() == reference.seen;
+    assert!(
+        same,
+        "{} {levels:?}: {times:?}, expected {:?}; {gaps:?}, expected {:?}",
+        T::NAME,
+        reference.times,
+        reference.gaps
+    );
+
+    let (low, high) = pulse_levels(&train, &Stop::new()).unwrap();
+    // The levels take a quarter of the largest number and more for saturated.
+    let finite = || train.iter().map(|&x| x.into()).filter(|x: &f64| x.abs() <= f64::MAX / 4.0);
+    let (least, most) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
+    if least > most {
+        assert!(low.is_nan() && high.is_nan());
+    } else {
+        assert!(least <= low && low <= high && high <= most, "levels {low} {high} of {least} to {most}");
+    }
+    tally.samples += train.len();
+    tally.crossings += times.len();
+    tally.gaps += gaps.len();
+}
+
+fn fuzz(executions: usize) -> Tally {
+    let mut tally = Tally::default();
+    for seed in 0..executions {
+        let mut draw = Draw((seed as u64).wrapping_mul(0x2545_f491_4f6c_dd1d));
+        match seed % 3 {
+            0 => execute::<f64>(&mut draw, &mut tally),
+            1 => execute::<f32>(&mut draw, &mut tally),
+            _ => execute::<i16>(&mut draw, &mut tally),
+        }
+    }
+    tally
+}
+
+#[test]
+fn a_few_adversarial_trains_give_what_the_rules_say() {
+    let Tally { crossings, gaps, .. } = fuzz(30_000);
+    assert!(crossings > 30_000 && gaps > 10_000, "too tame: {crossings} crossings, {gaps} gaps");
+}
+
+#[test]
+#[ignore = "ten million trains; run in release"]
+fn pulse_fuzz() {
+    let executions = 10_000_000;
+    let Tally { samples, crossings, gaps, refused } = fuzz(executions);
+    println!(
+        "pulse fuzz: {executions} executions, {samples} samples, {crossings} crossings, {gaps} gaps, {refused} chunks \
+         refused, all as the reference says"
+    );
+}

@@ -1,0 +1,143 @@
+"""Text files of any common layout are understood; one that was cut loses its last record at most, and says so."""
+
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.log import Channel, Log
+from shipfp_rs.readers import delimited
+from tests.logger_files import WRITERS
+
+U = Channel("u", "V", 2.0, 4)
+N = Channel("n", "rpm", 2.0, 4)
+SEMICOLON = "0,0;1,5;10\n0,5;2,5;11\n1,0;3,5;12\n1,5;4,5;13\n"
+COMMA = "0.0,1.5,10\n0.5,2.5,11\n1.0,3.5,12\n1.5,4.5,13\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "rate_hz"),
+    [
+        ("time [s],u [V],n [rpm]\n" + COMMA, None),
+        ("time (s),u (V),n (rpm)\r\n" + COMMA.replace("\n", "\r\n"), None),
+        ("time;u;n\ns;V;rpm\n" + SEMICOLON, None),
+        ("time;u;n\n[s];[V];[rpm]\n" + SEMICOLON, None),
+        ("Time\tu [V]\tn [rpm]\n" + SEMICOLON.replace(";", "\t"), None),
+        ("Time\tu [V]\tn [rpm]\n" + COMMA.replace(",", "\t"), None),
+        ("# time [s],u [V],n [rpm]\n" + COMMA, None),
+        ("Trial 7\nVessel: Tug, bollard pull\nOperator;J. Smith\n\ntime;u [V];n [rpm]\n" + SEMICOLON, None),
+        ("t [ms],u [V],n [rpm]\n" + "".join(f"{500 * k},{k + 1.5},{k + 10}\n" for k in range(4)), None),
+        ("Sample rate: 2 Hz\nu [V],n [rpm]\n" + "1.5,10\n2.5,11\n3.5,12\n4.5,13\n", None),
+        ("Sample rate [kHz];0,002\nChannels;2\nu;n\nV;rpm\n" + "1,5;10\n2,5;11\n3,5;12\n4,5;13\n", None),
+        ("dt = 500 ms\nu [V],n [rpm]\n" + "1.5,10\n2.5,11\n3.5,12\n4.5,13\n", None),
+        ("u [V],n [rpm]\n" + "1.5,10\n2.5,11\n3.5,12\n4.5,13\n", 2.0),
+        ('"time","u [V]","n [rpm]"\n' + COMMA, None),
+        ("\ufefftime,u [V],n [rpm]\n" + COMMA, None),
+    ],
+)
+def test_the_layout_is_found(tmp_path: Path, text: str, rate_hz: float | None) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    log = Log.open(path, rate_hz=rate_hz)
+    assert dict(log.channels) == {"u": U, "n": N}
+    np.testing.assert_array_equal(log.read("u"), [1.5, 2.5, 3.5, 4.5], strict=True)
+    np.testing.assert_array_equal(log.read("n"), [10, 11, 12, 13], strict=True)
+
+
+def test_columns_without_headings_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text("1.5\t10\n2.5\t11\n")
+    log = Log.open(path, rate_hz=2.0)
+    assert list(log.channels) == ["column 1", "column 2"]
+
+
+def test_one_byte_units_of_older_loggers_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes("time [s];T [°C];e [µm/m]\n0;1,5;2\n1;2,5;3\n".encode("latin-1"))
+    assert [channel.unit for channel in Log.open(path).channels.values()] == ["°C", "µm/m"]
+
+
+def test_stamps_give_the_start_in_utc(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(
+        "timestamp,u\n2026-05-01 10:00:00.25,1\n2026-05-01 10:00:00.50,2\n2026-05-01 10:00:00.75,3\n"
+    )
+    log = Log.open(path)
+    assert log.start_utc == datetime(2026, 5, 1, 10, 0, 0, 250_000, tzinfo=UTC)
+    assert (log.channels["u"].rate_hz, log.channels["u"].start_s) == (4.0, 0.0)
+
+
+def test_a_column_of_words_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time,u,state\n0,1,on\n1,2,off\n2,3,on\n")
+    with pytest.warns(LogWarning, match="no numbers in state; left out"):
+        assert list(Log.open(path).channels) == ["u"]
+
+
+def test_a_number_type_holds_in_every_part_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(delimited, "PART", 64)
+    path = tmp_path / "log.csv"
+    large = [2**64 - 1 if k == 70 else k for k in range(100)]
+    half = [k + 0.5 if k == 90 else k for k in range(100)]
+    path.write_text(
+        "time,large,half,count\n" + "".join(f"{k},{large[k]},{half[k]},{-k}\n" for k in range(100))
+    )
+    log = Log.open(path)
+    for name, values, dtype in (
+        ("large", large, np.uint64),
+        ("half", half, float),
+        ("count", range(0, -100, -1), int),
+    ):
+        np.testing.assert_array_equal(log.read(name), np.array(values, dtype), strict=True)
+        np.testing.assert_array_equal(log.read(name, 60.0, 80.0), np.array(values, dtype)[60:80])
+
+
+def test_a_word_far_down_is_named_by_its_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delimited, "PART", 64)
+    path = tmp_path / "log.csv"
+    path.write_text("time,u\n" + "".join(f"{k},{'abc' if k == 70 else k}\n" for k in range(100)))
+    log = Log.open(path)
+    np.testing.assert_array_equal(log.read("u", 0.0, 40.0), np.arange(40))
+    with pytest.raises(InputError, match="channel 'u': line 72 holds 'abc', expected a number"):
+        log.read("u")
+
+
+def test_a_file_cut_at_any_byte_loses_one_record_at_most(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole.csv", tmp_path / "cut.csv"
+    draw = np.random.default_rng(4)
+    torque, counts = draw.standard_normal(20), draw.integers(-9999, 9999, 20)
+    WRITERS["CSV"][1](whole, {"torque": torque, "counts": counts})
+    content = whole.read_bytes()
+    third = content.index(b"0.03,")
+    for end in range(third, len(content) + 1):
+        cut.write_bytes(content[:end])
+        lost = content[:end].rpartition(b"\n")[2].decode()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            log = Log.open(cut)
+        rows = content[:end].count(b"\n") - 1
+        np.testing.assert_array_equal(log.read("torque"), torque[:rows])
+        np.testing.assert_array_equal(log.read("counts"), counts[:rows])
+        assert len(caught) == bool(lost)
+        assert all(f"{lost!r} is left out" in str(warning.message) for warning in caught)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\xff\xfet\0i\0m\0e\0\n\0", "UTF-16"),
+        (b"time,u\n", "empty or without rows of numbers"),
+        (b"on,off\nyes,no\n", "empty or without rows of numbers"),
+        (b"time,u\n0,1\n1,2\n2,3,4\n", "line 4.*Expected 2 columns, got 3"),
+    ],
+)
+def test_what_is_no_table_of_numbers_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        Log.open(path)
