@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +12,8 @@ import pyarrow.parquet as pq
 
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.toml_files import validated
+
+DEADLY = 5
 
 CHEAP: dict[str, Any] = {
     "excitation": {
@@ -24,10 +29,12 @@ CHEAP: dict[str, Any] = {
 }
 
 
-def cheap_plan(draws: int, *, sweep: dict[str, Any] | None = None, **tables: Any) -> Plan:
+def cheap_plan(
+    draws: int, *, sweep: dict[str, Any] | None = None, kind: type[Plan] = Plan, **tables: Any
+) -> Plan:
     """Return a plan of draws that take some 30 ms each, with other tables where given."""
     header = {"vessel": "stan-launch-804", "draws": draws, **(sweep or {})}
-    return validated({**CHEAP, **tables, "sweep": header}, Plan, "SWEEP.toml").checked("SWEEP.toml")
+    return validated({**CHEAP, **tables, "sweep": header}, kind, "SWEEP.toml").checked("SWEEP.toml")
 
 
 def rows(folder: Path) -> list[dict[str, Any]]:
@@ -38,3 +45,13 @@ def rows(folder: Path) -> list[dict[str, Any]]:
 def results(folder: Path) -> bytes:
     """Return the bytes of a sweep's table."""
     return (folder / "results.parquet").read_bytes()
+
+
+class DeadlyPlan(Plan):
+    """A plan of which one draw ends the process that makes it."""
+
+    def seed_of(self, index: int) -> int:
+        """Kill a worker over draw 5; the process that leads the sweep survives it."""
+        if index == DEADLY and multiprocessing.parent_process() is not None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().seed_of(index)

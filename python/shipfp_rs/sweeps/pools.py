@@ -11,13 +11,16 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Literal, Protocol
 
-from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.errors import InputError
 from shipfp_rs.sweeps.worker import begin_process
 
 Where = Literal["processes", "threads", "dask"]
 
 AHEAD = 2
 """Tasks for each worker that are handed out at a time: one runs, one waits, so that no worker ever does."""
+
+CONNECT_S = 10.0
+"""How long a scheduler may take to answer."""
 
 
 class Pool(Protocol):
@@ -159,25 +162,21 @@ def _client(address: str | None, workers: int) -> Iterator[Any]:
         ) from error
     if address is not None:
         try:
-            client = distributed.Client(address, timeout="10s")
+            client = distributed.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError) as error:
             raise InputError(f"{address}: no Dask scheduler answers there ({error})") from error
         with client:
             yield client
         return
-    # Loopback only, and no dashboard: nobody else on the network is meant to reach the workers.
+    # Loopback only: nobody else on the network is meant to reach the workers.
     with (
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             worker_dashboard_address=None,
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
         yield client
-
-
-class ClusterLostError(ShipfpError):
-    """The scheduler of a cluster is gone."""

@@ -1,0 +1,224 @@
+"""Sweeps: what a draw costs, two cores against one, Dask against plain processes, and what millions of draws would take.
+
+`python -m benches.bench_sweep`; all figures come from one run. Wall times count from the first task that comes back, so
+that starting processes is left out, and other people's work on the machine is in; CPU times have neither.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from benches.timing import print_table
+from shipfp_rs.sweeps import Plan, Progress, sweep
+from shipfp_rs.sweeps.draw import run_draws
+from shipfp_rs.sweeps.pools import available_workers, pool_of
+from shipfp_rs.sweeps.store import opened
+from shipfp_rs.sweeps.worker import begin_process, one_thread_for_linear_algebra
+from shipfp_rs.toml_files import validated
+
+DRAWS_PER_TASK = 50
+LARGE = (10**6, 10**9)
+
+
+def plan_of(draws: int, duration_s: float = 30.0) -> Plan:
+    return validated(
+        {
+            "sweep": {"vessel": "stan-launch-804", "draws": draws},
+            "factors": {"noise.level": {"low": 0.5, "high": 2.0}},
+            "excitation": {"duration_s": duration_s, "start_hz": 0.1, "rate_hz": 50.0},
+            "noise": {"n_e": 0.001, "M_b": 0.005},
+            "identify": {"noise": "white"},
+        },
+        Plan,
+        "bench",
+    )
+
+
+def timed(folder: Path, work: Callable[..., Any], *arguments: Any) -> Any:
+    """Do a task and note down its CPU time under the worker's number."""
+    began = time.process_time()
+    result = work(*arguments)
+    with (folder / str(os.getpid())).open("a") as notes:
+        notes.write(f"{time.process_time() - began}\n")
+    return result
+
+
+class Timed(Executor):
+    """An executor whose workers note down the CPU time of their tasks."""
+
+    def __init__(self, inner: Executor, folder: Path) -> None:
+        self.inner, self.folder = inner, folder
+
+    def submit(self, work: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future[Any]:
+        return self.inner.submit(timed, self.folder, work, *arguments, **options)
+
+    def cpu(self) -> list[float]:
+        """Seconds of each worker."""
+        return [sum(map(float, notes.read_text().split())) for notes in self.folder.iterdir()]
+
+
+class Clock:
+    """Notes when draws come back."""
+
+    def __init__(self) -> None:
+        self.marks: list[tuple[float, int]] = []
+
+    def __call__(self, state: Progress) -> None:
+        self.marks.append((time.perf_counter(), state.made))
+
+    @property
+    def wall_per_draw(self) -> float:
+        (began, before), (ended, after) = next(mark for mark in self.marks if mark[1]), self.marks[-1]
+        return (ended - began) / (after - before)
+
+
+def run_on_processes(plan: Plan, workers: int, folder: Path) -> dict[str, float]:
+    notes, clock = folder / "notes", Clock()
+    notes.mkdir()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=begin_process) as processes:
+        executor = Timed(processes, notes)
+        driver = time.process_time()
+        sweep(plan, folder / "sweep", executor=executor, workers=workers, draws_per_task=5, progress=clock)
+        driver = time.process_time() - driver
+    cpu = executor.cpu()
+    return {"wall": clock.wall_per_draw, "cpu": sum(cpu), "longest": max(cpu), "driver": driver}
+
+
+def rows_of_a_task(plan: Plan) -> pa.RecordBatch:
+    few = pa.Table.from_batches([run_draws(plan, range(10))])
+    return pa.concat_tables([few] * (DRAWS_PER_TASK // 10)).combine_chunks().to_batches()[0]
+
+
+def same_rows(rows: pa.RecordBatch, _plan: Plan, _indices: range) -> pa.RecordBatch:
+    """Do no work and send back as much as a task does."""
+    return rows
+
+
+def empty_tasks(where: Any, plan: Plan, rows: pa.RecordBatch, tasks: int) -> tuple[float, float]:
+    """Wall and CPU seconds of the driver that handing out a task and taking its rows back costs."""
+    with pool_of(where, 1, None) as pool:
+        pool.submit(same_rows, rows, plan, range(2)).result()
+        began, cpu = time.perf_counter(), time.process_time()
+        waiting: list[Future[Any]] = []
+        for _ in range(tasks):
+            waiting.append(pool.submit(same_rows, rows, plan, range(2)))
+            if len(waiting) > 1:
+                waiting.pop(0).result()
+        waiting.pop().result()
+        return (time.perf_counter() - began) / tasks, (time.process_time() - cpu) / tasks
+
+
+def bytes_of_a_draw(folder: Path) -> float:
+    """Bytes in the final table, its footer left out."""
+    with pq.ParquetFile(folder / "results.parquet") as file:
+        group = file.metadata.row_group(0)
+        size = sum(group.column(index).total_compressed_size for index in range(group.num_columns))
+        return size / group.num_rows
+
+
+def writing(plan: Plan, rows: pa.RecordBatch, parts: int, folder: Path) -> float:
+    """CPU seconds that keeping a part costs."""
+    draws = parts * DRAWS_PER_TASK
+    with opened(folder, plan.record(), rows.schema, draws, DRAWS_PER_TASK) as store:
+        began = time.process_time()
+        for part in range(parts):
+            store.add(part, rows)
+        store.finish()
+        return (time.process_time() - began) / parts
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=160)
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--quick", action="store_true", help="a few draws, just to see that it runs")
+    options = parser.parse_args()
+    if options.quick:
+        options.draws, options.rounds = 20, 1
+    plan = plan_of(options.draws)
+    found: dict[int, list[dict[str, float]]] = defaultdict(list)
+    with tempfile.TemporaryDirectory() as name, one_thread_for_linear_algebra():
+        folder = Path(name)
+        # Alternating, so that a busy spell of the machine strikes both.
+        for round_ in range(options.rounds):
+            for workers in (1, 2):
+                place = folder / f"{workers}-{round_}"
+                place.mkdir()
+                found[workers].append(run_on_processes(plan, workers, place))
+        best = {workers: min(runs, key=lambda run: run["wall"]) for workers, runs in found.items()}
+        print_table(
+            ["workers", "ms a draw, wall", "CPU of the workers", "CPU of the driver"],
+            [
+                [
+                    str(workers),
+                    *(
+                        f"{1e3 * value:.1f}"
+                        for value in (run["wall"], run["cpu"] / plan.draws, run["driver"] / plan.draws)
+                    ),
+                ]
+                for workers, run in best.items()
+            ],
+        )
+        one, two = best[1], best[2]
+        bound = max(two["longest"], 0.5 * (two["cpu"] + two["driver"]))
+        faster = one["wall"] / two["wall"]
+        print(f"two workers over one: {faster:.2f} times faster as it was, on {available_workers()} cores")
+        print(
+            f"{one['cpu'] / bound:.2f} times by CPU time: one worker's over the busier of two, the driver's share counted in"
+        )
+
+        cost = min(run["cpu"] / plan.draws for runs in found.values() for run in runs)
+        rows, sample = [], rows_of_a_task(plan)
+        tasks = 20 if options.quick else 200
+        for where in ("processes", "dask"):
+            wall, cpu = empty_tasks(where, plan, sample, tasks)
+            share = wall / (DRAWS_PER_TASK * cost)
+            rows.append([where, f"{1e3 * wall:.2f}", f"{1e3 * cpu:.2f}", f"{100.0 * share:.2f} %"])
+        print(f"\nhanding out a task, {DRAWS_PER_TASK} draws of {1e3 * cost:.1f} ms CPU each")
+        print_table(["to", "ms, wall", "ms, CPU of the driver", "of the draws' time"], rows)
+        per_task = float(rows[-1][2]) * 1e-3
+        kept = writing(plan, sample, 10 if options.quick else 200, folder / "kept")
+        bytes_per_draw = bytes_of_a_draw(folder / "1-0" / "sweep")
+        print(
+            f"keeping its rows: {1e3 * kept:.2f} ms CPU, {bytes_per_draw:.0f} bytes a draw in results.parquet"
+        )
+
+        print("\nwhat large sweeps take")
+        print_table(
+            [
+                "draws",
+                "core hours",
+                "hours on 64 cores",
+                "driver, hours",
+                "GB",
+                "cores one driver keeps busy",
+            ],
+            [
+                [
+                    f"{draws:.0e}",
+                    f"{draws * cost / 3600.0:.3g}",
+                    f"{draws * cost / 3600.0 / 64.0:.3g}",
+                    f"{draws / DRAWS_PER_TASK * (per_task + kept) / 3600.0:.3g}",
+                    f"{draws * bytes_per_draw / 1e9:.3g}",
+                    f"{DRAWS_PER_TASK * cost / (per_task + kept):.0f}",
+                ]
+                for draws in LARGE
+            ],
+        )
+
+
+if __name__ == "__main__":
+    main()

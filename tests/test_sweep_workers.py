@@ -1,0 +1,74 @@
+"""Workers that are killed, and draws that kill them, cost a sweep nothing but time and one failed row."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from shipfp_rs.sweeps import Progress, dispatch, sweep
+from tests.sweeps import DEADLY, DeadlyPlan, cheap_plan, results, rows
+
+DRAWS = 8
+
+
+class KillOne:
+    """Progress function that kills one process of the pool once some draws are done."""
+
+    def __init__(self) -> None:
+        self.killed = 0
+
+    def __call__(self, state: Progress) -> None:
+        children = multiprocessing.active_children()
+        if state.made and not self.killed and children:
+            self.killed = children[0].pid or 0
+            os.kill(self.killed, signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a sweep that nothing happened to."""
+    folder = tmp_path_factory.mktemp("whole") / "sweep"
+    sweep(cheap_plan(DRAWS), folder, executor="threads", workers=1)
+    return folder
+
+
+def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> None:
+    kill = KillOne()
+    sweep(cheap_plan(DRAWS), tmp_path, workers=2, draws_per_task=1, progress=kill)
+    assert kill.killed
+    assert results(tmp_path) == results(whole)
+
+
+def test_a_draw_that_kills_its_process_is_one_failed_row(whole: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(dispatch, "ATTEMPTS", 1)
+    plan = cheap_plan(DRAWS, kind=DeadlyPlan)
+    summary = sweep(plan, tmp_path, workers=1, draws_per_task=2).summary
+    assert summary["errors"] == {"WorkerLost": 1}
+    before, after = rows(whole), rows(tmp_path)
+    assert after[DEADLY]["status"] == "failed"
+    assert after[DEADLY]["seed"] == before[DEADLY]["seed"]
+    assert [row for row in after if row["index"] != DEADLY] == [
+        row for row in before if row["index"] != DEADLY
+    ]
+
+
+def test_a_dask_worker_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    kill = KillOne()
+    sweep(cheap_plan(DRAWS), tmp_path, executor="dask", workers=2, draws_per_task=1, progress=kill)
+    assert kill.killed
+    assert results(tmp_path) == results(whole)
+
+
+def test_no_scheduler_at_an_address_costs_one_line(tmp_path: Path, monkeypatch) -> None:
+    pytest.importorskip("distributed")
+    from shipfp_rs.errors import InputError
+    from shipfp_rs.sweeps import pools
+
+    monkeypatch.setattr(pools, "CONNECT_S", 0.2)
+    with pytest.raises(InputError, match=r"127\.0\.0\.1:9: no Dask scheduler answers there"):
+        sweep(cheap_plan(DRAWS), tmp_path, executor="dask", address="127.0.0.1:9")
