@@ -146,7 +146,7 @@ def test_a_wrong_gear_ratio_shows():
 
 
 @settings(max_examples=15, deadline=None)
-@given(at=st.integers(150, 1000))
+@given(at=st.integers(40, 1000))
 def test_a_slipped_count_is_outvoted_and_reported(at):
     one, _, engine = three_trains(1)
     times = passages(4, seed=[1, 4])
@@ -157,7 +157,8 @@ def test_a_slipped_count_is_outvoted_and_reported(at):
     assert found.trains["PTM_1"].agrees
     assert found.trains["PTM_e"].agrees
     assert not found.trains["PTM_4"].agrees
-    assert len(found.trains["PTM_4"].apart_s)
+    (slip,) = found.trains["PTM_4"].slips_s
+    assert slip == pytest.approx(times[at], abs=0.3)
 
 
 def test_a_train_of_uneven_reflectors_weighs_less():
@@ -193,6 +194,24 @@ def test_what_one_train_misses_another_bridges_and_what_all_miss_is_masked():
     assert all(report.agrees for report in found.trains.values())
 
 
+def test_a_long_log_with_a_break_in_all_trains_is_fused_on_both_sides_of_it():
+    rng = np.random.default_rng(8)
+    trains = []
+    for name, pulses_per_rev, gear in (("PTM_1", 1, 1.0), ("PTM_4", 4, 1.0), ("PTM_e", 1, GEAR)):
+        times = np.arange(1, int(3000.0 * SPEED * pulses_per_rev * gear)) / (SPEED * pulses_per_rev * gear)
+        times = (times + rng.normal(0.0, SIGMA, len(times)))[(times < 1500.0) | (times > 1505.0)]
+        times = np.delete(times, rng.integers(50, len(times) - 50, 300))
+        trains.append(train(name, times, pulses_per_rev, gear))
+    found = fuse(trains, 20.0, 1.0, 2990.0, bandwidth_hz=2.0)
+    lost = np.isnan(found.speed_rps)
+    np.testing.assert_array_equal(lost, (found.time_s >= 1500.0) & (found.time_s <= 1505.0) & lost)
+    assert lost.sum() == pytest.approx(5.0 * 20.0, abs=10)
+    score = ((found.speed_rps - SPEED) / found.std_rps)[~lost]
+    assert rms(score) == pytest.approx(1.0, rel=0.05)
+    assert np.abs(score).max() < 6.0
+    assert all(report.agrees for report in found.trains.values())
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -202,7 +221,7 @@ def test_what_one_train_misses_another_bridges_and_what_all_miss_is_masked():
         (lambda: fuse([train("a", passages(4), 4, -1.0)], 10, 0, 9), "train 'a', ratio: found -1.0"),
         (lambda: fuse([train("a", passages(4), 4)], 10, 9, 0), "stop_s: found 0 with start_s = 9"),
         (lambda: fuse([train("a", passages(4)[:5], 4)], 10, 0, 9), "train 'a': too few pulses"),
-        (lambda: fuse([train("a", passages(1))], 10, 0, 9, bandwidth_hz=2.0), "at most 0.86"),
+        (lambda: fuse([train("a", passages(1))], 10, 0, 9, bandwidth_hz=2.0), "at most 1.15"),
         (lambda: fuse([Train("a", speed_from_pulses(passages(4), 4))], 10, 0, 9), "give .* time_std_s"),
         (
             lambda: fuse([train("a", passages(4), 4), train("b", passages(4) + 99.0, 4, None)], 10, 0, 9),

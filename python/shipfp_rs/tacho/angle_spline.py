@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,83 @@ class AngleSpline:
         return np.asarray(own + np.einsum("ij,jk,ik->i", through, self.offset_covariance, through))
 
 
+@dataclass(frozen=True)
+class AnglePieces:
+    """Splines one after the other, with nothing between them.
+
+    Parameters
+    ----------
+    splines
+        In order of time.
+    spans_s
+        Where each begins and ends [s], shape (P, 2).
+    offsets
+        Angle at the begin of each stretch [rev], shape (S,).
+    """
+
+    splines: tuple[AngleSpline, ...]
+    spans_s: Array
+    offsets: Array
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return sum(len(piece.spline.c) for piece in self.splines)
+
+    def piece_at(self, time: Array) -> npt.NDArray[np.intp]:
+        """Return which spline covers each time, -1 where none does."""
+        piece = np.searchsorted(self.spans_s[:, 0], time, side="right") - 1
+        return np.where((piece >= 0) & (time <= self.spans_s[piece, 1]), piece, -1)
+
+    def angle(self, time: Array) -> Array:
+        """Angle [rev], NaN between the pieces."""
+        return self._each(time, lambda piece, at: piece.spline(at))
+
+    def speed(self, time: Array) -> Array:
+        """Speed [rev/s], NaN between the pieces."""
+        return self._each(time, lambda piece, at: piece.speed(at))
+
+    def speed_variance(self, time: Array) -> Array:
+        """Return its variance [(rev/s)^2], NaN between the pieces."""
+        return self._each(time, lambda piece, at: piece.speed_variance(at))
+
+    def _each(self, time: Array, value: Callable[[AngleSpline, Array], Array]) -> Array:
+        result, at = np.full(len(time), np.nan), self.piece_at(time)
+        for k, piece in enumerate(self.splines):
+            if (inside := at == k).any():
+                result[inside] = value(piece, time[inside])
+        return result
+
+
+def fit_angle_pieces(
+    time: Array, angle: Array, weight: Array, stretch: npt.NDArray[np.intp], spacing_s: float
+) -> AnglePieces:
+    """Fit a spline to each run of stretches that overlap in time; arguments as of `fit_angle_spline`."""
+    count = int(stretch.max()) + 1
+    first, last = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(first, stretch, time)
+    np.maximum.at(last, stretch, time)
+    order = np.argsort(first)
+    reached = np.maximum.accumulate(last[order])
+    fresh = np.append(True, first[order][1:] > reached[:-1])
+    piece_of = np.empty(count, dtype=np.intp)
+    piece_of[order] = np.cumsum(fresh) - 1
+    splines, offsets = [], np.empty(count)
+    for k in range(int(piece_of.max()) + 1):
+        own = np.flatnonzero(piece_of == k)
+        chosen = np.isin(stretch, own) if len(own) < count else np.ones(len(time), dtype=np.bool_)
+        splines.append(
+            fit_angle_spline(
+                time[chosen], angle[chosen], weight[chosen], np.searchsorted(own, stretch[chosen]), spacing_s
+            )
+        )
+        offsets[own] = splines[-1].offsets
+    spans = np.column_stack(
+        [first[order][fresh], reached[np.append(np.flatnonzero(fresh)[1:] - 1, count - 1)]]
+    )
+    return AnglePieces(tuple(splines), spans, offsets)
+
+
 def fit_angle_spline(
     time: Array, angle: Array, weight: Array, stretch: npt.NDArray[np.intp], spacing_s: float
 ) -> AngleSpline:
@@ -81,9 +159,12 @@ def fit_angle_spline(
     right = basis.T @ (weight * angle)
     alone = cho_solve_banded((factor, True), right)
     shift = cho_solve_banded((factor, True), coupling) if stretches > 1 else np.zeros((size, 0))
-    # Eliminating the spline leaves a small system for the offsets; one that nothing ties stays at the least.
-    rest = np.diag(member.T @ weight) - coupling.T @ shift
-    covariance = np.linalg.pinv(rest, rcond=1e-10, hermitian=True)
+    # Eliminating the spline leaves a small system for the offsets, in which long and short stretches count alike.
+    total = member.T @ weight
+    scale = 1.0 / np.sqrt(np.outer(total, total))
+    covariance = scale * np.linalg.pinv(
+        scale * (np.diag(total) - coupling.T @ shift), rcond=1e-9, hermitian=True
+    )
     # A pulse of a stretch reads angle + offset: the offsets below are what has to be added to its count.
     offsets = covariance @ (coupling.T @ alone - member.T @ (weight * angle))
     coefficients = alone + shift @ offsets

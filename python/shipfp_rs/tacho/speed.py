@@ -116,6 +116,7 @@ def resample(
     The slope of a cubic spline through the angle turned up to each pulse; nothing is bridged where intervals were
     left out. It follows the speed itself, not its mean over the intervals: a swing at a tenth of the pulse rate
     keeps its size to 0.03 %, one at a fifth to 0.5 %. Straight lines between the means would take 5 and 18 % off.
+    There is no delay: read when its last pulse comes, an interval would lag by half its length, 1 / (2 P n).
 
     Parameters
     ----------
