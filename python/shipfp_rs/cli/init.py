@@ -1,4 +1,4 @@
-"""`shipfp init`: a commented TRIAL.toml or SWEEP.toml to fill in."""
+"""`shipfp init`: a commented TRIAL.toml to fill in, with the windows that a log shows."""
 
 from __future__ import annotations
 
@@ -7,27 +7,45 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.output import print_text
+from shipfp_rs.cli.output import print_text, progress
 from shipfp_rs.errors import InputError
 
 
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the trial.")] = Path(),
-    sweep: Annotated[bool, typer.Option("--sweep", help="Write a SWEEP.toml instead.")] = False,
+    log: Annotated[
+        Path | None, typer.Option("--log", metavar="LOG", help="Log whose windows are to be found.")
+    ] = None,
+    set_point: Annotated[
+        str | None,
+        typer.Option(
+            "--set-point", metavar="CHANNEL", help="Its set point; by default the channel called so."
+        ),
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the log tells none.")
+    ] = None,
 ) -> None:
-    """Write a commented TRIAL.toml to fill in."""
+    """Write a commented TRIAL.toml to fill in; with --log its sines, chirps, steps and steady stretch are in it."""
     from shipfp_rs.files import write_text_atomically
+    from shipfp_rs.trial import TRIAL_TEMPLATE
 
-    if sweep:
-        from shipfp_rs.sweeps.template import SWEEP_TEMPLATE as text
-
-        name, command = "SWEEP.toml", "sweep"
-    else:
-        from shipfp_rs.trial import TRIAL_TEMPLATE as text
-
-        name, command = "TRIAL.toml", "run"
-    path = folder / name
+    path = folder / "TRIAL.toml"
     if path.exists():
         raise InputError(f"{path}: is there already; rename it or choose another folder")
+    text = TRIAL_TEMPLATE
+    if log is not None:
+        from shipfp_rs.log import Log
+        from shipfp_rs.trial_windows import filled_in, set_point_of
+        from shipfp_rs.windows import find_windows
+
+        recording = Log.open(log, rate_hz=rate_hz)
+        with progress() as notify:
+            notify("looking for windows")
+            channel = set_point or set_point_of(recording)
+            found = find_windows(recording, channel)
+        text = filled_in(text, log.resolve(), recording.channel(channel), found)
+        kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
+        print_text(f"{log}, {channel}: {kinds}")
     write_text_atomically(path, text)
-    print_text(f"wrote {path}", f"Fill it in, then: shipfp {command} {path}")
+    print_text(f"wrote {path}", "Fill it in, then: shipfp run " + str(path))

@@ -1,0 +1,291 @@
+"""Where a log's set point rests, runs a sine or a chirp, or steps: the windows of a trial, found in the log."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.despike import ROBUST_SIGMA, runs
+from shipfp_rs.errors import InputError
+from shipfp_rs.log import Log
+
+Array = npt.NDArray[np.float64]
+Kind = Literal["steady", "sine", "chirp", "steps", "other"]
+
+COARSE_HZ = 200.0
+"""Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
+BLOCK_S = 0.5
+"""Stretch whose median is one level; longer than the relay's jumps many times over."""
+LEAST_REST_S = 10.0
+"""Shortest rest; the crest of a slow sine is level for less, or bends."""
+AT_REST = 6.0
+"""Standard deviations of a block's median within which it is at the level of the rest."""
+BEND = 2.5
+"""Standard deviations that a parabola may rise over a rest: the crests of slow sines rise by more."""
+SWINGS = 1.5
+"""Spread within a block, over that of the noise, from which on the set point swings faster than blocks tell."""
+STEP_WITHIN_S = 1.5
+"""A change from one level to another that takes no longer is a step."""
+LONG_HOLD = 2.5
+"""Times the usual hold of a series of steps after which it has ended."""
+CROSSED = 0.35
+"""Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
+JUMPED = 1.5
+"""Times the amplitude beyond which a sample is a jump of the generator's relay."""
+SAME_FREQUENCY = 1.15
+"""Ratio of the last periods to the first up to which they are one frequency."""
+
+_LETTERS = {"steady": "R", "sine": "S", "chirp": "C", "steps": "St", "other": "X"}
+
+
+@dataclass(frozen=True)
+class FoundWindow:
+    """A stretch of one kind.
+
+    Parameters
+    ----------
+    name
+        Kind's letter and a count: R rest, S sine, C chirp, St steps, X anything else.
+    kind
+        What the set point does.
+    start_s, stop_s
+        On the log's clock [s].
+    level
+        Mean of the set point, as recorded.
+    frequency_hz
+        From the first to the last [Hz]; equal for a sine, None for rests and steps.
+    """
+
+    name: str
+    kind: Kind
+    start_s: float
+    stop_s: float
+    level: float
+    frequency_hz: tuple[float, float] | None = None
+
+
+def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
+    """Find rests, sines, chirps and steps of a set point.
+
+    The set point rests where the medians of half seconds stay at one level to within their noise. What lies between two
+    rests is a step where the level changes at once, else one excitation; the times between its crossings of the mean
+    tell a sine from a chirp. Excitations that follow one another without a rest are found as one.
+
+    Parameters
+    ----------
+    log
+        The recording.
+    set_point
+        Name of the set point's channel.
+
+    Returns
+    -------
+    list of FoundWindow
+        In order of time. A window of steps begins at the first step and ends after the last one by the usual time
+        between two; the rests within it are listed as well.
+
+    Raises
+    ------
+    InputError
+        Where the channel is missing, too short, or too slow.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> time = np.arange(60_000) / 500.0
+    >>> volts = -5.0 + 0.15 * np.sin(2 * np.pi * 0.5 * (time - 30.0)) * ((time >= 30.0) & (time < 90.0))
+    >>> log = Log.from_arrays({"U": volts + rng.normal(0.0, 0.004, len(time))}, rate_hz=500.0)
+    >>> [(found.kind, round(found.start_s), round(found.stop_s)) for found in find_windows(log, "U")]
+    [('steady', 0, 30), ('sine', 30, 90), ('steady', 90, 120)]
+    """
+    trace = _Trace.of(log, set_point)
+    rests = trace.rests()
+    found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
+    found += _steps(trace, rests)
+    # Whatever is no rest and no step between two rests.
+    borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
+    for (_, stop), (start, _) in itertools.pairwise(borders):
+        if (start - stop) * BLOCK_S > STEP_WITHIN_S:
+            found.append(trace.excitation(stop, start))
+    counts = dict.fromkeys(_LETTERS, 0)
+    named = []
+    for window in sorted(found, key=lambda window: (window.start_s, -window.stop_s)):
+        counts[window.kind] += 1
+        named.append(replace(window, name=f"{_LETTERS[window.kind]}{counts[window.kind]}"))
+    return named
+
+
+def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
+    """Return the longest rest at the level that most of the excitations are about; None without any rest."""
+    rests = [window for window in windows if window.kind == "steady"]
+    if not rests:
+        return None
+    centres = [window.level for window in windows if window.kind in ("sine", "chirp")]
+    if not centres:
+        return max(rests, key=lambda rest: rest.stop_s - rest.start_s)
+    centre = float(np.median(centres))
+    nearest = min(abs(rest.level - centre) for rest in rests)
+    spread = 0.1 * float(np.ptp([rest.level for rest in rests]))
+    near = [rest for rest in rests if abs(rest.level - centre) <= nearest + spread]
+    return max(near, key=lambda rest: rest.stop_s - rest.start_s)
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """The set point at a coarse rate, and the medians of its blocks."""
+
+    start_s: float
+    rate_hz: float
+    samples: Array
+    medians: Array
+    spreads: Array
+    noise: float
+
+    @classmethod
+    def of(cls, log: Log, name: str) -> _Trace:
+        channel = log.channel(name)
+        ratio = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
+        rate = channel.rate_hz / ratio
+        block = round(BLOCK_S * rate)
+        if block < 8 or channel.samples < 4 * LEAST_REST_S * channel.rate_hz:
+            raise InputError(
+                f"{log.name}: channel {name!r} has {channel.samples} samples at {channel.rate_hz:g} Hz, expected "
+                f"{4 * LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
+            )
+        parts, held = [], np.empty(0)
+        for chunk in log.chunks(name):
+            held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
+            whole = len(held) // ratio * ratio
+            parts.append(held[:whole].reshape(-1, ratio).mean(axis=1))
+            held = held[whole:]
+        samples = np.concatenate(parts)
+        samples = samples[: len(samples) // block * block]
+        known = np.isfinite(samples)
+        if not known.any():
+            raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
+        samples = np.interp(np.arange(len(samples)), np.flatnonzero(known), samples[known])
+        rows = samples.reshape(-1, block)
+        medians = np.median(rows, axis=1)
+        # Absolute deviations: jumps of the relay are rare among them.
+        spreads = ROBUST_SIGMA * np.median(np.abs(rows - medians[:, None]), axis=1)
+        quiet = float(np.quantile(spreads, 0.1))
+        quantum = float(np.spacing(np.abs(samples).max()))
+        return cls(channel.start_s, rate, samples, medians, spreads, max(quiet, 8.0 * quantum))
+
+    @property
+    def block(self) -> int:
+        return round(BLOCK_S * self.rate_hz)
+
+    @property
+    def level_noise(self) -> float:
+        """Standard deviation of a block's median."""
+        return 1.2533 * self.noise / math.sqrt(self.block)
+
+    def times(self, blocks: tuple[int, int]) -> tuple[float, float]:
+        first, stop = (self.start_s + index * self.block / self.rate_hz for index in blocks)
+        return first, stop
+
+    def level(self, blocks: tuple[int, int]) -> float:
+        return float(np.median(self.medians[slice(*blocks)]))
+
+    def rests(self) -> list[tuple[int, int]]:
+        """Stretches of blocks at one level."""
+        still = self.spreads < SWINGS * self.noise + self.level_noise
+        # A relay jump in a block, or two of them, spoil one block.
+        still[1:-1] |= still[:-2] & still[2:]
+        found = []
+        for first, stop in runs(still).tolist():
+            while first < stop:
+                end = self._rest_from(first, stop)
+                if (end - first) * BLOCK_S >= LEAST_REST_S and not self._bends(first, end):
+                    found.append((first, end))
+                    first = end
+                else:
+                    first += 1
+        return found
+
+    def _rest_from(self, first: int, stop: int) -> int:
+        """Just after the last block that is at the level of the first ones."""
+        least = round(LEAST_REST_S / BLOCK_S)
+        if stop - first < least:
+            return first
+        values = self.medians[first:stop]
+        level = float(np.median(values[:least]))
+        limit = AT_REST * self.level_noise
+        beyond = np.abs(values - level) > limit
+        away = np.flatnonzero(beyond & np.append(beyond[1:], True))
+        if np.count_nonzero(beyond[:least]) > 1:
+            return first
+        return stop if not away.size else first + int(away[0])
+
+    def _bends(self, first: int, stop: int) -> bool:
+        """Whether the levels of a stretch follow a line or a parabola rather than stay."""
+        time = np.linspace(-1.0, 1.0, stop - first)
+        _, slope, bend = np.polynomial.legendre.legfit(time, self.medians[first:stop], 2)
+        return bool(max(abs(slope), 1.5 * abs(bend)) > BEND * self.level_noise)
+
+    def excitation(self, first: int, stop: int) -> FoundWindow:
+        """What lies between two rests."""
+        start_s, stop_s = self.times((first, stop))
+        samples = self.samples[first * self.block : stop * self.block]
+        level = 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
+        crossings = _crossings(samples - level) / self.rate_hz
+        halves = np.diff(crossings)
+        if len(halves) < 2:
+            return FoundWindow("", "other", start_s, stop_s, level)
+        count = max(len(halves) // 8, 1)
+        early, late = (float(np.median(part)) for part in (halves[:count], halves[-count:]))
+        frequencies = (0.5 / early, 0.5 / late)
+        ratio = max(early / late, late / early)
+        if ratio < SAME_FREQUENCY and np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1):
+            mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
+            return FoundWindow("", "sine", start_s, stop_s, level, (mean, mean))
+        # The periods of a chirp change one way; what goes back and forth is something else.
+        logs = np.log(halves)
+        order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
+        kind: Kind = "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other"
+        return FoundWindow("", kind, start_s, stop_s, level, frequencies)
+
+
+def _crossings(deviation: Array) -> Array:
+    """Places at which a signal has crossed zero from one side to the other, shape (K,)."""
+    amplitude = float(np.quantile(np.abs(deviation), 0.9))
+    side = np.where(np.abs(deviation) > CROSSED * amplitude, np.sign(deviation), 0.0)
+    side[np.abs(deviation) > JUMPED * amplitude] = 0.0
+    known = np.flatnonzero(side)
+    turns = np.flatnonzero(np.diff(side[known]))
+    # Between leaving one side and reaching the other.
+    return np.asarray(0.5 * (known[turns] + known[turns + 1]), dtype=np.float64)
+
+
+def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
+    """Series of steps: rests of which each follows the one before at once, at another level."""
+    series: list[list[int]] = [[]]
+    ends: list[tuple[int, int]] = []
+    for before, after in itertools.pairwise(rests):
+        apart = (after[0] - before[1]) * BLOCK_S
+        if (
+            apart <= STEP_WITHIN_S
+            and abs(trace.level(after) - trace.level(before)) > AT_REST * trace.level_noise
+        ):
+            series[-1].append(len(ends))
+            ends.append((before[1], after[1]))
+        else:
+            series.append([])
+    found = []
+    for steps in series:
+        edges = np.array([ends[step][0] for step in steps])
+        hold = np.median(np.diff(edges)) if len(edges) > 1 else np.inf
+        # A pause much longer than the usual hold parts two series.
+        for part in np.split(edges, np.flatnonzero(np.diff(edges) > LONG_HOLD * hold) + 1):
+            if part.size:
+                stop = dict(ends)[int(part[-1])]
+                stretch = (int(part[0]), int(min(part[-1] + hold, stop)))
+                found.append(FoundWindow("", "steps", *trace.times(stretch), trace.level(stretch)))
+    return found

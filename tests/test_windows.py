@@ -1,0 +1,138 @@
+"""Windows of a trial are found where the generator ran them, whatever the noise and the pauses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs import cli, signals
+from shipfp_rs.errors import InputError
+from shipfp_rs.log import Log
+from shipfp_rs.rawlog import EQUATION_6_7
+from shipfp_rs.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.trial_windows import windows_toml
+from shipfp_rs.windows import find_windows, longest_rest
+
+RATE = 400.0
+NOISE_V = 0.004
+BORDER_S = 2.5
+"""Largest distance of a border from the truth: a slow sine has left its level by little after a second or two."""
+
+
+def schedule(seed: int) -> tuple[Log, list[tuple[str, float, float]]]:
+    """Sines, chirps and steps like those of Table 6.7 in any order, pauses of 20 to 60 s; relay jumps on top."""
+    rng = np.random.default_rng(seed)
+    sines = rng.choice([0.0193, 0.0405, 0.11, 0.3728, 1.637, 7.19, 15.01], 4, replace=False)
+    parts = [
+        *(("sine", signals.sine_sequence([f], max(4, round(30 * f)), 76.0, rate_hz=RATE)) for f in sines),
+        ("chirp", signals.chirp(0.004, 3.981, 250.0, 76.0, rate_hz=RATE)),
+        ("chirp", signals.chirp(0.015, 0.27, 250.0, 76.0, rate_hz=RATE)),
+        ("steps", signals.steps([250.0, -250.0, -250.0, 250.0], 20.0, rate_hz=RATE)),
+    ]
+    pieces, truth, at = [], [], 0
+    for index in [*rng.permutation(len(parts)), -1]:
+        pause = round(rng.uniform(20.0, 60.0) * RATE)
+        pieces.append(np.zeros(pause))
+        at += pause
+        if index >= 0:
+            kind, excitation = parts[index]
+            pieces.append(excitation.samples)
+            truth.append((kind, at / RATE, (at + len(excitation)) / RATE))
+            at += len(excitation)
+    volts = EQUATION_6_7.inverse(1183.8 + np.concatenate(pieces))
+    volts += rng.normal(0.0, NOISE_V, len(volts))
+    for place in rng.integers(0, len(volts) - 20, 10):
+        volts[place : place + rng.integers(2, 16)] += rng.choice([-2.0, 2.0])
+    return Log.from_arrays({"U": volts.astype(np.float32)}, rate_hz=RATE, units={"U": "V"}), truth
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_every_window_is_found_with_its_kind_and_borders(seed):
+    log, truth = schedule(seed)
+    found = [window for window in find_windows(log, "U") if window.kind != "steady"]
+    assert [window.kind for window in found] == [kind for kind, _, _ in truth]
+    for window, (kind, start_s, stop_s) in zip(found, truth, strict=True):
+        assert abs(window.start_s - start_s) < BORDER_S, window
+        # The last level of the steps is that of the pause: their end is where one more hold would end.
+        assert abs(window.stop_s - stop_s) < BORDER_S, window
+        if kind == "sine":
+            assert window.frequency_hz is not None
+
+
+def test_sines_and_chirps_tell_their_frequencies():
+    log, _ = schedule(0)
+    found = find_windows(log, "U")
+    for window in found:
+        if window.kind == "sine":
+            nearest = min(
+                (0.0193, 0.0405, 0.11, 0.3728, 1.637, 7.19, 15.01),
+                key=lambda f: abs(f - window.frequency_hz[0]),
+            )
+            assert window.frequency_hz[0] == pytest.approx(nearest, rel=0.02)
+        if window.kind == "chirp":
+            assert window.frequency_hz[0] < window.frequency_hz[1]
+
+
+def test_rests_are_at_the_level_of_the_pauses():
+    log, truth = schedule(1)
+    found = find_windows(log, "U")
+    rest = longest_rest(found)
+    assert rest is not None
+    assert EQUATION_6_7(rest.level) == pytest.approx(1183.8, abs=1.0)
+    for start_s, stop_s in ((start, stop) for kind, start, stop in truth if kind != "steps"):
+        assert rest.stop_s <= start_s + 1.0 or rest.start_s >= stop_s - BORDER_S
+
+
+def test_what_is_found_can_be_pasted_into_a_trial(tmp_path: Path):
+    log, truth = schedule(2)
+    text = TRIAL_TEMPLATE[: TRIAL_TEMPLATE.index("[[windows]]")] + windows_toml(find_windows(log, "U"))
+    (tmp_path / "TRIAL.toml").write_text(text)
+    trial = Trial.load(tmp_path / "TRIAL.toml")
+    assert [window.kind for window in trial.windows] == [kind for kind, _, _ in truth]
+
+
+def test_a_set_point_that_never_moves_is_one_rest():
+    rng = np.random.default_rng(0)
+    log = Log.from_arrays({"U": -5.0 + rng.normal(0.0, NOISE_V, 40_000)}, rate_hz=RATE)
+    (rest,) = find_windows(log, "U")
+    assert (rest.kind, rest.start_s, rest.stop_s) == ("steady", 0.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("samples", "message"), [(np.ones(100), "100 samples"), (np.full(40_000, np.nan), "no finite sample")]
+)
+def test_channels_without_enough_in_them_are_refused(samples, message):
+    with pytest.raises(InputError, match=message):
+        find_windows(Log.from_arrays({"U": samples}, rate_hz=RATE), "U")
+
+
+def test_init_writes_what_a_log_shows(tmp_path: Path, capsys):
+    log, truth = schedule(3)
+    path = log.write(tmp_path / "run.parquet")
+    assert cli.main(["init", str(tmp_path), "--log", str(path), "--set-point", "U"]) == 0
+    assert "S1" in capsys.readouterr().out
+    trial = Trial.load(tmp_path / "TRIAL.toml")
+    assert [window.kind for window in trial.windows] == [kind for kind, _, _ in truth]
+    assert trial.channels.set_point.column == "U"
+    assert trial.trial.log == (str(path),)
+    start_s, stop_s = trial.operating_point.steady_s
+    recorded = log.read("U", start_s + 1.0, stop_s - 1.0)
+    assert np.median(np.abs(EQUATION_6_7(recorded) - 1183.8)) < 2.0
+
+
+def test_init_asks_for_the_set_point_where_no_name_tells(tmp_path: Path, capsys):
+    log, _ = schedule(3)
+    path = log.write(tmp_path / "run.parquet")
+    assert cli.main(["init", str(tmp_path), "--log", str(path)]) == 2
+    assert "no channel is called a set point, found U; name it with --set-point" in capsys.readouterr().err
+
+
+def test_two_series_of_steps_are_two_windows():
+    stairs = signals.steps([250.0, -250.0], 20.0, rate_hz=RATE).samples
+    deviation = np.concatenate([np.zeros(20_000), stairs, np.zeros(40_000), stairs, np.zeros(20_000)])
+    volts = EQUATION_6_7.inverse(1183.8 + deviation)
+    volts += np.random.default_rng(0).normal(0.0, NOISE_V, len(volts))
+    log = Log.from_arrays({"U": volts}, rate_hz=RATE)
+    steps = [window for window in find_windows(log, "U") if window.kind == "steps"]
+    assert [round(window.start_s) for window in steps] == [50, 190]
+    assert [round(window.stop_s) for window in steps] == [90, 230]
