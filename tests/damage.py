@@ -140,14 +140,15 @@ def _reset_peak(process: int) -> int:
         Path(f"/proc/{process}/clear_refs").write_text("5")
     except OSError:
         return 0
-    return _status(process, "VmRSS")
+    return status_bytes(process, "VmRSS")
 
 
 def _peak(process: int) -> int:
-    return _status(process, "VmHWM")
+    return status_bytes(process, "VmHWM")
 
 
-def _status(process: int, key: str) -> int:
+def status_bytes(process: int, key: str) -> int:
+    """One of the kinds of memory of a process; 0 where the system does not tell."""
     try:
         lines = Path(f"/proc/{process}/status").read_text().splitlines()
     except OSError:

@@ -56,21 +56,26 @@ def extremes(dtype: str, count: int = 300) -> npt.NDArray[np.generic]:
     return np.concatenate([special, draw.standard_normal(count - len(special)).astype(dtype)])
 
 
+def _piece(arrays: Arrays) -> int:
+    """Rows that are stored together: several pieces in a short log, of a common size in a long one."""
+    return max(100, len(next(iter(arrays.values()))) // 50)
+
+
 def write_parquet(path: Path, arrays: Arrays) -> None:
     time = np.arange(len(next(iter(arrays.values())))) / RATE_HZ
-    pa.parquet.write_table(pa.table({"time": time, **arrays}), path, row_group_size=100)
+    pa.parquet.write_table(pa.table({"time": time, **arrays}), path, row_group_size=_piece(arrays))
 
 
 def write_feather(path: Path, arrays: Arrays) -> None:
     time = np.arange(len(next(iter(arrays.values())))) / RATE_HZ
-    pa.feather.write_feather(pa.table({"time": time, **arrays}), path, chunksize=100)
+    pa.feather.write_feather(pa.table({"time": time, **arrays}), path, chunksize=_piece(arrays))
 
 
 def write_arrow(path: Path, arrays: Arrays) -> None:
     time = np.arange(len(next(iter(arrays.values())))) / RATE_HZ
     table = pa.table({"time": time, **arrays})
     with pa.ipc.new_stream(path, table.schema) as writer:
-        writer.write_table(table, max_chunksize=100)
+        writer.write_table(table, max_chunksize=_piece(arrays))
 
 
 def write_csv(path: Path, arrays: Arrays) -> None:
@@ -90,8 +95,15 @@ def write_tdms(path: Path, arrays: Arrays) -> None:
         "wf_start_time": np.datetime64(START.replace(tzinfo=None)),
         "unit_string": "V",
     }
+    rows, piece = len(next(iter(arrays.values()))), _piece(arrays)
     with tdms.TdmsWriter(path) as writer:
-        writer.write_segment([tdms.ChannelObject("a", name, array, facts) for name, array in arrays.items()])
+        for start in range(0, rows, piece):
+            writer.write_segment(
+                [
+                    tdms.ChannelObject("a", name, array[start : start + piece], facts)
+                    for name, array in arrays.items()
+                ]
+            )
 
 
 def write_mdf(path: Path, arrays: Arrays, version: str = "4.10", compression: int = 0) -> None:
@@ -109,7 +121,7 @@ def write_hdf5(path: Path, arrays: Arrays) -> None:
         file.attrs["rate_hz"] = RATE_HZ
         file.attrs["start_utc"] = START.isoformat()
         for name, array in arrays.items():
-            dataset = file.create_dataset(name, data=array, chunks=(64,), compression="gzip")
+            dataset = file.create_dataset(name, data=array, chunks=(_piece(arrays),), compression="gzip")
             dataset.attrs["unit"] = "V"
 
 

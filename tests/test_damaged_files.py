@@ -1,12 +1,18 @@
 """Any bytes give a log or one line, in bounded time and memory; a reader that crashes takes nothing with it."""
 
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from shipfp_rs import cli
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.log import Log
 from shipfp_rs.readers import isolation
-from tests.damage import Tally, try_damaged
-from tests.logger_files import REAL_FILES, WRITERS, sample_file
+from tests.damage import KINDS as DAMAGES
+from tests.damage import Tally, damaged, try_damaged
+from tests.logger_files import RATE_HZ, REAL_FILES, WRITERS, sample_file
 
 KINDS = (*WRITERS, *REAL_FILES)
 SPARE = 200_000_000
@@ -28,6 +34,55 @@ def check(tally: Tally, whole: Path) -> None:
 def test_damage_gives_a_log_or_one_line(kind: str, tmp_path: Path) -> None:
     whole = sample_file(kind, tmp_path)
     check(try_damaged(whole, tmp_path, 6 if kind == "DEWESoft" else 50), whole)
+
+
+@pytest.mark.filterwarnings("always::shipfp_rs.errors.LogWarning")
+@pytest.mark.parametrize("kind", ["Parquet", "Feather", "CSV", "MDF 4", "MATLAB 5, plain", "imc FAMOS"])
+def test_the_command_line_answers_damage_in_lines_of_its_own(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = sample_file(kind, tmp_path)
+    content, draw = np.fromfile(whole, np.uint8), np.random.default_rng(3)
+    source, out = tmp_path / f"damaged{whole.suffix}", tmp_path / "out.parquet"
+    for damage in (*DAMAGES, *DAMAGES):
+        damaged(content, damage, draw).tofile(source)
+        status = cli.main(["convert", str(source), str(out)])
+        error = capsys.readouterr().err
+        assert (status, out.exists()) in ((0, True), (2, False)), error
+        assert all(line.startswith(("shipfp: error: ", "shipfp: warning: ")) for line in error.splitlines())
+        assert error.count("shipfp: error: ") == (status == 2)
+        out.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_of_a_cut_file_only_what_was_written_is_read_and_the_loss_is_told(kind: str, tmp_path: Path) -> None:
+    whole = sample_file(kind, tmp_path)
+    content = whole.read_bytes()
+    cut = tmp_path / f"cut{whole.suffix}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)  # DEWESoft channels that are never decoded
+        written = samples(whole)
+    for part in (0.2, 0.4, 0.6, 0.8, 0.95, 0.999) if kind != "DEWESoft" else (0.5, 0.999):
+        cut.write_bytes(content[: int(part * len(content))])
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                read = samples(cut)
+            except InputError:
+                continue
+        assert set(read) <= set(written)
+        for name, values in read.items():
+            np.testing.assert_array_equal(values, written[name][: len(values)])
+        lost = set(read) < set(written) or any(len(read[name]) < len(written[name]) for name in read)
+        assert (
+            any("lost" in str(warning.message) or "left out" in str(warning.message) for warning in told)
+            >= lost
+        )
+
+
+def samples(path: Path) -> dict[str, np.ndarray]:
+    log = Log.open(path, rate_hz=RATE_HZ)
+    return {name: log.read(name) for name, channel in log.channels.items() if channel.samples}
 
 
 @pytest.mark.study

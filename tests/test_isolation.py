@@ -86,6 +86,16 @@ def test_threads_share_a_log(file) -> None:
     assert found == [499_500] * 8
 
 
+def test_a_file_replaced_under_a_read_ends_that_read(file) -> None:
+    log = Log.open(file())
+    chunks = log.chunks("a", 10)
+    next(chunks)
+    os.utime(file(), (1, 1))
+    assert len(log.read("b")) == ill_readers.SAMPLES
+    with pytest.raises(InputError, match="was replaced while channel 'a' was read; read it again"):
+        next(chunks)
+
+
 def test_a_read_that_is_left_off_leaves_the_next_one_whole(file) -> None:
     log = Log.open(file())
     chunks = log.chunks("a", 10)
@@ -139,7 +149,3 @@ def test_the_idle_child_can_be_ended(file) -> None:
     assert idle_process() is None
     with pytest.raises(ProcessLookupError):
         os.kill(process, 0)
-
-
-def test_the_samples_reader_is_what_the_tests_think(file) -> None:
-    assert Log.open(file()).channels["a"].samples == ill_readers.SAMPLES

@@ -223,6 +223,7 @@ def test_stretches_outside_the_log_are_refused(path: Path, start_s: float, stop_
     ("name", "message"),
     [
         ("missing.parquet", "no such log file"),
+        ("run.csv.gz", "a compressed file, expected a log; unpack it first"),
         ("run.xyz", "unknown log format '.xyz', expected one of .parquet"),
     ],
 )

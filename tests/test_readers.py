@@ -230,6 +230,22 @@ class TestHdf5:
         with pytest.raises(InputError, match=message):
             Log.open(path)
 
+    def test_a_compression_that_h5py_lacks_is_named(self, path: Path) -> None:
+        h5py = pytest.importorskip("h5py")
+        layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        layout.set_chunk((100,))
+        layout.set_filter(32015, h5py.h5z.FLAG_OPTIONAL, (3,))  # Zstandard, a plugin
+        with h5py.File(path, "w") as file:
+            space = h5py.h5s.create_simple((100,))
+            raw = h5py.h5d.create(file.id, b"u", h5py.h5t.NATIVE_DOUBLE, space, layout)
+            raw.write_direct_chunk((0,), b"compressed")
+            file.attrs["fs"] = 10.0
+        log = Log.open(path)
+        with pytest.raises(
+            InputError, match=r"'/u' is compressed with filter 32015.*which h5py lacks; pack it again"
+        ):
+            log.read("u")
+
 
 class TestMatlab:
     def test_a_vector_of_times_is_the_base_of_those_of_its_length(self, tmp_path: Path) -> None:

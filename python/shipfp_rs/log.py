@@ -119,6 +119,8 @@ class Log:
             importlib.import_module(f"shipfp_rs.readers.{_MODULES[suffix]}")
         reader = _READERS.get(suffix)
         if reader is None:
+            if suffix in (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"):
+                raise InputError(f"{path}: a compressed file, expected a log; unpack it first")
             known = ", ".join(dict.fromkeys([*_MODULES, *_READERS]))
             raise InputError(f"{path}: unknown log format {path.suffix!r}, expected one of {known}")
         if not path.is_file():
@@ -227,7 +229,9 @@ def one_line_errors(path: Path) -> Iterator[None]:
         raise
     except Exception as error:  # these packages raise anything from KeyError to MemoryError on damaged files
         reason = " ".join(str(error).split())[:500] or type(error).__name__
-        raise InputError(f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged?") from error
+        raise InputError(
+            f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
+        ) from error
 
 
 def _with_nan(block: Samples) -> Samples:

@@ -58,7 +58,7 @@ class _Server:
         try:
             if "open" in request:
                 return self._open(*request["open"]), None
-            return {}, self._read(*request["read"], drop=request["drop"])
+            return {}, self._read(*request["read"], start=request["start"], drop=request["drop"])
         except InputError as error:
             return {"error": str(error)}, None
         except MemoryError:
@@ -68,7 +68,9 @@ class _Server:
         except Exception as error:  # these packages raise anything on damaged files
             reason = " ".join(str(error).split())[:500] or type(error).__name__
             suffix = Path(self._path).suffix
-            return {"error": f"{self._path}: can't be read as {suffix}: {reason}; is the file damaged?"}, None
+            return {
+                "error": f"{self._path}: can't be read as {suffix}: {reason}; is the file damaged or cut short?"
+            }, None
 
     def _open(
         self, package: str, module: str, reader: str, path: str, rate_hz: float | None
@@ -90,7 +92,11 @@ class _Server:
         with warnings.catch_warnings(record=True) as notes:
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", LogWarning)
-            log = self._log = open_log(Path(path), rate_hz)
+            try:
+                log = self._log = open_log(Path(path), rate_hz)
+            except InputError as error:
+                # What was left out may be why.
+                raise InputError("; ".join([str(error), *(str(note.message) for note in notes)])) from error
         return {
             "channels": [asdict(channel) for channel in log.channels.values()],
             "start_utc": log.start_utc and log.start_utc.isoformat(),
@@ -98,13 +104,15 @@ class _Server:
             "grown": used - self._start_bytes,
         }
 
-    def _read(self, stream: int, name: str, first: int, size: int, *, drop: list[int]) -> Samples | None:
+    def _read(
+        self, stream: int, name: str, first: int, size: int, *, start: bool, drop: list[int]
+    ) -> Samples | None:
         for gone in drop:
             self._streams.pop(gone, None)
-        if self._log is None:
-            raise InputError(f"{self._path}: not open")
-        if stream not in self._streams:
+        if start and self._log is not None:
             self._streams[stream] = self._log.raw_blocks(name, first, size)
+        if stream not in self._streams:
+            raise InputError(f"{self._path}: was replaced while channel {name!r} was read; read it again")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             block = next(self._streams[stream], None)

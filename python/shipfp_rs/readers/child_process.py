@@ -50,7 +50,7 @@ class Child:
         self._owner = os.getpid()
         self._streams = 0
         self._grown = 0
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
 
     def usable(self) -> bool:
         """Whether it lives, and was started by this process rather than by one that forked it."""
@@ -78,7 +78,7 @@ class Child:
         TimeoutError, EOFError, OSError, ValueError
             Where the child hangs, ends, or answers nonsense; it is ended then.
         """
-        with self._lock:
+        with self.lock:
             late = threading.Event()
 
             def expire() -> None:

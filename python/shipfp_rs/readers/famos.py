@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import mmap
+import re
+import warnings
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.log import Channel, Log, Samples, register_reader
 from shipfp_rs.readers.isolation import in_child
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
 """Trigger times count from here, on the logger's own clock, which is taken as UTC."""
+
+BLOCK_START = re.compile(rb"\|([A-Za-z]{2})\s*,\s*\d+\s*,\s*(\d{1,15})\s*,")
+"""Key, version and length of each block of a file."""
 
 
 @register_reader(".raw", ".dat")
@@ -32,6 +38,7 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
     found = [channel for channel in file.get_channels_metadata() if channel.kind == "numeric"]
     first = min((channel.absolute_trigger_time for channel in found), default=0.0)
     start_utc = EPOCH + timedelta(seconds=first) if first else None
+    left = _sample_bytes(path)
     channels: list[Channel] = []
     keys: dict[str, tuple[str, Literal["raw", "scaled"]]] = {}
     for channel in found:
@@ -51,15 +58,46 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
         if not math.isfinite(start_s):
             raise InputError(f"{path}: channel {channel.name!r} starts at {start_s} s; is the file damaged?")
         unit = channel.y_unit.strip().strip('"')
-        channels.append(
-            Channel(channel.name, unit, rate_hz or 1.0 / step, int(channel.sample_count), start_s)
-        )
+        samples = int(channel.sample_count)
+        part = next(file.iter_channel_numpy(channel.uuid, include_x=False, chunk_rows=1, mode="raw"), None)
+        if part is not None:
+            held, left = left // part["y"].itemsize, left - samples * part["y"].itemsize
+            if left < 0:
+                samples = _cut(path, channel.name, samples, held, alone=len(found) == 1)
+        channels.append(Channel(channel.name, unit, rate_hz or 1.0 / step, samples, start_s))
+
+    counts = {channel.name: channel.samples for channel in channels}
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
         uuid, mode = keys[name]
+        left = counts[name] - first
         for chunk in file.iter_channel_numpy(
             uuid, include_x=False, chunk_rows=size, mode=mode, start_index=first
         ):
-            yield chunk["y"]
+            if left <= 0:
+                return
+            yield chunk["y"][:left]
+            left -= len(chunk["y"])
 
     return Log(str(path), channels, blocks, start_utc)
+
+
+def _sample_bytes(path: Path) -> int:
+    """Bytes of samples that a file holds; the package reads on behind the end of one that was cut."""
+    held = place = 0
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        while found := BLOCK_START.search(content, place):
+            place = found.end() + int(found[2])
+            start = content.find(b",", found.end(), place)  # behind the block's number
+            if found[1] == b"CS" and start >= 0:
+                held += min(place, len(content)) - start - 1
+    return held
+
+
+def _cut(path: Path, name: str, samples: int, held: int, *, alone: bool) -> int:
+    """Return the samples left of a channel; several channels may take turns in the file, so that none is whole."""
+    what = f"{path}: cut short or damaged: channel {name!r} has {samples} samples"
+    if not alone:
+        raise InputError(f"{what}, more than the file holds beside the other channels; fetch it again")
+    warnings.warn(f"{what}, the file holds {held}; what came after them is lost", LogWarning, stacklevel=3)
+    return held

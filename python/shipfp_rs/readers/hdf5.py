@@ -37,7 +37,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: not an HDF5 file, or its first block is damaged")
     file = h5py.File(path, "r")
-    rows, skipped = _find_rows(path, file)
+    rows, skipped = _find_rows(file)
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
     times = {key: row for key, row in rows.items() if posixpath.basename(key).lower() in TIME_NAMES}
     clocks: dict[str, tuple[float, float, datetime | None]] = {}
@@ -90,7 +90,16 @@ class _Row:
     def read(self, start: int, stop: int) -> Samples:
         axis = int(np.argmax(self.dataset.shape))
         place = tuple(slice(start, stop) if k == axis else 0 for k in range(self.dataset.ndim))
-        samples: Samples = (self.dataset.fields(self.field) if self.field else self.dataset)[place]
+        try:
+            samples: Samples = (self.dataset.fields(self.field) if self.field else self.dataset)[place]
+        except OSError as error:
+            missing = _missing_filter(self.dataset)
+            if missing is None:
+                raise
+            raise InputError(
+                f"{self.dataset.file.filename}: dataset {self.dataset.name!r} is compressed with filter {missing}, "
+                "which h5py lacks; pack it again with h5repack -f GZIP=4"
+            ) from error
         return (
             samples.astype(bool)
             if _text(self.dataset.attrs.get("MATLAB_class", "")) == "logical"
@@ -98,7 +107,7 @@ class _Row:
         )
 
 
-def _find_rows(path: Path, file: Any) -> tuple[dict[str, _Row], list[str]]:
+def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
     """All rows of numbers of a file by their path in it, and the names of the other datasets."""
     import h5py
 
@@ -121,7 +130,6 @@ def _find_rows(path: Path, file: Any) -> tuple[dict[str, _Row], list[str]]:
                 and (one_axis or scalar)
                 and matlab not in ("char", "cell")
             ):
-                _check_filters(path, key, item)
                 rows[key] = _Row(item, item.size, field)
             else:
                 skipped.append(key)
@@ -130,17 +138,16 @@ def _find_rows(path: Path, file: Any) -> tuple[dict[str, _Row], list[str]]:
     return rows, skipped
 
 
-def _check_filters(path: Path, key: str, dataset: Any) -> None:
+def _missing_filter(dataset: Any) -> str | None:
+    """Return the compression of a dataset that h5py lacks, if any."""
     import h5py
 
     created = dataset.id.get_create_plist()
     for index in range(created.get_nfilters()):
         code, _, _, name = created.get_filter(index)
         if not h5py.h5z.filter_avail(code):
-            raise InputError(
-                f"{path}: dataset {key!r} is compressed with filter {code} ({_text(name)}), which h5py lacks; pack it "
-                "again with h5repack -f GZIP=4"
-            )
+            return f"{code} ({_text(name) or 'without a name'})"
+    return None
 
 
 def _attributes(dataset: Any) -> dict[str, Any]:

@@ -77,17 +77,18 @@ class _Source:
 
     def _blocks(self, name: str, first: int, size: int) -> Iterator[Samples]:
         with self._reading() as child:
-            if child.opened != self._key():
-                self._open(child)
-            stream = child.next_stream()
+            with child.lock:  # a second opening would end the streams of the first
+                if child.opened != self._key():
+                    self._open(child)
+            stream, start = child.next_stream(), True
             try:
                 while True:
-                    _, block = self._ask(
-                        child, {"read": [stream, name, first, size], "drop": child.dropped()}
-                    )
+                    request = {"read": [stream, name, first, size], "start": start, "drop": child.dropped()}
+                    _, block = self._ask(child, request)
                     if block is None:
                         return
                     yield block
+                    start = False
             finally:
                 # Told with the next request: this may run while another one is under way.
                 child.drop.append(stream)
@@ -119,7 +120,7 @@ class _Source:
             raise InputError(f"{self.path}: not read within {limit_s:.0f} s; is the file damaged?") from None
         except (OSError, EOFError, ValueError) as error:
             raise InputError(
-                f"{self.path}: the package {self._package} crashes on it ({error}); is the file damaged?"
+                f"{self.path}: the package {self._package} crashes on it ({error}); is the file damaged or cut short?"
             ) from None
         if "error" in facts:
             raise InputError(str(facts["error"]))

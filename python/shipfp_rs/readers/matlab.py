@@ -46,6 +46,15 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     from scipy.io import loadmat, whosmat
 
     found = {name: (shape, kind) for name, shape, kind in whosmat(path)}
+    whole = _whole_variables(path)
+    if whole is not None and len(found) > whole:
+        lost = list(found)[whole:]
+        warnings.warn(
+            f"{path}: cut short within variable {lost[0]!r}; it and all that came after it are lost",
+            LogWarning,
+            stacklevel=2,
+        )
+        found = {name: found[name] for name in list(found)[:whole]}
     if not found:
         raise InputError(f"{path}: no variables in it")
 
@@ -90,3 +99,23 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
             yield samples[start : start + size]
 
     return Log(str(path), channels, blocks)
+
+
+def _whole_variables(path: Path) -> int | None:
+    """Variables of a version 5 file that were not cut, None for one that was not cut at all.
+
+    SciPy takes a cut for the end of the file. Each variable begins with its type and its length in bytes.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        order = file.read(128)[126:]
+        if order not in (b"IM", b"MI"):  # version 4
+            return None
+        place, count = 128, 0
+        while place < size:
+            file.seek(place + 4)
+            place += 8 + int.from_bytes(file.read(4), "little" if order == b"IM" else "big")
+            if place > size:
+                return count
+            count += 1
+    return None

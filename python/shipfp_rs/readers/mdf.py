@@ -57,7 +57,7 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
     if not channels and reasons:
         raise InputError(reasons[0])
     if skipped:
-        why = f" ({reasons[0]})" if reasons else ""
+        why = f" ({reasons[0].removeprefix(f'{path}: ')})" if reasons else ""
         warnings.warn(
             f"{path}: left out, no numbers or no uniform time base{why}: {', '.join(skipped)}",
             LogWarning,
@@ -81,7 +81,7 @@ def _group_time(path: Path, file: Any, number: int, count: int, rate_hz: float |
         file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
         for start in range(0, count, BLOCK)
     )
-    start_s, rate = time_base(path, f"of group {number}", master, check=rate_hz is None)
+    start_s, rate = time_base(path, f"time of group {number}", master, check=rate_hz is None)
     return start_s, rate_hz or rate
 
 

@@ -10,14 +10,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.log import BLOCK, Channel, Log, Samples, register_reader
 from shipfp_rs.readers.isolation import in_child
 
 
 @register_reader(".tdms")
 @in_child("nptdms", extra="tdms")
 def open_tdms(path: Path, rate_hz: float | None) -> Log:
-    """Open a TDMS file; a channel carries its group's name in front where another has the same name."""
+    """Open a TDMS file; a channel carries its group's name in front where another has the same name.
+
+    npTDMS reads a channel in pieces no smaller than the logger wrote: a file defragmented into one piece needs
+    the memory of a whole channel.
+    """
     import nptdms
 
     channels: list[Channel] = []
@@ -50,6 +54,16 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             replace(c, start_s=c.start_s + (starts.get(c.name, start_utc) - start_utc).total_seconds())
             for c in channels
         ]
+    status = file.file_status
+    if status.incomplete_final_segment:
+        lost = sum(
+            each.expected_length - each.read_length for each in (status.channel_statuses or {}).values()
+        )
+        warnings.warn(
+            f"{path}: cut short: {lost} samples of its last segment are lost, the rest is read",
+            LogWarning,
+            stacklevel=2,
+        )
     if skipped and not channels:
         raise InputError(f"{path}: no numbers in {', '.join(skipped)}; expected at least one channel of them")
     if skipped:
@@ -58,7 +72,10 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
         group, key = keys[name]
         channel = file[group][key]
-        for start in range(first, len(channel), size):
-            yield channel.read_data(start, min(size, len(channel) - start))
+        step = max(size, BLOCK // size * size)  # each piece of the file is read anew for every part of it
+        for start in range(first, len(channel), step):
+            part = channel.read_data(start, min(step, len(channel) - start))
+            for offset in range(0, len(part), size):
+                yield part[offset : offset + size]
 
     return Log(str(path), channels, blocks, start_utc)

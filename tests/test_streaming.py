@@ -1,0 +1,47 @@
+"""A log may be larger than memory: channels are read in pieces, and no process holds more than a few of them."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.log import Log
+from shipfp_rs.readers import delimited
+from shipfp_rs.readers.child_process import end_idle, idle_process
+from tests.damage import status_bytes
+from tests.logger_files import NEEDS, WRITERS
+
+SAMPLES = 3_000_000
+PIECE = 50_000
+# SciPy reads a variable of these versions whole; the log as a whole may still be larger than memory.
+KINDS = [kind for kind in WRITERS if not kind.startswith("MATLAB 5")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory of a process is told by /proc")
+@pytest.mark.parametrize("kind", KINDS)
+def test_reading_through_a_channel_holds_a_fraction_of_it(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for start, package in NEEDS.items():
+        if kind.startswith(start):
+            pytest.importorskip(package)
+    monkeypatch.setattr(delimited, "PART", 1 << 16)
+    suffix, write = WRITERS[kind]
+    path = tmp_path / f"log{suffix}"
+    samples = SAMPLES // 30 if kind == "CSV" else SAMPLES
+    write(path, {"u": np.random.default_rng(1).standard_normal(samples).round(6)})
+    end_idle()
+    log = Log.open(path)
+    child = idle_process()
+
+    def held() -> int:
+        return sum(status_bytes(process, "RssAnon") for process in (os.getpid(), child) if process)
+
+    before, most, total = held(), 0, 0
+    for piece in log.chunks("u", PIECE):
+        total += len(piece)
+        most = max(most, held() - before)
+    assert total == samples
+    assert most < 8 * samples / 2, f"{most / 1e6:.1f} MB, of a channel of {8 * samples / 1e6:.1f} MB"
