@@ -62,6 +62,7 @@ class TestFrame:
             ["demo"],
             ["run"],
             ["init"],
+            ["inspect"],
             ["simulate"],
             ["reproduce"],
             ["reproduce", "fullscale"],

@@ -15,6 +15,7 @@ import typer
 from shipfp_rs.cli.convert import convert
 from shipfp_rs.cli.demo import demo
 from shipfp_rs.cli.init import init
+from shipfp_rs.cli.inspect import inspect
 from shipfp_rs.cli.reproduce import reproduce
 from shipfp_rs.cli.run import run
 from shipfp_rs.cli.simulate import simulate
@@ -30,7 +31,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (demo, run, init, simulate, sweep, convert):
+for command in (demo, run, init, inspect, simulate, sweep, convert):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 

@@ -1,0 +1,127 @@
+"""`shipfp inspect`: what is in a log, and what is wrong with it, before anything is fitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.errors import InputError
+
+if TYPE_CHECKING:
+    from shipfp_rs.inspection import Inspection
+
+
+def inspect(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log in any supported format.")],
+    trial: Annotated[
+        Path | None,
+        typer.Argument(metavar="[TRIAL.toml]", help="Its trial, for calibrated checks.", show_default=False),
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the file tells none.")
+    ] = None,
+    torque_coefficient: Annotated[
+        float | None,
+        typer.Option("--cq", metavar="C_Q*", help="Torque coefficient of eq. 6.3, in place of the vessel's."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for pictures.")] = None,
+    json: Json = False,
+) -> None:
+    """Show a log's channels, gaps, faults, windows and spectra; with its trial, calibrated checks as well."""
+    from shipfp_rs.inspection import inspect_log
+    from shipfp_rs.log import Log
+    from shipfp_rs.trial import Trial
+
+    if log.suffix == ".toml":
+        raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
+    description = Trial.load(trial) if trial is not None else None
+    recording = Log.open(log, rate_hz=rate_hz or (description.trial.rate_hz if description else None))
+    with progress() as notify:
+        notify("reading the log")
+        found = inspect_log(recording, description, C_Q=torque_coefficient)
+    if out is not None:
+        from shipfp_rs.inspection.pictures import draw
+
+        draw(found, recording, out)
+    if json:
+        print_json(found.to_dict())
+        return
+    _print(found)
+    if out is not None:
+        print_text(f"wrote {out}")
+
+
+def _print(found: Inspection) -> None:
+    from shipfp_rs.trial_windows import windows_toml
+
+    print_table(
+        f"Channels of {found.log}",
+        ["channel", "unit", "rate [Hz]", "samples", "start [s]", "low", "high", "noise", "pulses/s", "gaps"],
+        [
+            [
+                report.channel.name,
+                report.channel.unit,
+                f"{report.channel.rate_hz:g}",
+                f"{report.channel.samples}",
+                f"{report.channel.start_s:g}",
+                f"{report.low:.5g}",
+                f"{report.high:.5g}",
+                "" if report.pulses_hz is not None else f"{report.noise:.2g}",
+                "" if report.pulses_hz is None else f"{report.pulses_hz:.2f}",
+                f"{len(report.gaps)}",
+            ]
+            for report in found.channels
+        ],
+    )
+    if found.faults:
+        rows = [[fault["kind"], fault["channel"], f"{fault['count']}"] for fault in found.faults]
+        print_table("Faults (Table 6.10)", ["kind", "channel", "count"], rows)
+    else:
+        print_text("No faults found.")
+    for channel, peaks in found.peaks.items():
+        unit = found.checks["spectra"][channel]["unit"]
+        rows = [[peak.name or "-", f"{peak.frequency_hz:.2f}", f"{peak.amplitude:.3g}"] for peak in peaks]
+        if rows:
+            print_table(f"Lines of {channel}", ["line", "Hz", f"amplitude [{unit}]"], rows)
+    _print_checks(found)
+    if tables := windows_toml(found.windows):
+        print_text("Windows, to paste into TRIAL.toml:", "", tables)
+
+
+def _print_checks(found: Inspection) -> None:
+    checks = found.checks
+    if "set_point_to_speed" not in checks:
+        return
+    line, trains = checks["set_point_to_speed"], checks["pulse_trains"]
+    if line["slope"] is None:
+        fitted = f"within {line['largest_difference_rpm']:.1f} rpm of each other"
+    else:
+        fitted = f"n_e = {line['slope']:.4f} n_set {line['offset_rpm']:+.1f} rpm"
+        if line["largest_residual_rpm"] is not None:
+            fitted += f", largest residual {line['largest_residual_rpm']:.1f} rpm"
+    reflectors = ", ".join(f"{error:+.2f}" for error in trains["reflector_error_pct_of_pitch"])
+    noise = ", ".join(f"{name} {value['std']:.3g} {value['unit']}" for name, value in checks["noise"].items())
+    bandwidth = checks["bandwidth_hz"]
+    print_text(
+        f"Set point and speed, {line['points']} steady points: {fitted}.",
+        f"Pulse trains agree to {trains['largest_disagreement_pct']:.3f} %; {trains['train']} is the best, its "
+        f"reflectors off by {reflectors} % of their pitch.",
+        f"Standard deviation at rest: {noise}.",
+        f"Bandwidth: speed {bandwidth['speed']:.1f} Hz, signals {bandwidth['signals']:.1f} Hz.",
+    )
+    if "static_torque" in checks:
+        static = checks["static_torque"]
+        columns = (static[key] for key in ("n_e_rpm", "measured_Nm", "calculated_Nm", "error_pct"))
+        rows = [
+            [f"{speed:.1f}", f"{ours:.1f}", f"{theirs:.1f}", f"{error:.2f}"]
+            for speed, ours, theirs, error in zip(*columns, strict=True)
+        ]
+        print_table(
+            "Static torque (eq. 6.3)", ["n_e [rpm]", "measured [Nm]", "calculated [Nm]", "error [%]"], rows
+        )
+        if static["exponent"] is not None:
+            print_text(f"The measured torque goes with n^{static['exponent']:.3f}.")

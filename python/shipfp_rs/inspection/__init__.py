@@ -1,0 +1,220 @@
+"""Inspection of a raw log before anything is fitted to it (section 6.3): channels, gaps, faults, spectra, checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.inspection.channels import ChannelReport, describe
+from shipfp_rs.inspection.checks import (
+    SETTLE_S,
+    SteadyPoint,
+    found_experiments,
+    linearity,
+    static_check,
+    static_torque,
+    steady_points,
+    trains,
+)
+from shipfp_rs.inspection.spectrum import Peak, amplitude_spectrum, find_peaks, rates_of
+from shipfp_rs.log import Log
+from shipfp_rs.low_pass import PASSBAND
+from shipfp_rs.trial import SIGNAL_OF_LOCATION, Trial
+from shipfp_rs.trial_windows import set_point_of
+from shipfp_rs.vessel import Vessel
+from shipfp_rs.windows import FoundWindow, find_windows, longest_rest
+
+__all__ = [
+    "ChannelReport",
+    "Inspection",
+    "Peak",
+    "SteadyPoint",
+    "inspect_log",
+    "static_check",
+    "static_torque",
+]
+
+Array = npt.NDArray[np.float64]
+
+LONGEST_SPECTRUM_S = 300.0
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was found in a log.
+
+    Parameters
+    ----------
+    log
+        Its name.
+    channels
+        One report each.
+    faults
+        JSON forms: kind (Table 6.10, or "gap"), channel, count, spans (first sample and first after).
+    windows
+        Rests and excitations of the set point; empty where the log has no channel called so.
+    spectra
+        Channel to frequencies [Hz] and amplitudes, over a rest.
+    peaks
+        Channel to the lines that stand out.
+    points
+        Steady points, by speed; empty without a trial.
+    checks
+        JSON form of everything that was checked.
+    """
+
+    log: str
+    channels: tuple[ChannelReport, ...]
+    faults: tuple[dict[str, Any], ...]
+    windows: tuple[FoundWindow, ...]
+    spectra: Mapping[str, tuple[Array, Array]]
+    peaks: Mapping[str, tuple[Peak, ...]]
+    points: tuple[SteadyPoint, ...]
+    checks: Mapping[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "log": self.log,
+            "channels": [report.to_dict() for report in self.channels],
+            "faults": list(self.faults),
+            "windows": [
+                {"name": w.name, "kind": w.kind, "start_s": w.start_s, "stop_s": w.stop_s}
+                for w in self.windows
+            ],
+            "checks": dict(self.checks),
+        }
+
+
+def inspect_log(
+    log: Log, trial: Trial | None = None, vessel: Vessel | None = None, *, C_Q: float | None = None
+) -> Inspection:
+    """Inspect a log, alone or together with its trial.
+
+    Alone: channels, gaps, windows of the set point if a channel is called so, and the lines in the spectrum of every
+    channel that is no pulse train, over the longest rest. With the trial: the faults that processing repairs, lines of
+    the torque by name, the line through set point and speed, the pulse trains against one another, their reflectors, and
+    the static torque against eq. 6.3 with the exponent fitted.
+
+    Parameters
+    ----------
+    log
+        The recording.
+    trial
+        Its channels and calibrations; the trial's windows are not needed.
+    vessel
+        The ship; None: the one that the trial names.
+    C_Q
+        Torque coefficient for eq. 6.3; None: of the vessel's own operating point.
+
+    Raises
+    ------
+    InputError
+        Where a channel of the trial is missing, or nothing in the log is steady.
+    """
+    reports = describe(log)
+    faults: list[dict[str, Any]] = [
+        {
+            "kind": "gap",
+            "channel": report.channel.name,
+            "count": len(report.gaps),
+            "spans": report.gaps.tolist(),
+        }
+        for report in reports
+        if len(report.gaps)
+    ]
+    windows = _windows(log, trial)
+    rest = longest_rest(windows)
+    checks: dict[str, Any] = {}
+    points: tuple[SteadyPoint, ...] = ()
+    rates: dict[str, float] = {}
+    scale: dict[str, float] = {}
+    if trial is not None:
+        vessel = vessel or Vessel.load(trial.trial.vessel)
+        every = found_experiments(log, trial, vessel, windows)
+        experiments = [experiment for experiment in every if experiment.kind == "steady"]
+        torque = trial.channels.torque
+        name = SIGNAL_OF_LOCATION[torque.location] if torque is not None else None
+        points = tuple(steady_points(experiments, name))
+        longest = max(experiments, key=len)
+        rates = rates_of(vessel, float(np.nanmean(longest.signals["n_e"])))
+        checks |= {
+            "set_point_to_speed": linearity(points),
+            "pulse_trains": trains(experiments),
+            "noise": {
+                key: {"std": float(np.nanstd(values)), "unit": _UNITS.get(key, "Nm")}
+                for key, values in longest.signals.items()
+            },
+            "bandwidth_hz": {
+                "speed": longest.provenance["speed"]["bandwidth_hz"],
+                "signals": PASSBAND * longest.rate_hz,
+            },
+        }
+        if torque is not None:
+            checks["static_torque"] = static_check(vessel, points, C_Q)
+            scale[torque.column] = torque.calibration.calibration("Nm").scale
+        faults += _repaired(every, {fault["channel"] for fault in faults})
+    spectra = {
+        report.channel.name: _spectrum(log, report, rest, abs(scale.get(report.channel.name, 1.0)))
+        for report in reports
+        if report.pulses_hz is None and np.isfinite(report.noise)
+    }
+    peaks = {key: tuple(find_peaks(*spectrum, rates)) for key, spectrum in spectra.items()}
+    checks["spectra"] = {
+        key: {
+            "unit": "Nm" if key in scale else log.channel(key).unit,
+            "peaks": [peak.to_dict() for peak in found],
+        }
+        for key, found in peaks.items()
+    }
+    if rates:
+        checks["rates_hz"] = rates
+    if windows:
+        checks["set_point_channel"] = (
+            trial.channels.set_point.column if trial is not None else set_point_of(log)
+        )
+    return Inspection(log.name, tuple(reports), tuple(faults), tuple(windows), spectra, peaks, points, checks)
+
+
+_UNITS = {"n_set": "rpm", "n_e": "rpm"}
+
+
+def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
+    """Find the set point's windows; none where a log that stands alone has no such channel, or too little of it."""
+    if trial is not None:
+        return find_windows(log, trial.channels.set_point.column)
+    try:
+        return find_windows(log, set_point_of(log))
+    except InputError:
+        return []
+
+
+def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: float) -> tuple[Array, Array]:
+    """Spectrum of a channel over a rest, or over its beginning where none is known."""
+    channel = report.channel
+    start_s, stop_s = (channel.start_s, channel.stop_s) if rest is None else (rest.start_s, rest.stop_s)
+    if rest is not None and stop_s - start_s > 3.0 * SETTLE_S:
+        start_s += SETTLE_S
+    start_s, stop_s = max(start_s, channel.start_s), min(stop_s, start_s + LONGEST_SPECTRUM_S, channel.stop_s)
+    frequency, amplitude = amplitude_spectrum(log.read(channel.name, start_s, stop_s), channel.rate_hz)
+    return frequency, scale * amplitude
+
+
+def _repaired(experiments: list[Experiment], known_gaps: set[str]) -> list[dict[str, Any]]:
+    """What processing found in the steady stretches, each kind and channel once."""
+    merged: dict[tuple[str, str], dict[str, Any]] = {}
+    for experiment in experiments:
+        for repair in experiment.provenance["repairs"]:
+            key = (repair["kind"], repair["channel"])
+            if repair["kind"] == "gap" and repair["channel"] in known_gaps:
+                continue
+            entry = merged.setdefault(key, {**repair, "count": 0, "spans": []})
+            entry["count"] += repair["count"]
+            entry["spans"] = entry["spans"] + list(repair["spans"])
+    return list(merged.values())

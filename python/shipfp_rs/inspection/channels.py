@@ -1,0 +1,139 @@
+"""What a log's channels hold: gaps, levels, noise, pulses; each read once, all side by side."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.despike import ROBUST_SIGMA, Spans, runs
+from shipfp_rs.errors import InputError
+from shipfp_rs.log import Channel, Log
+from shipfp_rs.rows import Rows
+from shipfp_rs.tacho import pulse_times
+from shipfp_rs.workers import side_by_side
+
+Array = npt.NDArray[np.float64]
+
+PROBE_S = 120.0
+"""Stretch from which it is told whether a channel is a pulse train."""
+NEAR_A_LEVEL = 0.15
+"""Share of a train's height within which a sample is at one of its two levels."""
+AT_LEVELS = 0.75
+"""Share of samples at a level from which on a channel is a pulse train; a sine has half of them there."""
+LEAST_PULSES = 10
+
+
+@dataclass(frozen=True)
+class ChannelReport:
+    """What one channel holds.
+
+    Parameters
+    ----------
+    channel
+        Name, unit, rate, samples, start.
+    gaps
+        Missing samples: first and first after, shape (K, 2).
+    low, high
+        Least and greatest finite sample; NaN where there is none.
+    noise
+        Standard deviation of what changes from sample to sample, from second differences; NaN for a pulse train.
+    pulses_hz
+        Pulses per second of a pulse train over its first two minutes; None for anything else.
+    """
+
+    channel: Channel
+    gaps: Spans
+    low: float
+    high: float
+    noise: float
+    pulses_hz: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form; gaps in seconds on the log's clock."""
+        channel = self.channel
+        times = channel.start_s + self.gaps / channel.rate_hz
+        return {
+            "name": channel.name,
+            "unit": channel.unit,
+            "rate_hz": channel.rate_hz,
+            "samples": channel.samples,
+            "start": channel.start_s,
+            "gaps": times.tolist(),
+            "low": _or_none(self.low),
+            "high": _or_none(self.high),
+            "noise": _or_none(self.noise),
+            "pulses_hz": self.pulses_hz,
+        }
+
+
+def describe(log: Log) -> list[ChannelReport]:
+    """Read every channel once and say what it holds."""
+    stopped = threading.Event()
+    return side_by_side([partial(_described, log, name, stopped) for name in log.channels], stopped)
+
+
+def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
+    rows = Rows(log, name, stopped=stopped)
+    channel = rows.channel
+    gaps, noises = [], []
+    low, high, at = np.inf, -np.inf, 0
+    for chunk in rows.pieces(0, channel.samples):
+        known = np.isfinite(chunk)
+        gaps.append(runs(~known) + at)
+        at += len(chunk)
+        present = chunk if known.all() else chunk[known]
+        if len(present):
+            low, high = min(low, float(present.min())), max(high, float(present.max()))
+            noises.append(_noise(present[: 1 << 17].astype(np.float64)))
+    pulses = _pulses_hz(rows)
+    return ChannelReport(
+        channel,
+        _joined(np.concatenate(gaps)),
+        low if np.isfinite(low) else math.nan,
+        high if np.isfinite(high) else math.nan,
+        float(np.median(noises)) if noises and pulses is None else math.nan,
+        pulses,
+    )
+
+
+def _noise(samples: Array) -> float:
+    if len(samples) < 3:
+        return math.nan
+    return float(ROBUST_SIGMA * np.median(np.abs(np.diff(samples, 2))) / math.sqrt(6.0))
+
+
+def _joined(spans: Spans) -> Spans:
+    """Gaps that go on from chunk to chunk as one."""
+    if len(spans) < 2:
+        return spans
+    apart = spans[1:, 0] > spans[:-1, 1]
+    return np.column_stack([spans[np.r_[True, apart], 0], spans[np.r_[apart, True], 1]])
+
+
+def _pulses_hz(rows: Rows) -> float | None:
+    channel = rows.channel
+    probe = rows.read(0, min(round(PROBE_S * channel.rate_hz), channel.samples)).astype(np.float64)
+    probe = probe[np.isfinite(probe)]
+    if len(probe) < LEAST_PULSES:
+        return None
+    try:
+        pulses = pulse_times(probe, channel.rate_hz)
+    except InputError:
+        return None
+    # The thresholds stand at 0.3 and 0.7 of the height.
+    height = (pulses.high - pulses.low) / 0.4
+    ends = pulses.middle + 0.5 * height * np.array([-1.0, 1.0])
+    near = np.minimum(np.abs(probe - ends[0]), np.abs(probe - ends[1])) < NEAR_A_LEVEL * height
+    if near.mean() < AT_LEVELS or len(pulses.times_s) < LEAST_PULSES:
+        return None
+    return len(pulses.times_s) / (len(probe) / channel.rate_hz)
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None

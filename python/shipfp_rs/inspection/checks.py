@@ -1,0 +1,170 @@
+"""Checks of calibrated signals at steady points: set point against speed, trains against trains, static torque."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.log import Log
+from shipfp_rs.processing import process
+from shipfp_rs.trial import OperatingPoint, Trial, Window
+from shipfp_rs.vessel import Vessel
+from shipfp_rs.windows import FoundWindow
+
+Array = npt.NDArray[np.float64]
+
+SETTLE_S = 4.0
+"""Left out after a step: the plant still moves."""
+SAME_POINT = 0.01
+"""Relative difference in speed below which two rests are one point."""
+LEAST_SPAN = 1.1
+"""Ratio of the highest to the lowest speed from which on an exponent means something."""
+
+
+@dataclass(frozen=True)
+class SteadyPoint:
+    """Means over the rests at one set point: n_set and n_e [rpm], torque [Nm] or None, and for how long [s]."""
+
+    n_set_rpm: float
+    n_e_rpm: float
+    torque_Nm: float | None
+    duration_s: float
+
+
+def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = None) -> Array:
+    """Return the propeller torque that the four-quadrant diagram tells in bollard pull [Nm] (eq. 6.3).
+
+    Parameters
+    ----------
+    vessel
+        For gear ratio, diameter and density.
+    n_e_rpm
+        Engine speeds [rpm], any shape.
+    C_Q
+        C_Q* at beta 0 or 180 degrees, eta_r taken as 1; 0.02709 for all five points of Table 6.8. None: that of
+        the vessel's own operating point.
+
+    Examples
+    --------
+    >>> round(float(static_torque(Vessel.load("stan-tug-1205"), 1184.0, 0.02709)), 1)
+    1752.4
+    """
+    n_s = np.asarray(n_e_rpm, dtype=np.float64) / 60.0 / vessel.gearbox.ratio
+    D = vessel.propeller.diameter_m
+    # C_Q* is of the speed of the blade at 0.7 R and the disc: K_Q = C_Q* pi / 8 (0.7 pi)^2 = 1.899 C_Q*.
+    K_Q = vessel.K_Q_over_eta_r if C_Q is None else C_Q * math.pi / 8.0 * (0.7 * math.pi) ** 2
+    return np.asarray(K_Q * vessel.water.density_kg_m3 * D**5 * n_s**2)
+
+
+def static_check(vessel: Vessel, points: Sequence[SteadyPoint], C_Q: float | None = None) -> dict[str, Any]:
+    """Compare measured with calculated torque at every steady point, and fit the exponent of M = c n^p."""
+    known = [point for point in points if point.torque_Nm is not None]
+    n_e = np.array([point.n_e_rpm for point in known])
+    measured = np.array([point.torque_Nm for point in known], dtype=np.float64)
+    calculated = static_torque(vessel, n_e, C_Q)
+    exponent = None
+    if len(known) > 1 and n_e.max() > LEAST_SPAN * n_e.min() and (measured > 0.0).all():
+        exponent = float(np.polyfit(np.log(n_e), np.log(measured), 1)[0])
+    return {
+        "n_e_rpm": n_e.tolist(),
+        "measured_Nm": measured.tolist(),
+        "calculated_Nm": calculated.tolist(),
+        "error_pct": (100.0 * (1.0 - measured / calculated)).tolist(),
+        "exponent": exponent,
+    }
+
+
+def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
+    """Fit n_e = slope n_set + offset over the steady points; its largest residual [rpm] from three points on."""
+    n_set = np.array([point.n_set_rpm for point in points])
+    n_e = np.array([point.n_e_rpm for point in points])
+    result: dict[str, Any] = {
+        "points": len(points),
+        "largest_difference_rpm": float(np.abs(n_e - n_set).max()),
+        "slope": None,
+        "offset_rpm": None,
+        "largest_residual_rpm": None,
+    }
+    if len(points) > 1 and np.ptp(n_set) > 1.0:
+        slope, offset = (float(value) for value in np.polyfit(n_set, n_e, 1))
+        result |= {"slope": slope, "offset_rpm": offset}
+        if len(points) > 2:
+            result["largest_residual_rpm"] = float(np.abs(n_e - slope * n_set - offset).max())
+    return result
+
+
+def found_experiments(
+    log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
+) -> list[Experiment]:
+    """Process all that was found in a log as if each were a window of the trial, rests once they have settled."""
+    windows = tuple(
+        Window(
+            name=window.name,
+            kind=window.kind,
+            start_s=window.start_s + (SETTLE_S if window.kind == "steady" else 0.0),
+            stop_s=window.stop_s,
+        )
+        for window in found
+        if window.kind != "steady" or window.stop_s - window.start_s > 2.0 * SETTLE_S
+    )
+    if not any(window.kind == "steady" for window in windows):
+        raise InputError(f"{log.name}: no steady stretch found; the checks need one of {2.0 * SETTLE_S:g} s")
+    # The signals are wanted as they are: any operating point will do.
+    plain = trial.model_copy(
+        update={
+            "windows": windows,
+            "operating_point": OperatingPoint(n_e_rpm=1.0, M_Nm=1.0),
+            "trial": trial.trial.model_copy(update={"log": (log.name,)}),
+        }
+    )
+    return process(log, plain, vessel)
+
+
+def steady_points(experiments: Sequence[Experiment], torque: str | None) -> list[SteadyPoint]:
+    """Return the means of steady experiments, those at one speed as one point, by speed."""
+    groups: list[list[Experiment]] = []
+    for experiment in sorted(experiments, key=_speed):
+        if groups and _speed(experiment) < (1.0 + SAME_POINT) * _speed(groups[-1][0]):
+            groups[-1].append(experiment)
+        else:
+            groups.append([experiment])
+
+    def mean(group: list[Experiment], name: str) -> float:
+        return float(np.nanmean(np.concatenate([experiment.signals[name] for experiment in group])))
+
+    return [
+        SteadyPoint(
+            mean(group, "n_set"),
+            mean(group, "n_e"),
+            mean(group, torque) if torque is not None else None,
+            sum(experiment.duration for experiment in group),
+        )
+        for group in groups
+    ]
+
+
+def trains(experiments: Sequence[Experiment]) -> dict[str, Any]:
+    """Compare the speeds that the pulse trains tell, and tell how far reflectors are off their even places."""
+    best = max(experiments, key=len).provenance["speed"]
+    apart = [
+        max(speeds) / min(speeds) - 1.0
+        for speeds in (experiment.provenance["speed"]["median_rpm"].values() for experiment in experiments)
+    ]
+    fractions = np.array(best["reflectors"]["fractions"])
+    return {
+        "train": best["train"],
+        "median_rpm": dict(best["median_rpm"]),
+        "largest_disagreement_pct": 100.0 * max(apart),
+        "reflector_error_pct_of_pitch": (100.0 * (fractions * len(fractions) - 1.0)).tolist(),
+    }
+
+
+def _speed(experiment: Experiment) -> float:
+    return float(np.nanmean(experiment.signals["n_e"]))

@@ -1,0 +1,107 @@
+"""Lines in the spectrum of a steady channel, named after what turns (section 6.3.1, Table 6.9)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from shipfp_rs.despike import bridge, find_spikes
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+
+SEGMENT_S = 20.0
+"""Length of a segment of the averaged spectrum: lines 0.25 Hz apart are told from one another."""
+ABOVE_FLOOR = 4.0
+"""Height of a line over the median about it."""
+FLOOR_HZ = 4.0
+"""Width of the stretch whose median is the floor."""
+LOWEST_HZ = 0.5
+MOST_PEAKS = 12
+NAMED_WITHIN = 0.01
+"""Relative distance from a known rate within which a line has its name."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A line: its frequency [Hz], its amplitude in the channel's unit, and what makes it, where that is known."""
+
+    frequency_hz: float
+    amplitude: float
+    name: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"frequency_hz": self.frequency_hz, "amplitude": self.amplitude, "name": self.name}
+
+
+def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and amplitudes of a steady signal, averaged, spikes and gaps bridged.
+
+    A sine of amplitude a shows as a, whatever its frequency (flat-top window).
+    """
+    values = np.asarray(samples, dtype=np.float64)
+    values = bridge(values, ~np.isfinite(values))
+    spikes = np.zeros(len(values), dtype=np.bool_)
+    for start, stop in find_spikes(values, rate_hz, longest_s=0.05, threshold=6.0, least=0.05):
+        spikes[max(start - 1, 0) : stop + 1] = True
+    size = min(round(SEGMENT_S * rate_hz), len(values))
+    frequency, power = signal.welch(
+        bridge(values, spikes), rate_hz, window="flattop", nperseg=size, detrend="linear", scaling="spectrum"
+    )
+    return np.asarray(frequency), np.sqrt(2.0 * power)
+
+
+def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
+    """Return what turns at an engine speed, name to rate [Hz] (eq. 6.4 to 6.6).
+
+    Examples
+    --------
+    >>> rates = rates_of(Vessel.load("stan-tug-1205"), 1184.0)
+    >>> {name: round(rate, 2) for name, rate in rates.items()}
+    {'shaft': 5.17, 'blades': 15.5, 'engine': 19.73, 'firing': 59.2}
+    """
+    engine = n_e_rpm / 60.0
+    shaft = engine / vessel.gearbox.ratio
+    return {
+        "shaft": shaft,
+        "blades": vessel.propeller.blades * shaft,
+        "engine": engine,
+        "firing": engine * vessel.engine.cylinders / (vessel.engine.strokes / 2),
+    }
+
+
+def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | None = None) -> list[Peak]:
+    """Return the lines that stand out from the spectrum about them, in order of frequency.
+
+    Parameters
+    ----------
+    frequency, amplitude
+        Of `amplitude_spectrum`, shape (F,).
+    known
+        Name to rate [Hz], for the lines' names.
+    """
+    step = float(frequency[1] - frequency[0])
+    half = max(round(0.5 * FLOOR_HZ / step), 1)
+    padded = np.pad(amplitude, half, mode="reflect")
+    floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+    # The flat top of a line is some bins wide: the highest within half a hertz counts.
+    places, _ = signal.find_peaks(amplitude, height=ABOVE_FLOOR * floor, distance=max(round(0.5 / step), 1))
+    places = places[frequency[places] >= LOWEST_HZ]
+    places = np.sort(places[np.argsort(amplitude[places])[::-1][:MOST_PEAKS]])
+    found = []
+    for place in places:
+        line = slice(max(place - 2, 0), place + 3)
+        centre = float(np.average(frequency[line], weights=amplitude[line] ** 2))
+        names = [
+            name
+            for name, rate in (known or {}).items()
+            if abs(centre - rate) < max(NAMED_WITHIN * rate, step)
+        ]
+        found.append(Peak(centre, float(amplitude[place]), names[0] if names else None))
+    return found
