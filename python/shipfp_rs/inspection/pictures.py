@@ -85,12 +85,12 @@ def _spectrum(inspection: Inspection, channel: str) -> Figure:
             (peak.frequency_hz, peak.amplitude),
             textcoords="offset points",
             xytext=(0, 6),
-            ha="center",
+            ha="left",
             fontsize=8 if peak.name else 6,
-            rotation=0 if peak.name else 90,
+            rotation=40,
             color="#c0392b" if peak.name else "#666666",
         )
-    axes.margins(x=0.02, y=0.15)
+    axes.margins(x=0.02, y=0.25)
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel(f"amplitude of {channel} [{inspection.checks['spectra'][channel]['unit']}]")
     return figure
