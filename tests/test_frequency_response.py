@@ -177,6 +177,15 @@ def test_local_offsets_and_masked_samples_do_not_bend_a_sine_response():
     )
 
 
+def test_sines_of_several_records_are_put_in_order():
+    whole = record(sines(), outputs_of(sines()))
+    parts = [whole.window(s.start_s, s.stop_s, name=s.label) for s in sines().segments]
+    together = by_sines(whole)
+    found = stepped_sine_response(parts[::-1], settle_periods=4)
+    np.testing.assert_allclose(found.frequency_hz, together.frequency_hz, rtol=1e-9)
+    np.testing.assert_allclose(found.response["M_b"], together.response["M_b"], rtol=1e-6)
+
+
 def test_harmonics_and_shaft_lines_are_reported_and_removed():
     excitation = signals.sine_sequence([0.5], 20, 13.0, rate_hz=RATE)
     rows = outputs_of(excitation)
@@ -294,6 +303,11 @@ def test_a_few_masked_samples_are_bridged_and_many_refused():
             estimate(holed)
 
 
+def with_integral() -> Experiment:
+    whole = record(sines(), outputs_of(sines()))
+    return dataclasses.replace(whole, signals={**whole.signals, "E_n": whole.signals["n_e"]})
+
+
 def short() -> Experiment:
     return record(multisine(), outputs_of(multisine()))
 
@@ -318,6 +332,7 @@ def short() -> Experiment:
         (lambda: local_response(short(), (1.0, 0.5)), "band_hz: found 1.0 to 0.5 Hz"),
         (lambda: local_response(short(), (0.1, 0.11)), "holds 2.5 bins of 0.004 Hz, expected 13 or more"),
         (lambda: local_response(short(), (0.1, 1.0)), "too little power near .* multisine_response"),
+        (lambda: by_sines(with_integral()), r"no operating point for 'E_n'"),
         (lambda: stepped_sine_response([]), "experiments: found none"),
         (
             lambda: stepped_sine_response([short()] * 2, sines().segments),

@@ -157,8 +157,11 @@ def test_the_noise_at_a_line_is_read_off_a_sloping_spectrum(power):
         (lambda: fit_lines(sine(), RATE, []), "frequencies_hz: found"),
         (lambda: fit_lines(sine(), RATE, [1.0, 1.001]), "can't be told apart in a window of 40 s"),
         (lambda: fit_lines(sine(), RATE, 0.01), "0.01 Hz has 0.4 periods"),
-        (lambda: fit_lines(np.full(50, np.nan), RATE, 2.0), "found 0 present, expected more than the 3"),
+        (lambda: fit_lines(np.full(50, np.nan), RATE, 2.0), "found 0 present, expected 4"),
+        (lambda: fit_lines(sine()[:6], RATE, [9.0, 12.0, 15.0]), "found 6 present, expected more than the 7"),
         (lambda: fit_sine(np.ones(COUNT), RATE, 1.0), "no sine"),
+        (lambda: fit_sine(np.ones(COUNT), RATE), "no sine"),
+        (lambda: fit_sine(np.full(50, np.nan), RATE), "found 0 present"),
     ],
 )
 def test_what_can_not_be_fitted_is_refused(call, said):

@@ -45,6 +45,7 @@ class Trial:
     largest_repaired: float
     band_rms: float
     fused_band_rms: float
+    fused_score: float
     doubled: int
     lost: int
     put_in: int
@@ -102,6 +103,7 @@ def trial(seed: int, duration_s: float) -> Trial:
     ]
     fused = fuse(trains, rate, *span, bandwidth_hz=BAND_HZ)
     assert np.isfinite(fused.speed_rps).all()
+    assert all(report.agrees for report in fused.trains.values())
     return Trial(
         limit=float(limit),
         interval_rms=float(np.sqrt(np.mean(found[good] ** 2)) / limit),
@@ -110,6 +112,9 @@ def trial(seed: int, duration_s: float) -> Trial:
         largest_repaired=float(np.abs(found[~good]).max() / limit),
         band_rms=in_band(alone, rate, EDGE_S),
         fused_band_rms=in_band(fused.speed_rps, rate, EDGE_S),
+        fused_score=float(
+            np.sqrt(np.mean(((fused.speed_rps - np.interp(fused.time_s, time, n_s)) / fused.std_rps) ** 2))
+        ),
         doubled=len(truth.faults["A"]["PTM_4"]),
         lost=len(truth.faults["B"]["PTM_4"]),
         put_in=int(np.count_nonzero(four.flags & PulseFlag.MISSED) / 2),
@@ -131,6 +136,7 @@ def show(trials: list[Trial]) -> None:
         "largest error, put in for lost pulses [limits]": [t.largest_repaired for t in trials],
         "in a 2 Hz band, PTM_4 [% of the mean]": [100 * t.band_rms for t in trials],
         "in a 2 Hz band, three trains fused [%]": [100 * t.fused_band_rms for t in trials],
+        "fused, over its stated deviation": [t.fused_score for t in trials],
     }
     for label, values in rows.items():
         print(f"{label:48} mean {np.mean(values):7.4f}  worst {np.max(values):7.4f}")
@@ -150,6 +156,7 @@ def check(trials: list[Trial]) -> None:
         assert found.largest_repaired < 3.0
         assert found.band_rms < 5e-4
         assert found.fused_band_rms < found.band_rms
+        assert 0.8 < found.fused_score < 1.2
 
 
 def test_speed_is_as_good_as_sampling_allows_at_one_fault_a_second():

@@ -133,11 +133,12 @@ def fit_sine(
     InputError
         Where there is less than one period, or no sine within a bin of `near_hz`.
     """
-    start = _highest_peak(samples, rate_hz) if near_hz is None else float(near_hz)
+    given = _checked(samples, rate_hz)
+    start = _highest_peak(given, rate_hz) if near_hz is None else float(near_hz)
     multiples = np.arange(1, harmonics + 2)
     multiples = multiples[(multiples == 1) | (multiples * start < 0.48 * rate_hz)]
     others = np.asarray(disturbances_hz, dtype=np.float64)
-    values, time, middle = _windowed(samples, rate_hz, np.concatenate([start * multiples, others]))
+    values, time, middle = _windowed(given, rate_hz, np.concatenate([start * multiples, others]))
     bin_hz = rate_hz / len(values)
     frequency = _nearby_peak(values, time, start, bin_hz)
     for _ in range(_ROUNDS):
@@ -159,13 +160,21 @@ def fit_sine(
     return replace(lines, frequency_std_hz=float(np.sqrt(noise) * spread))
 
 
-def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tuple[Array, Array, float]:
-    """Samples, their times from the middle of the window, and that middle; refuses what can't be fitted."""
+def _checked(samples: npt.ArrayLike, rate_hz: float) -> Array:
     values = np.asarray(samples, dtype=np.float64)
     if values.ndim != 1:
         raise InputError(f"samples: found shape {values.shape}, expected one axis")
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise InputError(f"rate_hz: found {rate_hz}, expected a positive number")
+    present = int(np.isfinite(values).sum())
+    if present < 4:
+        raise InputError(f"samples: found {present} present, expected 4 or more")
+    return values
+
+
+def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tuple[Array, Array, float]:
+    """Samples, their times from the middle of the window, and that middle; refuses what can't be fitted."""
+    values = _checked(samples, rate_hz)
     present, unknowns = int(np.isfinite(values).sum()), 2 * len(frequencies) + 1
     if present <= unknowns:
         raise InputError(f"samples: found {present} present, expected more than the {unknowns} unknowns")
@@ -236,8 +245,7 @@ def _last_coefficient(basis: Array, values: Array) -> tuple[float, float]:
     return float(orthogonal[:, -1] @ values[present] / last), float(1.0 / abs(last))
 
 
-def _highest_peak(samples: npt.ArrayLike, rate_hz: float) -> float:
-    values = np.asarray(samples, dtype=np.float64)
+def _highest_peak(values: Array, rate_hz: float) -> float:
     filled = np.nan_to_num(values - np.nanmean(values))
     spectrum = np.abs(np.fft.rfft(filled * np.hanning(len(filled))))
     return float((1 + np.argmax(spectrum[1:])) * rate_hz / len(filled))

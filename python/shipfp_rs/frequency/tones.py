@@ -208,7 +208,14 @@ def _distortion(fit: Lines) -> float:
 
 def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
     """What a channel is normalised by: its offset, for the integrated error the engine's speed (eq. 3.15)."""
-    return experiment.operating_point[name] if name == "E_n" else fit.offset
+    if name != "E_n":
+        return fit.offset
+    if name not in experiment.operating_point:
+        raise InputError(
+            f"experiment {experiment.name!r}: no operating point for 'E_n', expected the engine's speed in rev/s; "
+            "give operating_point['E_n'] or leave 'E_n' out of signals"
+        )
+    return experiment.operating_point[name]
 
 
 def _ratio(

@@ -29,8 +29,8 @@ _UNEXPLAINED = 3.0
 """Scatter from which on a train's timing and reflectors no longer explain it."""
 _UNKNOWN = 0.05
 """Relative standard deviation from which on a speed is masked: nothing but the bridge is there."""
-_ROBUST = 1.4826
-"""Standard deviation over median absolute deviation of Gaussian noise."""
+_ROBUST, _CUT_OFF = 1.4826, 0.978
+"""Standard deviation over median absolute deviation of Gaussian noise, and its mean square when cut at `_HUBER`."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class FusedAngle:
             # What the spline took up of the scatter it does not show.
             taken = np.sqrt(len(self.time) / max(len(self.time) - self.fit.size, 1))
             score = taken * np.abs(self.residual) / self.std
-            self.scatter = np.array([_ROBUST * np.median(score[self.train == k]) for k in range(len(parts))])
+            self.scatter = np.array([_robust_scale(score[self.train == k]) for k in range(len(parts))])
             score /= np.maximum(self.scatter, 1.0)[self.train]
             pull = _HUBER / np.maximum(score, _HUBER)
 
@@ -167,6 +167,16 @@ class FusedAngle:
             apart_s=np.column_stack([own.time_s[edges[:, 0]], own.time_s[edges[:, 1] - 1]]),
             slips_s=own.slips_s,
         )
+
+
+def _robust_scale(size: Array) -> float:
+    """Root mean square of absolute values, those cut off that stand out.
+
+    The tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A median alone
+    would be a quarter too large for edges that lie evenly between two samples.
+    """
+    median = max(_ROBUST * float(np.median(size)), np.finfo(np.float64).tiny)
+    return float(median * np.sqrt(np.mean(np.minimum(size / median, _HUBER) ** 2) / _CUT_OFF))
 
 
 def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> tuple[float, float]:
