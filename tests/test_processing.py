@@ -383,3 +383,21 @@ def test_a_stopped_pulse_train_is_named(sound: Simulated, tmp_path: Path) -> Non
     arrays["PTM_4"][:] = 0.0
     with pytest.raises(InputError, match=r"channels\.PTM_4, .* constant at 0"):
         process(Log.from_arrays(arrays, rate_hz=2000.0), trial_of(truth, tmp_path))
+
+
+def test_windows_may_be_about_their_own_means_and_free_of_drift(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = sound
+    arrays = {name: log.read(name).copy() for name in log.channels}
+    arrays["U_torque"] += np.linspace(0.0, 0.1, len(arrays["U_torque"]), dtype=np.float32)
+    drifting = Log.from_arrays(arrays, rate_hz=2000.0)
+    plain = process(drifting, trial_of(truth, tmp_path))[0]
+    edits = [("rate_hz = 200.0", 'rate_hz = 200.0\nnormalise = "local"\ndetrend = 1')]
+    local, stairs = process(drifting, trial_of(truth, tmp_path, edits=edits))
+    assert (local.provenance["detrend"], stairs.provenance["detrend"]) == (1, 0), "a stair is a trend itself"
+    assert local.operating_point["M_g"] == pytest.approx(np.nanmean(plain.signals["M_g"]))
+    assert local.provenance["normalise"] == "local"
+    drift = plain.signals["M_g"] - local.signals["M_g"]
+    expected = 0.1 * 1059.0 * plain.duration / (len(arrays["U_torque"]) / 2000.0)
+    # The answer to a chirp's slow beginning looks a little like drift, as a share of its swing.
+    assert drift[-1] - drift[0] == pytest.approx(expected, abs=0.04 * np.ptp(plain.signals["M_g"]))
+    assert drift[-1] - drift[0] > 0.5 * expected

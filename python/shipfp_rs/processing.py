@@ -7,7 +7,6 @@ one channel to another keep their gain and phase.
 from __future__ import annotations
 
 import dataclasses
-import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +18,12 @@ import numpy.typing as npt
 
 from shipfp_rs.calibration import Calibration
 from shipfp_rs.cleaning import Cleaner, Repair
+from shipfp_rs.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.log import Channel, Log
 from shipfp_rs.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
+from shipfp_rs.plausibility import require_sense, require_unit
 from shipfp_rs.pulse_train import PulseTrain
 from shipfp_rs.rows import Rows
 from shipfp_rs.tacho import resample
@@ -37,10 +38,6 @@ TRAINS_AGREE = 0.02
 """Relative difference in speed that no two pulse trains of one shaft line have."""
 STEADY = 0.02
 """Relative standard deviation of the set point above which a stretch is not steady."""
-CALIBRATED_WITHIN = 0.1
-"""Relative difference between the means of set point and speed above which a calibration is wrong."""
-LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
-"""Shares of the rated torque between which a mean torque makes sense."""
 
 
 def process(
@@ -130,7 +127,7 @@ class _Recording:
         channels = trial.channels
         for key, sensor in (("set_point", channels.set_point), ("torque", channels.torque)):
             if sensor is not None:
-                _require_unit(log, key, sensor)
+                require_unit(log, key, sensor)
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
             stretches[STEADY_STRETCH] = trial.operating_point.steady_s
@@ -218,15 +215,29 @@ class _Recording:
     def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
         """Cut one window."""
         signals, account = self._signals(_label(window))
-        return Experiment(
+        settings = self.trial.processing
+        experiment = Experiment(
             name=window.name,
             rate_hz=self.rate_hz,
             signals=signals,
             operating_point=point,
             hold="first",
             kind=window.kind,
-            provenance={"log": self.log.name, "window_s": [window.start_s, window.stop_s], **account},
+            provenance={
+                "log": self.log.name,
+                "window_s": [window.start_s, window.stop_s],
+                "normalise": settings.normalise,
+                **account,
+            },
         )
+        if settings.detrend:
+            degree = 0 if set_point_is_trend(experiment, settings.detrend) else settings.detrend
+            if degree:
+                experiment = detrended(experiment, degree)
+            experiment = dataclasses.replace(
+                experiment, provenance={**experiment.provenance, "detrend": degree}
+            )
+        return about_local_point(experiment) if settings.normalise == "local" else experiment
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return the signals of a stretch at the common rate, and an account of how they were made."""
@@ -240,7 +251,7 @@ class _Recording:
             signals[SIGNAL_OF_LOCATION[torque.location]] = cleaned.samples
             repairs += cleaned.repairs
             calibration["torque"] = dataclasses.asdict(cleaned.calibration)
-        _require_sense(label, signals, self.vessel)
+        require_sense(label, signals, self.vessel)
         return signals, {
             "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * self.rate_hz:g} Hz passed, "
             f"{ATTENUATION_DB:g} dB from {STOPBAND * self.rate_hz:g} Hz on",
@@ -304,34 +315,3 @@ class _EngineSpeed:
 
 def _label(window: Window) -> str:
     return f"window {window.name!r}"
-
-
-def _require_unit(log: Log, key: str, sensor: SetPoint | Torque) -> None:
-    recorded = log.channel(sensor.column).unit
-    if recorded and recorded != sensor.unit:
-        raise InputError(
-            f"{log.name}: channel {sensor.column!r} is in {recorded!r}, channels.{key}.unit says {sensor.unit!r}; "
-            "give the log's unit and a calibration for it"
-        )
-
-
-def _require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> None:
-    """Catch signals without samples, and calibrations wrong by a factor such as the thousand between V and mV."""
-    rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
-    rated_torque = {"M_b": rated, "M_s": rated * vessel.gearbox.ratio, "M_g": rated * vessel.gearbox.ratio}
-    mean = {}
-    for name, values in signals.items():
-        if np.isnan(values).all():
-            raise InputError(f"{label}: nothing usable is left of {name!r}; choose another stretch")
-        mean[name] = float(np.nanmean(values))
-    if abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
-        raise InputError(
-            f"channels.set_point: {mean['n_set']:.4g} rpm on average in {label}, where the engine turns "
-            f"{mean['n_e']:.4g} rpm; check unit and calibration"
-        )
-    for name, limit in rated_torque.items():
-        if name in mean and not LEAST_TORQUE * limit < abs(mean[name]) < MOST_TORQUE * limit:
-            raise InputError(
-                f"channels.torque: {mean[name]:.4g} Nm on average in {label}, where the engine's rating makes "
-                f"{limit:.4g} Nm; check unit and calibration"
-            )

@@ -154,6 +154,11 @@ class Processing(Section):
     rate_hz: Positive = 50.0
     """Common rate of the signals [Hz]. Above what the tachometer tells there is only interpolation, which a fit that
     whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s tell 10 Hz."""
+    normalise: Literal["global", "local"] = "global"
+    """About the trial's operating point, or each window about its own means."""
+    detrend: Annotated[int, Field(ge=0, le=3)] = 0
+    """Degree of a polynomial drift that is taken off the outputs; 0: none. A window whose set point is such a trend
+    itself, a stair of steps, keeps its outputs as they are."""
     torque_spikes: Spikes = Spikes()
     set_point_jumps: Spikes = Spikes()
 
@@ -305,6 +310,8 @@ steady_s = [10.0, 70.0]         # stretch with a constant set point, on the log'
 
 [processing]
 rate_hz = 50.0                  # common rate of the signals; 50 holds all that 20 pulses a second tell
+normalise = "global"            # about the operating point above; "local": each window about its own means
+detrend = 0                     # degree of a drift to be taken off the outputs, 1 to 3
 
 [processing.torque_spikes]      # radio interference: masked
 longest_s = 0.05

@@ -1,0 +1,154 @@
+"""What is done to an experiment's signals before a fit: operating point, trend, torque at another place of the shaft."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from shipfp_rs.despike import bridge
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+Side = Literal["engine", "propeller"]
+
+MOST_DEGREE = 3
+"""A higher polynomial would follow the slow sines of a trial."""
+LEAST_OWN = 0.2
+"""Share of the set point's power that must not be a trend."""
+
+
+def about_local_point(experiment: Experiment) -> Experiment:
+    """Return the experiment about the means of its own signals, in place of the trial's operating point.
+
+    The offset of the torque differs from experiment to experiment (1651 to 1721 Nm in appendix E); deviations from
+    one point for all of them would carry that along. A swing's whole periods have the mean of their operating point;
+    of steps, or of a part of a period, the mean is none.
+
+    Examples
+    --------
+    >>> from shipfp_rs import signals, simulate
+    >>> sine = signals.sine_sequence([0.1], 4, 13.0)
+    >>> local = about_local_point(simulate(Vessel.load("stan-launch-804"), sine))
+    >>> bool(abs(local.normalised("n_e").mean()) < 1e-12)
+    True
+    """
+    means = {
+        name: float(np.nanmean(experiment.signals[name]))
+        for name in experiment.operating_point
+        if name in experiment.signals and name != "E_n"
+    }
+    return replace(experiment, operating_point={**experiment.operating_point, **means})
+
+
+def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
+    """Return the experiment without the slow drift of its outputs; the set point stays as it is.
+
+    Every output is fitted by a polynomial of time together with the set point and its slope, which stand for the plant's
+    answer; the polynomial is taken off but for its mean, so that levels, and with them the operating point, stay. Drift
+    of a gauge with temperature is the use.
+
+    Parameters
+    ----------
+    experiment
+        Signals with NaN where masked; these stay.
+    degree
+        Of the polynomial, 1 to 3.
+
+    Raises
+    ------
+    InputError
+        For another degree, or where the set point itself runs along such a polynomial: its answer can't be told from drift.
+    """
+    if not 1 <= degree <= MOST_DEGREE:
+        raise InputError(f"degree: found {degree}, expected 1 to {MOST_DEGREE}")
+    if set_point_is_trend(experiment, degree):
+        raise InputError(
+            f"experiment {experiment.name!r}: the set point itself is a trend; its answer can't be told from drift, "
+            "leave the signals as they are"
+        )
+    polynomials = _polynomials(experiment, degree)
+    set_point = experiment.signals["n_set"] - experiment.signals["n_set"].mean()
+    answer = np.column_stack([set_point, np.gradient(set_point)])
+    answer /= np.maximum(np.abs(answer).max(axis=0), np.finfo(np.float64).tiny)
+    basis = np.column_stack([np.ones(len(experiment)), polynomials, answer])
+
+    def without(values: Array) -> Array:
+        known = np.isfinite(values)
+        trend = polynomials @ np.linalg.lstsq(basis[known], values[known])[0][1 : degree + 1]
+        return np.asarray(values - trend + trend[known].mean())
+
+    signals = {
+        name: without(values) if name != "n_set" and np.isfinite(values).any() else values
+        for name, values in experiment.signals.items()
+    }
+    return replace(experiment, signals=signals)
+
+
+def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
+    """Whether the set point runs along a polynomial of time, so that its answer can't be told from drift."""
+    set_point = experiment.signals["n_set"] - experiment.signals["n_set"].mean()
+    basis = np.column_stack([np.ones(len(experiment)), _polynomials(experiment, degree)])
+    left = set_point - basis @ np.linalg.lstsq(basis, set_point)[0]
+    return bool(set_point.any() and left @ left < LEAST_OWN * (set_point @ set_point))
+
+
+def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) -> Array:
+    """Return the shaft torque on one side of both inertias from that of the gauge between them [Nm], shape (N,).
+
+    On the engine's side M_s = M_g + 2 pi J_1 dn_s/dt, normalised M_b* = M_g* + tau_1 s n* with
+    tau_1 = 2 pi J_1 n_s0 / M_s0; on the propeller's side M_p = M_g - 2 pi J_2 dn_s/dt. The gauge sees what turns the
+    propeller's side, so no constant factor does this.
+
+    Parameters
+    ----------
+    experiment
+        With M_g [Nm] and n_e [rpm].
+    vessel
+        For the gear ratio and both inertias.
+    side
+        "engine": M_s, before the gearbox's shaft; "propeller": M_p.
+
+    Returns
+    -------
+    ndarray
+        NaN where torque or speed is. The speed's slope is that of a cubic spline: right to 0.1 % up to a tenth of the
+        sample rate, 2 % too small at a fifth.
+
+    Raises
+    ------
+    InputError
+        Where the experiment has no M_g or no n_e, or for another side.
+    """
+    if side not in ("engine", "propeller"):
+        raise InputError(f"side: found {side!r}, expected 'engine' or 'propeller'")
+    for name in ("M_g", "n_e"):
+        if name not in experiment.signals:
+            raise InputError(
+                f"experiment {experiment.name!r}: no signal {name!r}; found {', '.join(experiment.signals)}"
+            )
+    propeller_side = vessel.shaft.propeller_side_inertia_kg_m2
+    inertia = vessel.shaft.inertia_kg_m2 - propeller_side if side == "engine" else -propeller_side
+    n_s = experiment.signals["n_e"] / 60.0 / vessel.gearbox.ratio
+    missing = np.isnan(n_s)
+    if missing.all():
+        return np.full(len(n_s), np.nan)
+    slope = CubicSpline(experiment.time, bridge(n_s, missing))(experiment.time, 1)
+    # Beside a gap the slope is the bridge's.
+    beside = missing.copy()
+    beside[1:] |= missing[:-1]
+    beside[:-1] |= missing[1:]
+    slope[beside] = np.nan
+    return np.asarray(experiment.signals["M_g"] + 2.0 * math.pi * inertia * slope)
+
+
+def _polynomials(experiment: Experiment, degree: int) -> Array:
+    """Legendre polynomials of time without the constant, shape (N, degree)."""
+    time = np.linspace(-1.0, 1.0, len(experiment))
+    return np.asarray(np.polynomial.legendre.legvander(time, degree)[:, 1:])

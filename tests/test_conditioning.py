@@ -1,0 +1,108 @@
+"""Operating points, trends and the torque on either side of the gauge, with answers known from the plant."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shipfp_rs import signals
+from shipfp_rs.conditioning import about_local_point, detrended, torque_across_inertia
+from shipfp_rs.errors import InputError
+from shipfp_rs.log import Channel, Log
+from shipfp_rs.low_pass import LowPass
+from shipfp_rs.rows import Rows
+from shipfp_rs.simulation import simulate
+from shipfp_rs.vessel import Vessel
+
+TUG = Vessel.load("stan-tug-1205")
+SINE = simulate(TUG, signals.sine_sequence([0.2], 8, 20.0, rate_hz=50.0))
+
+
+def with_torque(experiment, torque):
+    return replace(experiment, signals={**experiment.signals, "M_g": torque})
+
+
+def test_the_torque_of_the_gauge_is_brought_to_either_side_of_the_inertia():
+    M_s = torque_across_inertia(SINE, TUG, "engine")
+    np.testing.assert_allclose(M_s[5:-5], SINE.signals["M_s"][5:-5], rtol=1e-5)
+    n_s = SINE.signals["n_s"]
+    M_p = TUG.torque_coefficient * n_s**TUG.propeller.torque_exponent
+    np.testing.assert_allclose(torque_across_inertia(SINE, TUG, "propeller")[5:-5], M_p[5:-5], rtol=1e-5)
+
+
+def test_in_normalised_form_it_is_tau_1_times_the_slope():
+    shaft, point = TUG.shaft, SINE.operating_point
+    n_s0, M_s0 = point["n_e"] / 60.0 / TUG.gearbox.ratio, point["M_g"]
+    tau_1 = 2.0 * math.pi * (shaft.inertia_kg_m2 - shaft.propeller_side_inertia_kg_m2) * n_s0 / M_s0
+    slope = np.gradient(SINE.normalised("n_e"), 1.0 / SINE.rate_hz)
+    ours = torque_across_inertia(SINE, TUG, "engine") / M_s0 - 1.0
+    np.testing.assert_allclose(
+        ours[5:-5], (SINE.normalised("M_g") + tau_1 * slope)[5:-5], atol=2e-3 * np.ptp(ours)
+    )
+
+
+def test_no_torque_is_invented_beside_a_gap():
+    speed = SINE.signals["n_e"].copy()
+    speed[100:110] = np.nan
+    torque = torque_across_inertia(replace(SINE, signals={**SINE.signals, "n_e": speed}), TUG, "engine")
+    assert np.flatnonzero(np.isnan(torque)).tolist() == list(range(99, 111))
+
+
+def test_a_local_point_takes_an_offset_of_the_torque_away():
+    offset = with_torque(SINE, SINE.signals["M_g"] + 50.0)
+    whole_periods = offset.window(20.0, 40.0)
+    assert whole_periods.normalised("M_g").mean() == pytest.approx(50.0 / 1725.0, rel=0.02)
+    local = about_local_point(whole_periods)
+    assert local.normalised("M_g").mean() == pytest.approx(0.0, abs=1e-12)
+    assert local.operating_point["M_g"] == pytest.approx(1775.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_drift_is_taken_off_and_the_level_stays(degree):
+    time = np.linspace(-1.0, 1.0, len(SINE))
+    drift = 30.0 * time**degree
+    drifting = SINE.signals["M_g"] + drift
+    drifting[200:300] = np.nan
+    found = detrended(with_torque(SINE, drifting), degree).signals["M_g"]
+    known = np.isfinite(drifting)
+    assert np.array_equal(np.isfinite(found), known)
+    expected = SINE.signals["M_g"] + drift[known].mean()
+    # The first period is not yet the sine's own: the plant starts from rest.
+    assert np.abs(found - expected)[known].max() < 0.02 * np.ptp(SINE.signals["M_g"])
+    assert np.nanmean(found) == pytest.approx(np.nanmean(drifting), rel=1e-12)
+
+
+def test_a_trend_of_the_set_point_is_no_drift():
+    rising = simulate(TUG, signals.steps(np.full(8, 5.0), 5.0, rate_hz=50.0))
+    with pytest.raises(InputError, match="the set point itself is a trend"):
+        detrended(rising)
+    with pytest.raises(InputError, match="degree: found 4"):
+        detrended(SINE, 4)
+    with pytest.raises(InputError, match="side: found 'gauge'"):
+        torque_across_inertia(SINE, TUG, "gauge")
+
+
+@pytest.mark.parametrize("rate_hz", [2000.0, 1000.0, 500.0])
+@pytest.mark.parametrize("late", [0.0, 0.00013, 0.0042])
+def test_a_late_channel_of_any_rate_comes_out_in_time(rate_hz, late):
+    def wave(time):
+        return 5.0 + np.sin(2 * np.pi * 3.0 * time) + 0.5 * np.cos(2 * np.pi * 11.0 * time)
+
+    # What the channel tells at a time happened `late` before.
+    time = np.arange(round(40.0 * rate_hz)) / rate_hz
+    log = Log.from_arrays({"late": wave(time - late)}, rate_hz=rate_hz)
+    rows = Rows(log, "late", delay_s=late)
+    start_s, count = 10.0, 1000
+    start = (start_s - rows.channel.start_s) * rate_hz
+    ours = LowPass(rows.channel, 50.0, start)(rows.read, count)
+    np.testing.assert_allclose(ours, wave(start_s + np.arange(count) / 50.0), atol=3e-4)
+
+
+def test_nothing_above_half_the_common_rate_folds_back():
+    time = np.arange(40_000) / 2000.0
+    for frequency in (25.0, 26.0, 40.0, 49.0, 75.0, 999.0):
+        channel = Channel("U", "V", 2000.0, len(time))
+        samples = np.sin(2 * np.pi * frequency * time)
+        out = LowPass(channel, 50.0, 10_000)(lambda first, stop, x=samples: x[first:stop], 500)
+        assert np.abs(out).max() < 2e-4, frequency
