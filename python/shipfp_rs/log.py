@@ -188,6 +188,8 @@ class Log:
         """Yield a channel in arrays of at most `size` samples, dtype as recorded."""
         first, last = self.rows(name, start_s, stop_s)
         left = last - first
+        if left <= 0:
+            return
         for block in self._blocks(name, first, size):
             yield _with_nan(block[:left])
             left -= len(block)
@@ -207,6 +209,8 @@ class Log:
             Where the channel is missing, holds text, or the stretch is empty or outside it.
         """
         parts = list(self.chunks(name, start_s=start_s, stop_s=stop_s))
+        if not parts:
+            raise InputError(f"{self.name}: channel {name!r} holds no sample there; read a longer stretch")
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def write(self, path: str | Path) -> Path:
