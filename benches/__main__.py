@@ -10,7 +10,7 @@ import benches
 def main() -> None:
     arguments = sys.argv[1:]
     for module in sorted(info.name for info in pkgutil.iter_modules(benches.__path__)):
-        if module.startswith("bench_"):
+        if module.startswith("bench_") or module == "peers":
             print(f"\n{module}")
             sys.argv = [module, *arguments]
             importlib.import_module(f"benches.{module}").main()

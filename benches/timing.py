@@ -1,8 +1,8 @@
-"""Timing for the benchmarks: medians, and a table of them."""
+"""Timing for the benchmarks: medians, spreads of ratios, and a table of them."""
 
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 
 def median_time(function: Callable[[], object], repeats: int = 7) -> float:
@@ -14,6 +14,30 @@ def median_time(function: Callable[[], object], repeats: int = 7) -> float:
         function()
         times.append(time.perf_counter() - start)
     return statistics.median(times)
+
+
+def in_turn(calls: Mapping[str, Callable[[], object]], repeats: int = 7) -> dict[str, list[float]]:
+    """Return the processor seconds of every call in every round; within a round they run one after the other.
+
+    Processor time leaves out what neighbours on the machine take; all calls here run on one thread.
+    """
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for call in calls.values():
+        call()
+    for _ in range(repeats):
+        for name, call in calls.items():
+            start = time.process_time()
+            call()
+            times[name].append(time.process_time() - start)
+    return times
+
+
+def spread(ratios: Sequence[float]) -> str:
+    """Median of the ratios and, in brackets, their quartiles."""
+    low, middle, high = (
+        statistics.quantiles(ratios, n=4, method="inclusive") if len(ratios) > 1 else [ratios[0]] * 3
+    )
+    return f"{middle:.3g} [{low:.3g}, {high:.3g}]"
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

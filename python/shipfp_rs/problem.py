@@ -21,7 +21,7 @@ ComplexArray = npt.NDArray[np.complex128]
 Data = Experiment | FrequencyResponse
 
 CHUNK = 2048
-"""Samples whose triangular factor is found at a time, while they are in a cache."""
+"""Samples that are worked on at a time, while they are in a cache."""
 
 
 @dataclass

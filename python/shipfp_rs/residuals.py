@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.problem import Block, Evaluation, prewhiten
+from shipfp_rs.problem import CHUNK, Block, Evaluation, prewhiten
 from shipfp_rs.products import regression
 from shipfp_rs.solver import AR_ORDER, Minimum, Search, scatter_of
 
@@ -133,21 +133,19 @@ def input_correlations(search: Search, minimum: Minimum) -> dict[str, ResidualTe
         size = len(gram)
         joint = np.zeros((size + len(lags),) * 2)
         joint[:size, :size] = gram
-        inputs = []
+        inputs, factors = [], minimum.noise.root[:, index]
         for block, evaluation, part in zip(search.blocks, evaluations, parts, strict=True):
             lagged = _lagged_inputs(block, evaluation, minimum, index, lags)
-            mixed = np.tensordot(minimum.noise.root[:, index], part, axes=(0, 1))
-            joint[size:, :size] += lagged @ mixed.T
-            joint[size:, size:] += (
-                minimum.noise.root[:, index] @ minimum.noise.root[:, index] * (lagged @ lagged.T)
-            )
+            joint[size:, size:] += factors @ factors * (lagged @ lagged.T)
+            for factor, rows in zip(factors, part.swapaxes(0, 1), strict=True):
+                if factor != 0.0:
+                    joint[size:, :size] += factor * (lagged @ rows.T)
             inputs.append(lagged)
         joint[:size, size:] = joint[size:, :size].T
         own = np.arange(len(joint)) < size - 1
         explained = regression(joint, own)[:, 1:]
         covariance = explained.T @ (priors[:, :-1].T @ priors[:, :-1]) @ explained
         for lagged, evaluation, part in zip(inputs, evaluations, parts, strict=True):
-            factors = minimum.noise.root[:, index]
             covariance += _covariance(
                 factors, lagged, explained, part, int(evaluation.valid.sum()), minimum.noise.models is None
             )
@@ -186,20 +184,24 @@ def _covariance(
     """
     own = part[-1]
     outputs, samples = own.shape
-    left = np.empty((outputs, len(lagged), samples))
-    for output, factor in enumerate(factors):
-        np.matmul(-explained.T, part[:-1, output], out=left[output])
-        left[output] += factor * lagged
+    models, states = [], []
     if coloured and samples > 2 * AR_ORDER:
         # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
         models = [_stable_model(row) for row in own]
         own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
-        left = np.stack(
-            [lfilter([1.0], model, rows[:, ::-1]) for model, rows in zip(models, left, strict=True)]
-        )
-    tall = left.reshape(-1, samples)
-    products = (tall @ tall.T).reshape(left.shape[:2] * 2)
-    return np.asarray(np.einsum("op,oipj->ij", own @ own.T / max(count, 1), products))
+        states = [np.zeros((len(lagged), AR_ORDER))] * outputs
+    products = np.zeros((outputs * len(lagged),) * 2)
+    for start in reversed(range(0, samples, CHUNK)):
+        stretch = slice(start, start + CHUNK)
+        left = factors[:, None, None] * lagged[:, stretch]
+        for output, rows in enumerate(left):
+            rows -= explained.T @ part[:-1, output, stretch]
+            if models:
+                rows[:], states[output] = lfilter([1.0], models[output], rows[:, ::-1], zi=states[output])
+        tall = left.reshape(len(products), -1)
+        products += tall @ tall.T
+    by_output = products.reshape(outputs, len(lagged), outputs, len(lagged))
+    return np.asarray(np.einsum("op,oipj->ij", own @ own.T / max(count, 1), by_output))
 
 
 def _stable_model(residual: Array) -> Array:

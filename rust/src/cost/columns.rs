@@ -8,6 +8,9 @@ use pulp::{Arch, Simd, WithSimd};
 use super::sums::{Combination, Sums};
 use crate::linear::walk::{BLOCK, Block, LANES, STEPS};
 
+/// Vectors that are filtered side by side.
+const ABREAST: usize = 8;
+
 /// Rows of a block, each combined of the pass' rows, filtered and masked.
 pub struct Columns<'a> {
     combinations: &'a [Combination],
@@ -128,13 +131,21 @@ impl WithSimd for Combine<'_> {
         for (row, combination) in self.combinations.iter().enumerate() {
             let into = &mut self.into[row * self.width..][..self.width];
             let into = S::as_mut_simd_f64s(&mut into[self.width - BLOCK..]).0;
-            let bias = simd.splat_f64s(if row < self.biases.len() { self.biases[row] } else { 0.0 });
-            for at in 0..vectors {
-                let mut sum = bias;
-                for &(source, factor) in combination {
-                    sum = simd.mul_add_e_f64s(simd.splat_f64s(factor), block[source * vectors + at], sum);
+            let bias = if row < self.biases.len() { self.biases[row] } else { 0.0 };
+            let into = &mut into[..vectors];
+            for (term, &(source, factor)) in combination.iter().enumerate() {
+                let source = &block[source * vectors..][..vectors];
+                let factor = simd.splat_f64s(factor);
+                // A sweep a term: no inner loop, so nothing but vector code.
+                if term == 0 {
+                    for at in 0..vectors {
+                        into[at] = simd.mul_add_e_f64s(factor, source[at], simd.splat_f64s(bias));
+                    }
+                } else {
+                    for at in 0..vectors {
+                        into[at] = simd.mul_add_e_f64s(factor, source[at], into[at]);
+                    }
                 }
-                into[at] = sum;
             }
         }
     }
@@ -158,13 +169,18 @@ impl WithSimd for Filter<'_> {
         for (row, filter) in self.filters.iter().enumerate() {
             let history = (filter.len() - 1) * step;
             let window = &windows[row * (history + vectors)..][..history + vectors];
-            for at in 0..vectors {
-                let mut sum = simd.splat_f64s(0.0);
+            for at in (0..vectors).step_by(ABREAST) {
+                let mut sums = [simd.splat_f64s(0.0); ABREAST];
                 for (lag, &factor) in filter.iter().enumerate() {
-                    sum =
-                        simd.mul_add_e_f64s(simd.splat_f64s(factor), window[history + at - lag * step], sum);
+                    let factor = simd.splat_f64s(factor);
+                    let past = &window[history + at - lag * step..][..ABREAST];
+                    for i in 0..ABREAST {
+                        sums[i] = simd.mul_add_e_f64s(factor, past[i], sums[i]);
+                    }
                 }
-                rows[row * vectors + at] = sum;
+                for i in 0..ABREAST {
+                    rows[row * vectors + at + i] = sums[i];
+                }
             }
         }
     }

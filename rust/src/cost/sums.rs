@@ -4,8 +4,9 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::linear::walk::BLOCK;
 
-/// Rows that are multiplied by one row at a time.
+/// Rows that are multiplied at a time by a pair of rows: more products than loads, and enough of them not to wait for one.
 const TILE: usize = 4;
+const PAIR: usize = 2;
 
 /// `sum_k r_i[k] r_j[k]` for all pairs of rows, over the samples where every output was measured.
 pub struct Sums {
@@ -45,7 +46,7 @@ impl Sums {
     }
 }
 
-/// Add up a block's products: each row with `TILE` rows at a time up to itself.
+/// Add up a block's products: each pair of rows with `TILE` rows at a time up to themselves.
 struct Multiply<'a> {
     block: &'a [f64],
     rows: usize,
@@ -57,23 +58,31 @@ impl WithSimd for Multiply<'_> {
     type Output = ();
 
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     fn with_simd<S: Simd>(self, simd: S) {
         let vectors = BLOCK / S::F64_LANES;
         let block = S::as_simd_f64s(self.block).0;
-        for row in 0..self.rows {
-            let one = &block[row * vectors..][..vectors];
+        for row in (0..self.rows).step_by(PAIR) {
+            let pair = &block[row * vectors..][..PAIR * vectors];
             for first in (0..=row).step_by(TILE) {
                 let others = &block[first * vectors..][..TILE * vectors];
-                let mut sums = [simd.splat_f64s(0.0); TILE];
+                let mut sums = [[simd.splat_f64s(0.0); TILE]; PAIR];
                 for at in 0..vectors {
-                    for column in 0..TILE {
-                        sums[column] =
-                            simd.mul_add_e_f64s(one[at], others[column * vectors + at], sums[column]);
+                    for one in 0..PAIR {
+                        for column in 0..TILE {
+                            sums[one][column] = simd.mul_add_e_f64s(
+                                pair[one * vectors + at],
+                                others[column * vectors + at],
+                                sums[one][column],
+                            );
+                        }
                     }
                 }
-                let products = &mut self.products[row * self.width + first..];
-                for (product, sum) in products.iter_mut().zip(sums) {
-                    *product += simd.reduce_sum_f64s(sum);
+                for one in 0..PAIR.min(self.rows - row) {
+                    let products = &mut self.products[(row + one) * self.width + first..];
+                    for column in 0..TILE {
+                        products[column] += simd.reduce_sum_f64s(sums[one][column]);
+                    }
                 }
             }
         }

@@ -129,6 +129,9 @@ impl<const N: usize, const J: usize, const T: usize> WithSimd for Advance<'_, N,
                         let signal = match signals[position] {
                             SPEED => s[0],
                             E => s[1],
+                            SLOPE if !by.moves_feed => {
+                                add_products(simd, simd.splat_f64s(0.0), &step.slope, &s)
+                            }
                             SLOPE => add_products(simd, read(simd, by, SLOPE, &x, &rho), &step.slope, &s),
                             signal => read(simd, by, signal, &x, &rho),
                         };
@@ -139,7 +142,10 @@ impl<const N: usize, const J: usize, const T: usize> WithSimd for Advance<'_, N,
                         );
                     }
                     for i in 0..N {
-                        let mut next = feed(simd, &by.taps[i], &rho);
+                        let mut next = simd.splat_f64s(0.0);
+                        if by.moves_feed {
+                            next = feed(simd, &by.taps[i], &rho);
+                        }
                         if by.moves_phi {
                             next = add_products(simd, next, &by.phi[i], &x);
                         }

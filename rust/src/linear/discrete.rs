@@ -52,6 +52,8 @@ pub struct Step<const N: usize, const J: usize, const T: usize> {
     pub set_feed: [f64; T],
     /// Whether `phi` is not zero: a dead time of the set point and the initial state leave the loop as it is.
     pub moves_phi: bool,
+    /// Whether what is fed in and read depends on it: the initial state leaves both as they are.
+    pub moves_feed: bool,
 }
 
 /// A step and its derivatives by the directions asked for.
@@ -232,6 +234,7 @@ fn discretise<const N: usize, const A: usize, const J: usize>(
         slope_feed: slope_feed.map(|feed| feed.map(|tap| tap.part(direction))),
         set_feed: feeds[0].map(|tap| tap.part(direction)),
         moves_phi: moves_phi(direction),
+        moves_feed: !matches!(direction, Some(BY_START_N | BY_START_E)),
     };
     let leap = |direction| Step {
         phi: leap_phi.part(direction),
@@ -240,6 +243,7 @@ fn discretise<const N: usize, const A: usize, const J: usize>(
         slope_feed: [[0.0; LEAP + 2]; J],
         set_feed: [0.0; LEAP + 2],
         moves_phi: moves_phi(direction),
+        moves_feed: !matches!(direction, Some(BY_START_N | BY_START_E)),
     };
     let start = loop_.start::<N>(initial);
     let start = |direction| start.map(|state| state.part(direction));

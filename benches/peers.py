@@ -1,0 +1,245 @@
+"""This library against its peers on the same work in one run: ratios with their spread, and how far the machine still is.
+
+`python -m benches.peers`, with a release build installed and OPENBLAS_NUM_THREADS=1; peers that are not installed are left
+out with a line. docs/benchmarks.md explains every figure.
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+import scipy.signal
+from tests.launch import TRUTH, noisy_record
+
+from benches import bench_cost, bench_plant, bench_pulse, rivals
+from benches.timing import in_turn, print_table, spread
+from shipfp_rs import _core, signals
+from shipfp_rs.identification import identify
+from shipfp_rs.problem import Block
+from shipfp_rs.solver import Search, start_vectors
+from shipfp_rs.structure import Structure
+
+Calls = dict[str, Callable[[], object] | None]
+MULTIPLY_ADDS_OF_A_STEP = 44
+"""Of one RK4 step of a member: four times the torque, the propeller's square, two rates; three mixtures of both states."""
+
+
+def report(title: str, unit: str, work: float, calls: Calls, repeats: int) -> dict[str, float]:
+    """Print medians per unit of work and ratios to the first call, which is ours; return the medians in seconds."""
+    for name in [name for name, call in calls.items() if call is None]:
+        print(f"{name}: not installed, left out")
+    times = in_turn({name: call for name, call in calls.items() if call is not None}, repeats)
+    ours = next(iter(times.values()))
+    rows = [
+        [
+            name,
+            f"{1e9 * statistics.median(own) / work:.3g}",
+            spread([other / mine for other, mine in zip(own, ours, strict=True)]),
+        ]
+        for name, own in times.items()
+    ]
+    print()
+    print_table([title, f"ns a {unit}", "times ours"], rows)
+    return {name: statistics.median(own) for name, own in times.items()}
+
+
+def limits(short: bool) -> tuple[float, float]:
+    """Bytes a second that one core reads from memory, and multiply-adds a second that it computes."""
+    large, square = np.ones(1_000_000 if short else 50_000_000, np.float32), np.ones((600, 600))
+    times = in_turn({"read": large.max, "multiply": lambda: square @ square}, 9)
+    read = large.nbytes / statistics.median(times["read"])
+    adds = 600**3 / statistics.median(times["multiply"])
+    print(
+        f"\nThe machine, one core: reads {read / 1e9:.1f} GB/s (np.max), {adds / 1e9:.1f} G multiply-adds/s (dgemm)"
+    )
+    return read, adds
+
+
+def plant(short: bool, repeats: int, adds: float) -> None:
+    """One run, then 64 side by side."""
+    none = np.empty(0)
+    for members, samples, substeps in ((1, 2_000 if short else 20_000, 1), (64, 200 if short else 2_000, 10)):
+        n_set = 1300.0 / 60.0 * (1.0 + 0.05 * np.sin(np.arange(samples) * 0.01))
+        many = np.tile(bench_plant.PARAMETERS, (members, 1))
+        many[:, 0] *= np.linspace(0.8, 1.2, members)
+        initial = np.tile(bench_plant.INITIAL, (members, 1))
+        out = np.empty((members, 4, samples))
+
+        def ours(many=many, n_set=n_set, initial=initial, substeps=substeps, members=members):
+            arguments = (none, none, n_set if members == 1 else n_set[None], 0.01, substeps, "rk4", "zero")
+            if members == 1:
+                return _core.simulate_plant(many[0], *arguments, initial[0])[None]
+            return _core.simulate_plant_batch(many, *arguments, initial, 1)
+
+        def numba(many=many, n_set=n_set, substeps=substeps, out=out):
+            bench_plant.simulate_batch(many, none, none, n_set, 0.01, substeps, bench_plant.INITIAL, out)
+            return out
+
+        np.testing.assert_allclose(ours(), numba(), rtol=1e-9, atol=1e-9)
+        calls: Calls = {"shipfp_rs": ours, "Numba, scalar": numba}
+        calls["JAX, vmap of scan"] = rivals.jax_plant(many, n_set, 0.01, substeps)
+        if members == 1:
+            calls["diffrax, Tsit5"] = rivals.diffrax_plant(many[0], n_set, 0.01)
+        work = members * samples * substeps
+        title = "plant, one run" if members == 1 else f"plant, {members} runs of {substeps} steps a sample"
+        medians = report(title, "step", work, calls, repeats)
+        if members == 1:
+            few = n_set[:200]
+            start = time.process_time()
+            rivals.solve_ivp_plant(many[0], few, 0.01)()
+            seconds = (time.process_time() - start) / len(few)
+            print(
+                f"SciPy solve_ivp on {len(few)} samples: {seconds * work / medians['shipfp_rs']:.0f} times ours"
+            )
+        part = work * MULTIPLY_ADDS_OF_A_STEP / medians["shipfp_rs"] / adds
+        print(f"ours computes at {100 * part:.0f} % of the machine's multiply-adds")
+
+
+def cost(short: bool, repeats: int) -> None:
+    """One vector, sixteen, and derivatives by seven parameters, on a record of 1500 s at 100 Hz."""
+    count = 3_000 if short else 150_000
+    rng = np.random.default_rng(804)
+    dn_set = np.cumsum(rng.normal(size=count)) * 1e-3
+    dn_set -= dn_set[0]
+    record = (dn_set, bench_cost.DT, "first", bench_cost.START, bench_cost.OUTPUTS)
+    measured = _core.simulate_linear(bench_cost.LAUNCH, *record) + rng.normal(scale=1e-3, size=(2, count))
+    rest = (*record, measured, bench_cost.WEIGHT)
+    vectors = bench_cost.LAUNCH * rng.uniform(0.95, 1.05, size=(16, 9))
+    A, B, C, D = bench_cost.state_space(bench_cost.LAUNCH)
+    system = A, B.sum(axis=1, keepdims=True), C, D.sum(axis=1, keepdims=True)
+    one = report(
+        "cost of one vector",
+        "sample",
+        count,
+        {
+            "shipfp_rs": lambda: _core.linear_cost(bench_cost.LAUNCH, *rest, []),
+            "one lfilter call": lambda: scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set),
+            "SciPy lfilter, both outputs": lambda: bench_cost.lfilter_cost(
+                bench_cost.LAUNCH, dn_set, measured
+            ),
+            "Numba": lambda: bench_cost.numba_cost(bench_cost.LAUNCH, dn_set, measured),
+        },
+        repeats,
+    )
+    few = 2_000
+    slow: Calls = {
+        "shipfp_rs": lambda: _core.linear_cost(
+            bench_cost.LAUNCH, dn_set[:few], *record[1:], measured[:, :few].copy(), bench_cost.WEIGHT, []
+        ),
+        "SciPy lsim": lambda: bench_cost.lsim_cost(bench_cost.LAUNCH, dn_set[:few], measured[:, :few]),
+        "python-control": rivals.control_cost(*system, dn_set[:few], bench_cost.DT, measured[:, :few]),
+    }
+    report(f"cost of one vector, {few} samples", "sample", few, slow, 3)
+    octave = rivals.octave_seconds(*system, count, bench_cost.DT)
+    name = "GNU Octave, lsim of the control package"
+    print(
+        f"{name}: "
+        + ("not installed, left out" if octave is None else f"{octave / one['shipfp_rs']:.0f} times ours")
+    )
+    report(
+        "cost of 16 vectors",
+        "sample and vector",
+        16 * count,
+        {
+            "shipfp_rs": lambda: _core.linear_cost_batch(vectors, *rest, [], 1),
+            "16 lfilter calls": lambda: [
+                scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set) for _ in range(16)
+            ],
+        },
+        repeats,
+    )
+    for title, vector in (("no dead time", bench_cost.LAUNCH), ("both dead times", bench_cost.DEAD_TIMES)):
+        wrt = [0, 1, 2, 3, 4, 5, 6] if vector is bench_cost.LAUNCH else bench_cost.SEVEN
+        report(
+            f"cost, gradient, Gauss-Newton by 7, {title}",
+            "sample",
+            count,
+            {
+                "shipfp_rs": lambda vector=vector, wrt=wrt: _core.linear_cost(vector, *rest, wrt),
+                "Numba, 8 simulations": lambda vector=vector, wrt=wrt: bench_cost.differences(
+                    lambda x: bench_cost.numba_cost(x, dn_set, measured), vector, wrt
+                ),
+            },
+            min(repeats, 5),
+        )
+
+
+def pulses(short: bool, repeats: int, read: float) -> None:
+    """Crossings of 3.2 hours of a float32 pulse train at 2 kHz."""
+    train = bench_pulse.pulse_train(1_000_000 if short else 23_000_000, 20.65)
+    levels = bench_pulse.LOW, bench_pulse.HIGH, bench_pulse.MIDDLE
+    calls: Calls = {
+        "shipfp_rs": lambda: bench_pulse.ours(train),
+        "np.max of the same": train.max,
+        "Numba state machine": lambda: bench_pulse.state_machine(train, *levels),
+    }
+    medians = report("pulse train", "sample", train.size, calls, repeats)
+    print(f"ours reads at {100 * train.nbytes / medians['shipfp_rs'] / read:.0f} % of the machine's speed")
+
+
+def identification(short: bool, repeats: int) -> None:
+    """One fit of a chirp of 1500 s at 200 Hz: two outputs, determinant weights, four parameters, states and offsets."""
+    chirp = signals.chirp(0.0014, 20.0, 15.0 if short else 1500.0, 13.0, law="logarithmic", rate_hz=200.0)
+    record = noisy_record(chirp, 0.05, 0.0, 1)
+    measured = np.array([record.normalised("n_e"), record.normalised("M_b")])
+    twin = rivals.SciPyFit(record.dn_set, measured, 1.0 / record.rate_hz)
+    structure = Structure.linear(products=True)
+    block = Block.build(record, structure, offsets=True, initial_state=True, weigh=False)
+    search = Search(structure, (block,), "determinant", "white", max_evaluations=500, tolerance=1e-12)
+    start = start_vectors(search, 1, 0)[0]
+    found = search.minimise(start).vector[:4]
+    if not short:
+        np.testing.assert_allclose(found, twin()[:4], rtol=1e-5)
+    medians = report(
+        "identification",
+        "sample",
+        len(record),
+        {
+            "shipfp_rs, the search": lambda: search.minimise(start),
+            "SciPy least_squares over Numba": twin,
+            "shipfp_rs, identify with all it tells": lambda: identify(record, structure, noise="white"),
+            "shipfp_rs, identify with noise='ar'": lambda: identify(record, structure, noise="ar"),
+        },
+        repeats,
+    )
+    tau_n, g, vK_p, vK_i = TRUTH.values()
+    A, B, C, D = bench_cost.state_space(np.array([tau_n, g, 1.0, vK_p, vK_i, 2.0, 0.0, 0.0, 0.0]))
+    few = 2_000
+    call = rivals.control_cost(
+        A,
+        B.sum(axis=1, keepdims=True),
+        C,
+        D.sum(axis=1, keepdims=True),
+        record.dn_set[:few],
+        0.005,
+        measured[:, :few],
+    )
+    if call is None:
+        print("python-control: not installed, left out")
+        return
+    one = statistics.median(in_turn({"control": call}, 3)["control"]) * len(record) / few
+    whole = one * twin.simulations
+    ratio = whole / medians["shipfp_rs, identify with all it tells"]
+    print(
+        f"python-control: one cost takes {one:.3g} s ({few} samples, scaled); the {twin.simulations} simulations of the fit "
+        f"above would take {whole:.3g} s, {ratio:.0f} times identify"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="short records, just to see that it runs")
+    parser.add_argument("--repeats", type=int, default=9)
+    options = parser.parse_args()
+    short, repeats = options.quick, 1 if options.quick else options.repeats
+    read, adds = limits(short)
+    plant(short, repeats, adds)
+    cost(short, repeats)
+    pulses(short, repeats, read)
+    identification(short, min(repeats, 5))
+
+
+if __name__ == "__main__":
+    main()
