@@ -7,6 +7,7 @@ that starting processes is left out, and other people's work on the machine is i
 from __future__ import annotations
 
 import argparse
+import math
 import multiprocessing
 import os
 import tempfile
@@ -23,7 +24,7 @@ import pyarrow.parquet as pq
 from benches.timing import print_table
 from shipfp_rs.sweeps import Plan, Progress, sweep
 from shipfp_rs.sweeps.draw import run_draws
-from shipfp_rs.sweeps.pools import available_workers, pool_of
+from shipfp_rs.sweeps.pools import Pool, available_workers, pool_of
 from shipfp_rs.sweeps.store import opened
 from shipfp_rs.sweeps.worker import begin_process, one_thread_for_linear_algebra
 from shipfp_rs.toml_files import validated
@@ -81,20 +82,58 @@ class Clock:
     @property
     def wall_per_draw(self) -> float:
         (began, before), (ended, after) = next(mark for mark in self.marks if mark[1]), self.marks[-1]
-        return (ended - began) / (after - before)
+        return (ended - began) / (after - before) if after > before else math.nan
 
 
-def run_on_processes(plan: Plan, workers: int, folder: Path) -> dict[str, float]:
+def measure(
+    plan: Plan, executor: Executor, workers: int, draws_per_task: int, folder: Path
+) -> dict[str, float]:
+    """Make a sweep; wall seconds a draw, CPU seconds of all workers, of the busiest one, and of the driver."""
     notes, clock = folder / "notes", Clock()
-    notes.mkdir()
+    notes.mkdir(parents=True)
+    timing = Timed(executor, notes)
+    driver = time.process_time()
+    sweep(
+        plan,
+        folder / "sweep",
+        executor=timing,
+        workers=workers,
+        draws_per_task=draws_per_task,
+        progress=clock,
+    )
+    driver = time.process_time() - driver
+    cpu = timing.cpu()
+    return {"wall": clock.wall_per_draw, "cpu": sum(cpu), "longest": max(cpu), "driver": driver}
+
+
+def on_processes(plan: Plan, workers: int, draws_per_task: int, folder: Path) -> dict[str, float]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, initializer=begin_process) as processes:
-        executor = Timed(processes, notes)
-        driver = time.process_time()
-        sweep(plan, folder / "sweep", executor=executor, workers=workers, draws_per_task=5, progress=clock)
-        driver = time.process_time() - driver
-    cpu = executor.cpu()
-    return {"wall": clock.wall_per_draw, "cpu": sum(cpu), "longest": max(cpu), "driver": driver}
+        return measure(plan, processes, workers, draws_per_task, folder)
+
+
+def on_dask(plan: Plan, draws_per_task: int, folder: Path) -> dict[str, float]:
+    # The scheduler of a local cluster runs in the driver's process, so the driver's CPU time is both's.
+    with pool_of("dask", 1, None) as pool:
+        pool.submit(os.getpid).result()
+        return measure(plan, Submitting(pool), 1, draws_per_task, folder)
+
+
+class Submitting(Executor):
+    """A pool of ours as an executor."""
+
+    def __init__(self, pool: Pool) -> None:
+        self.pool = pool
+
+    def submit(self, work: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        return self.pool.submit(work, *arguments)
+
+
+def on_threads(plan: Plan, workers: int, folder: Path) -> float:
+    # Threads start at once, so all of it counts.
+    began = time.perf_counter()
+    sweep(plan, folder, executor="threads", workers=workers, draws_per_task=5)
+    return (time.perf_counter() - began) / plan.draws
 
 
 def rows_of_a_task(plan: Plan) -> pa.RecordBatch:
@@ -156,8 +195,7 @@ def main() -> None:
         for round_ in range(options.rounds):
             for workers in (1, 2):
                 place = folder / f"{workers}-{round_}"
-                place.mkdir()
-                found[workers].append(run_on_processes(plan, workers, place))
+                found[workers].append(on_processes(plan, workers, 5, place))
         best = {workers: min(runs, key=lambda run: run["wall"]) for workers, runs in found.items()}
         print_table(
             ["workers", "ms a draw, wall", "CPU of the workers", "CPU of the driver"],
@@ -173,11 +211,26 @@ def main() -> None:
             ],
         )
         one, two = best[1], best[2]
-        bound = max(two["longest"], 0.5 * (two["cpu"] + two["driver"]))
         faster = one["wall"] / two["wall"]
         print(f"two workers over one: {faster:.2f} times faster as it was, on {available_workers()} cores")
+        # On cores of their own the busier worker sets the pace, or else all work, the driver's too, over two cores.
+        pace = max(two["longest"], 0.5 * (two["cpu"] + two["driver"]))
         print(
-            f"{one['cpu'] / bound:.2f} times by CPU time: one worker's over the busier of two, the driver's share counted in"
+            f"ideal, all workers' CPU time over the busier one's, the driver counted in: {two['cpu'] / pace:.2f}"
+        )
+        threads = [
+            on_threads(plan_of(options.draws // 2), workers, folder / f"threads-{workers}")
+            for workers in (1, 2)
+        ]
+        print(
+            f"two threads over one, in one interpreter: {threads[0] / threads[1]:.2f} times faster as it was"
+        )
+
+        plain = on_processes(plan, 1, DRAWS_PER_TASK, folder / "plain")
+        dask = on_dask(plan, DRAWS_PER_TASK, folder / "dask")
+        more = (dask["cpu"] + dask["driver"]) / (plain["cpu"] + plain["driver"]) - 1.0
+        print(
+            f"Dask over plain processes, {DRAWS_PER_TASK} draws a task: {100.0 * more:+.1f} % CPU time in all"
         )
 
         cost = min(run["cpu"] / plan.draws for runs in found.values() for run in runs)

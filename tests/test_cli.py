@@ -64,6 +64,7 @@ class TestFrame:
             ["init"],
             ["inspect"],
             ["simulate"],
+            ["sweep"],
             ["reproduce"],
             ["reproduce", "fullscale"],
             ["reproduce", "virtual"],

@@ -5,6 +5,9 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -72,3 +75,37 @@ def test_no_scheduler_at_an_address_costs_one_line(tmp_path: Path, monkeypatch) 
     monkeypatch.setattr(pools, "CONNECT_S", 0.2)
     with pytest.raises(InputError, match=r"127\.0\.0\.1:9: no Dask scheduler answers there"):
         sweep(cheap_plan(DRAWS), tmp_path, executor="dask", address="127.0.0.1:9")
+
+
+DRIVER = """
+import os, time
+from shipfp_rs.sweeps.pools import Processes
+if __name__ == "__main__":
+    pool = Processes(1)
+    print(pool.submit(os.getpid).result(), flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="tells living processes by /proc")
+def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "driver.py"
+    script.write_text(DRIVER)
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout is not None
+        worker = int(driver.stdout.readline())
+        assert is_alive(worker)
+        driver.kill()
+    patience = time.monotonic() + 60.0
+    while is_alive(worker):
+        assert time.monotonic() < patience
+        time.sleep(0.05)
+
+
+def is_alive(process: int) -> bool:
+    """Whether a process is there; one that ended and waits for its parent is not."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"

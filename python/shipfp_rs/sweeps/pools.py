@@ -22,6 +22,13 @@ AHEAD = 2
 CONNECT_S = 10.0
 """How long a scheduler may take to answer."""
 
+QUIET = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Settings of our own cluster: its bookkeeping every few ms would take a tenth of a worker that runs Python all the time."""
+
 
 class Pool(Protocol):
     """An executor, how many workers it has, and what it raises when one of these is gone."""
@@ -155,6 +162,7 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
 @contextlib.contextmanager
 def _client(address: str | None, workers: int) -> Iterator[Any]:
     try:
+        dask: Any = importlib.import_module("dask")
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise InputError(
@@ -170,6 +178,7 @@ def _client(address: str | None, workers: int) -> Iterator[Any]:
         return
     # Loopback only: nobody else on the network is meant to reach the workers.
     with (
+        dask.config.set(QUIET),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
