@@ -1,4 +1,4 @@
-"""`shipfp init`: a commented TRIAL.toml to fill in, with the windows that a log shows."""
+"""`shipfp init`: a commented TRIAL.toml to fill in, with the windows that a log shows, or a SWEEP.toml."""
 
 from __future__ import annotations
 
@@ -25,14 +25,19 @@ def init(
     rate_hz: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the log tells none.")
     ] = None,
+    sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
     """Write a commented TRIAL.toml to fill in; with --log its sines, chirps, steps and steady stretch are in it."""
-    from shipfp_rs.files import write_text_atomically
+    if sweep:
+        if log is not None:
+            raise InputError("--sweep: expected it without --log; a sweep has no log")
+        from shipfp_rs.sweeps.template import SWEEP_TEMPLATE
+
+        _write(folder / "SWEEP.toml", SWEEP_TEMPLATE, "sweep")
+        return
     from shipfp_rs.trial import TRIAL_TEMPLATE
 
-    path = folder / "TRIAL.toml"
-    if path.exists():
-        raise InputError(f"{path}: is there already; rename it or choose another folder")
+    path = _new(folder / "TRIAL.toml")
     text = TRIAL_TEMPLATE
     if log is not None:
         from shipfp_rs.log import Log
@@ -47,5 +52,17 @@ def init(
         text = filled_in(text, log.resolve(), recording.channel(channel), found)
         kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
         print_text(f"{log}, {channel}: {kinds}")
-    write_text_atomically(path, text)
-    print_text(f"wrote {path}", "Fill it in, then: shipfp run " + str(path))
+    _write(path, text, "run")
+
+
+def _new(path: Path) -> Path:
+    if path.exists():
+        raise InputError(f"{path}: is there already; rename it or choose another folder")
+    return path
+
+
+def _write(path: Path, text: str, command: str) -> None:
+    from shipfp_rs.files import write_text_atomically
+
+    write_text_atomically(_new(path), text)
+    print_text(f"wrote {path}", f"Fill it in, then: shipfp {command} {path}")
