@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs import slips
 from shipfp_rs.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +30,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Unit of every signal name that the package knows."""
+_SLIPS = {"rpm": slips.SPEED_RPM, "rev/s": slips.SPEED_RPS, "Nm": slips.TORQUE}
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,10 @@ class Experiment:
                 f"experiment {self.name!r}: rate_hz is {self.rate_hz}, expected a positive number"
             )
         if "n_set" not in self.signals:
-            raise InputError(f"experiment {self.name!r}: no signal 'n_set'; found {sorted(self.signals)}")
+            raise InputError(
+                f"experiment {self.name!r}: no signal 'n_set', found {sorted(self.signals)}; expected the set point "
+                "among them, it drives the model"
+            )
         frozen: dict[str, Array] = {}
         length = len(self.signals["n_set"])
         if length < 2:
@@ -77,7 +82,7 @@ class Experiment:
         for name, samples in self.signals.items():
             if name not in UNITS:
                 raise InputError(
-                    f"experiment {self.name!r}: signal {name!r} is unknown, expected one of {', '.join(UNITS)}"
+                    f"experiment {self.name!r}: signal {name!r} is unknown, {slips.suggestion(name, list(UNITS))}"
                 )
             values = np.array(samples, dtype=np.float64)
             if values.shape != (length,):
@@ -100,6 +105,7 @@ class Experiment:
                 raise InputError(
                     f"experiment {self.name!r}: operating point of {name!r} is {value}, expected finite, not zero"
                 )
+        _require_sense(self.name, frozen, self.operating_point)
         object.__setattr__(self, "signals", MappingProxyType(frozen))
         object.__setattr__(self, "operating_point", MappingProxyType(dict(self.operating_point)))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
@@ -149,3 +155,18 @@ class Experiment:
             )
         cut = {key: values[first:last] for key, values in self.signals.items()}
         return replace(self, name=name or self.name, signals=cut)
+
+
+def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
+    """Refuse signals in another unit than their operating point, or already normalised."""
+    for name, value in operating_point.items():
+        if name not in signals or name == "E_n" or np.isnan(signals[name]).all():
+            continue
+        mean = float(np.nanmean(signals[name]))
+        known = _SLIPS.get(UNITS[name], ())
+        for what, ratio in (("signal", mean / value), ("operating point", value / mean if mean else 0.0)):
+            if hint := slips.likely_ratio(ratio, known):
+                raise InputError(
+                    f"experiment {label!r}: signal {name!r} is {mean:.4g} on average, its operating point {value:g}, "
+                    f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"
+                )

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from shipfp_rs import slips
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.estimates import estimates
@@ -183,10 +184,36 @@ def _blocks(
             raise InputError(
                 f"{item.name!r}: weighting 'std' is for frequency responses, an experiment has no deviations"
             )
+        if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "plant"):
+            _require_sense(item)
     return tuple(
         Block.build(item, structure, offsets=offsets, initial_state=initial_state, weigh=weigh)
         for item in items
     )
+
+
+def _require_sense(data: FrequencyResponse) -> None:
+    """Refuse a speed that leads its set point, or that follows it slowly with another gain than 1 (eq. 3.31)."""
+    speed = next((name for name in ("n_e", "n_s") if name in data.response), None)
+    if speed is None:
+        return
+    slowest = np.argsort(data.frequency_hz)[:3]
+    response = data.response[speed][slowest]
+    gain, phase = np.abs(response), np.angle(response)
+    if not np.isfinite(response).all() or len(slowest) < 3:
+        return
+    if (phase > 3.0 * data.phase_std.get(speed, np.zeros(len(data)))[slowest] + 0.005).all() and (
+        phase < 1.5
+    ).all():
+        raise InputError(
+            f"{data.name!r}: {speed} leads the set point by {phase[0]:.3g} rad at {data.frequency_hz[slowest[0]]:.4g} Hz, "
+            "expected it to follow; the sign of the phase turned? give the complex conjugate"
+        )
+    if (np.abs(phase) < 0.3).all() and (hint := slips.likely_ratio(float(gain.mean()), slips.PEAK_TO_PEAK)):
+        raise InputError(
+            f"{data.name!r}: {speed} follows the set point with a gain of {gain.mean():.3g} at its lowest frequencies, "
+            f"expected 1{hint} give both channels alike"
+        )
 
 
 def _check(weighting: str, noise: str | None, starts: int) -> None:
@@ -204,7 +231,7 @@ def _check_names(
     free = [parameter.name for parameter in structure.free]
     for name, (nominal, weight) in ridge.items():
         if name not in free:
-            raise InputError(f"ridge: no free parameter {name!r}; free are {', '.join(free)}")
+            raise InputError(f"ridge: no free parameter {name!r}, {slips.suggestion(name, free)}")
         if not (np.isfinite(nominal) and np.isfinite(weight) and weight >= 0):
             raise InputError(
                 f"ridge of {name}: ({nominal}, {weight}), expected a finite value and a weight from 0 up"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs import slips
 from shipfp_rs.errors import InputError, ShipfpError
 
 Samples = npt.NDArray[Any]
@@ -122,7 +122,9 @@ class Log:
             if suffix in (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"):
                 raise InputError(f"{path}: a compressed file, expected a log; unpack it first")
             known = ", ".join(dict.fromkeys([*_MODULES, *_READERS]))
-            raise InputError(f"{path}: unknown log format {path.suffix!r}, expected one of {known}")
+            raise InputError(
+                f"{path}: unknown log format {path.suffix!r}, expected one of {known}{slips.nearest(suffix, list(_MODULES))}"
+            )
         if not path.is_file():
             what = "a folder, expected a log file" if path.is_dir() else "no such log file"
             raise InputError(f"{path}: {what}")
@@ -162,9 +164,9 @@ class Log:
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
         if name not in self.channels:
-            near = difflib.get_close_matches(name, self.channels, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{self.name}: no channel {name!r}, found {', '.join(self.channels)}{hint}")
+            known = list(self.channels)
+            hint = slips.nearest(name, known)
+            raise InputError(f"{self.name}: no channel {name!r}, found {', '.join(known)}{hint}")
         return self.channels[name]
 
     def rows(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> tuple[int, int]:

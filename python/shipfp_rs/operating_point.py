@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import _core
+from shipfp_rs import _core, slips
 from shipfp_rs.errors import InputError
 from shipfp_rs.vessel import Vessel
 
@@ -74,6 +74,11 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     set_point = vessel.operating_point.n_e_rpm if n_e_rpm is None else n_e_rpm
     if not (math.isfinite(set_point) and set_point > 0.0):
         raise InputError(f"vessel {vessel.name!r}: set point is {set_point} rpm, expected a positive number")
+    rated = vessel.engine.rated_speed_rpm
+    if hint := slips.likely(set_point, 0.1 * rated, 1.5 * rated, slips.SPEED_RPM, "rpm"):
+        raise InputError(
+            f"vessel {vessel.name!r}: set point is {set_point:g} rpm, expected one near {rated:g} rpm{hint}"
+        )
     speed, limit = vessel.envelope()
     n_e = set_point / 60.0
     n_s = n_e / vessel.gearbox.ratio

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs import slips
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Log
 from shipfp_rs.trial import SetPoint, Torque
@@ -17,6 +18,7 @@ Array = npt.NDArray[np.float64]
 
 CALIBRATED_WITHIN = 0.1
 """Relative difference between the means of set point and speed above which a calibration is wrong."""
+CHECK = "; check unit and calibration"
 LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
@@ -43,11 +45,24 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
     if abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
         raise InputError(
             f"channels.set_point: {mean['n_set']:.4g} rpm on average in {label}, where the engine turns "
-            f"{mean['n_e']:.4g} rpm; check unit and calibration"
+            f"{mean['n_e']:.4g} rpm{_slip_of_speed(mean['n_set'] / mean['n_e'], vessel.gearbox.ratio)}"
         )
     for name, limit in rated_torque.items():
         if name in mean and not LEAST_TORQUE * limit < abs(mean[name]) < MOST_TORQUE * limit:
+            hint = slips.likely(abs(mean[name]), LEAST_TORQUE * limit, MOST_TORQUE * limit, slips.TORQUE)
             raise InputError(
                 f"channels.torque: {mean[name]:.4g} Nm on average in {label}, where the engine's rating makes "
-                f"{limit:.4g} Nm; check unit and calibration"
+                f"{limit:.4g} Nm{hint}{CHECK}"
             )
+
+
+def _slip_of_speed(ratio: float, gear_ratio: float) -> str:
+    """What is likely wrong where the set point is `ratio` times the engine's speed, and not once."""
+    if hint := slips.likely_ratio(ratio, slips.SPEED_RPM):
+        return f"{hint} check channels.set_point.calibration"
+    # A wrong count of pulses is a whole number; a gear ratio may be near one.
+    wrong = {"the propeller's shaft for the engine's, or the other way round? check shaft": gear_ratio}
+    wrong |= {f"a number of pulses wrong by {k}? check pulses_per_rev": float(k) for k in range(2, 9)}
+    off = {what: abs(max(ratio, 1.0 / ratio) / factor - 1.0) for what, factor in wrong.items()}
+    nearest = min(off, key=off.__getitem__)
+    return f"; {nearest} of the pulse trains" if off[nearest] < CALIBRATED_WITHIN else CHECK

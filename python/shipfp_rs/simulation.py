@@ -23,6 +23,8 @@ Array = npt.NDArray[np.float64]
 Method = Literal["rk4", "heun", "euler"]
 Noise = Mapping[str, float | tuple[float, float]]
 
+LARGEST_SHARE = 0.9
+"""Deviation of the set point over itself above which an engine would stall."""
 _LARGEST_STEP = 0.025
 """Step of RK4 times the fastest pole: its error, a few (0.025)^4 / 120, is below 1e-8 of the deviation."""
 
@@ -86,6 +88,11 @@ def simulate(
     if substeps is not None and substeps < 1:
         raise InputError(f"substeps is {substeps}, expected 1 or more")
     point = steady_state(vessel, n_e_rpm)
+    if excitation.amplitude_rpm >= LARGEST_SHARE * point.n_e_rpm:
+        raise InputError(
+            f"excitation {excitation.name!r}: deviates by up to {excitation.amplitude_rpm:g} rpm from a set point of "
+            f"{point.n_e_rpm:g} rpm, expected much less; give deviations, not the set point itself"
+        )
     steps = substeps or (_substeps(vessel, point, excitation.rate_hz) if method == "rk4" else 1)
     envelope = vessel.envelope() if limits else (np.empty(0), np.empty(0))
     set_point = point.n_e + excitation.samples / 60.0
@@ -156,6 +163,11 @@ def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, 
     relative, correlation = level if isinstance(level, tuple) else (level, 0.0)
     if not (math.isfinite(relative) and relative >= 0.0):
         raise InputError(f"noise[{output!r}] is {relative}, expected zero or more")
+    if relative > 1.0:
+        raise InputError(
+            f"noise[{output!r}] is {relative:g} times the signal, expected at most 1; percent for a fraction? that is "
+            f"{relative / 100.0:g}"
+        )
     if not abs(correlation) < 1.0:
         raise InputError(f"noise[{output!r}] has correlation {correlation}, expected between -1 and 1")
     # A stream of its own for each signal: asking for noise on one leaves the noise of the others as it was.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs import slips
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 
@@ -370,7 +371,10 @@ class Structure:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        raise InputError(f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}")
+        raise InputError(
+            f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}"
+            f"{slips.nearest(name, self.names)}"
+        )
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -408,6 +412,13 @@ class Structure:
         """Return a copy with parameters held at the given values."""
         structure = self
         for name, value in values.items():
+            declared = structure[name]
+            if declared.unit == "s" and value > 10.0 * declared.upper:
+                hint = slips.likely(value, declared.lower, declared.upper, slips.TIME_S, "s")
+                raise InputError(
+                    f"parameter {name}: fixed at {value:g} s, expected {declared.lower:g} to {declared.upper:g} s"
+                    f"{hint or '; widen its bounds first'}"
+                )
             structure = structure._with(name, start=float(value), fixed=True, prior=None)
         return structure
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.slips import suggestion
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -72,12 +72,6 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
         raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 
-def suggestion(word: str, known: Sequence[str]) -> str:
-    """Return "did you mean ...?" for the nearest known word, or the list of all known ones."""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
-
-
 def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
     location = [str(part) for part in error["loc"]]
     match error["type"]:
@@ -94,6 +88,8 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
             return f"{'.'.join(location)}: found nothing, expected this key to be given"
         case "model_type" | "dict_type":
             expected = "a table"
+        case "float_type" | "int_type" if isinstance(error["input"], str):
+            expected = "a valid number, without quotes"
         case "tuple_type" | "list_type":
             expected = "a list"
         case _:

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
+from shipfp_rs import slips
 from shipfp_rs.errors import InputError
-from shipfp_rs.toml_files import Section, read_toml, suggestion, unexpected, validated
+from shipfp_rs.toml_files import Section, read_toml, unexpected, validated
 
 Array = npt.NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0.0)]
-Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+def _no_percentage(value: object) -> object:
+    if isinstance(value, int | float) and 2.0 <= value <= 100.0:
+        share = f"{value / 100.0:g}"
+        raise PydanticCustomError(
+            "percent", "a fraction of at most 1; percent? that is {share}", {"share": share}
+        )
+    return value
+
+
+Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(gt=0.0, le=1.0)]
 # A TOML array is a list; only the container may change its type, the numbers in it stay strict.
 Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
 
@@ -111,7 +124,7 @@ class Propeller(Section):
     nozzle: str = ""
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
-    thrust_deduction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
     K_T: Positive
 
 
@@ -168,6 +181,7 @@ class Vessel(Section):
 
     @model_validator(mode="after")
     def _can_run_at_its_operating_point(self) -> Self:
+        self._require_sense()
         point, p = self.operating_point, self.propeller.torque_exponent
         if point.g >= p:
             raise unexpected(
@@ -191,6 +205,58 @@ class Vessel(Section):
             )
         return self
 
+    def _require_sense(self) -> None:
+        """Refuse sizes that no ship has, and name the slip of unit that makes them."""
+        point, engine = self.operating_point, self.engine
+        speed = engine.rated_speed_rpm
+        rated = engine.rated_power_kW * 30e3 / (math.pi * speed)
+        shaft = self.gearbox.ratio * self.gearbox.efficiency
+        checks: tuple[tuple[str, float | None, float, float, Sequence[slips.Slip], str, str], ...] = (
+            ("water.density_kg_m3", self.water.density_kg_m3, 900.0, 1100.0, slips.DENSITY, "kg/m3", "water"),
+            ("engine.rated_speed_rpm", speed, 40.0, 2e4, slips.SPEED_RPM, "rpm", "engines"),
+            (
+                "propeller.diameter_m",
+                self.propeller.diameter_m,
+                0.05,
+                15.0,
+                slips.LENGTH_M,
+                "m",
+                "propellers",
+            ),
+            (
+                "operating_point.n_e_rpm",
+                point.n_e_rpm,
+                0.1 * speed,
+                1.5 * speed,
+                slips.SPEED_RPM,
+                "rpm",
+                "this engine",
+            ),
+            (
+                "operating_point.M_b_Nm",
+                point.M_b_Nm,
+                0.004 * rated,
+                2.0 * rated,
+                slips.TORQUE,
+                "Nm",
+                "this engine",
+            ),
+            (
+                "operating_point.M_s_Nm",
+                point.M_s_Nm,
+                0.004 * rated * shaft,
+                2.0 * rated * shaft,
+                slips.TORQUE,
+                "Nm",
+                "this engine and gearbox",
+            ),
+        )
+        for key, value, low, high, known, unit, owner in checks:
+            if value is not None and (hint := slips.likely(value, low, high, known, unit)):
+                raise unexpected(
+                    key, f"{value:g} {unit}", f"{low:.4g} to {high:.4g} {unit} as {owner} would have{hint}"
+                )
+
     @staticmethod
     def names() -> tuple[str, ...]:
         """Return the names of the built-in ships."""
@@ -212,7 +278,7 @@ class Vessel(Section):
         if name.endswith(_SUFFIX) or Path(name).exists():
             return read_toml(name, cls)
         raise InputError(
-            f"vessel {name!r}: found no built-in ship of this name, {suggestion(name, cls.names())} "
+            f"vessel {name!r}: found no built-in ship of this name, {slips.suggestion(name, cls.names())} "
             "(a ship of your own is given by the path of its .toml file)"
         )
 

@@ -23,6 +23,9 @@ CLEAN_RATE_HZ, RAW_RATE_HZ = 100.0, 2000.0
 AMPLITUDE = 0.03
 """Usual amplitude, as a share of the operating speed: large enough to measure, small enough to be linear."""
 
+LEAST_AMPLITUDE = 2e-4
+"""Share of the operating speed below which nothing can be measured."""
+
 
 class Kind(StrEnum):
     """Kinds of excitation."""
@@ -127,5 +130,11 @@ def _excitation(
 
     if not duration > 0.0 or not rate > 0.0:
         raise InputError(f"--duration {duration:g}, --rate {rate:g}: expected positive numbers")
-    amplitude = ship.operating_point.n_e_rpm * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
+    speed = ship.operating_point.n_e_rpm
+    amplitude = speed * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
+    if 0.0 < amplitude < LEAST_AMPLITUDE * speed:
+        raise InputError(
+            f"--amplitude-rpm {amplitude:g}: expected more than {LEAST_AMPLITUDE * speed:.2g} rpm; a fraction for rpm? "
+            f"that is {amplitude * speed:.4g} rpm"
+        )
     return signals.standard(kind.value, duration, amplitude, rate_hz=rate)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -14,6 +15,9 @@ from shipfp_rs.errors import InputError
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+
+MOST_TURNS = 4.0
+"""Turns of a fitted phase above which it was given in degrees."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,20 @@ class FrequencyResponse:
                     raise InputError(
                         f"response {self.name!r}: {attribute} of {key!r} must be positive, found {np.min(values)}"
                     )
+        for attribute, most, slip in (
+            ("amplitude_std", 1.0, "percent for a fraction"),
+            (
+                "phase_std",
+                math.pi / math.sqrt(3.0),
+                "degrees for radians",
+            ),  # what a phase without any news has
+        ):
+            for key, values in getattr(self, attribute).items():
+                if len(values) > 1 and values.min() > most:
+                    raise InputError(
+                        f"response {self.name!r}: {attribute} of {key!r} is {values.min():.3g} at best, expected less "
+                        f"than {most:.3g} at some frequency; {slip}?"
+                    )
         if not self.response:
             raise InputError(f"response {self.name!r}: no output")
 
@@ -133,6 +151,12 @@ def sine_response(
     """
     a_out, b_out, d_out = (np.asarray(part, dtype=np.float64) for part in output)
     a_in, b_in, d_in = (np.asarray(part, dtype=np.float64) for part in set_point)
+    for name, phase in (("output", d_out), ("set_point", d_in)):
+        if phase.size and np.nanmax(np.abs(phase)) > MOST_TURNS * 2.0 * math.pi:
+            raise InputError(
+                f"sine_response: the phases of {name} reach {np.nanmax(np.abs(phase)):.4g}, expected radians; degrees for "
+                "radians? convert them with numpy.radians"
+            )
     return np.asarray((b_out / a_out) / (b_in / a_in) * np.exp(1j * (d_out - d_in)), dtype=np.complex128)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 from scipy.special import ndtri
 
+from shipfp_rs import slips
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification import NoiseModel
@@ -21,7 +22,7 @@ from shipfp_rs.pipeline import structure_from
 from shipfp_rs.signals import Kind
 from shipfp_rs.structure import Structure
 from shipfp_rs.sweeps.design import Design, place, seed_of
-from shipfp_rs.toml_files import Section, read_toml, suggestion, unexpected, validated
+from shipfp_rs.toml_files import Section, read_toml, unexpected, validated
 from shipfp_rs.trial import Identify as TrialIdentify
 from shipfp_rs.vessel import Vessel
 
@@ -219,10 +220,10 @@ class Plan(Conditions):
             section, _, name = key.partition(".")
             known = _keys_of(section)
             if known is not None and name not in known:
-                near = suggestion(key, [f"{section}.{other}" for other in known])
+                near = slips.suggestion(key, [f"{section}.{other}" for other in known])
                 raise unexpected("factors", f"the unknown key {key!r}", f"a key of the file, {near}")
             if known is None and (section != "vessel" or not name):
-                near = suggestion(section, [*_SECTIONS, "vessel"])
+                near = slips.suggestion(section, [*_SECTIONS, "vessel"])
                 raise unexpected("factors", f"the unknown key {key!r}", f"section.key; {near}")
             if self.sweep.design == "grid" and factor.levels() is None:
                 raise unexpected("factors", f"{key!r} without levels", "values or points for a grid")
@@ -249,7 +250,7 @@ class Plan(Conditions):
         path = Path(name_or_path)
         if not name.endswith(_SUFFIX) and not path.exists():
             raise InputError(
-                f"sweep {name!r}: found no built-in study of this name, {suggestion(name, cls.names())} "
+                f"sweep {name!r}: found no built-in study of this name, {slips.suggestion(name, cls.names())} "
                 "(a sweep of your own is given by the path of its .toml file)"
             )
         plan = read_toml(path, cls)
