@@ -7,6 +7,7 @@ Log --process--> Experiment --identify(Structure)--> Fingerprint --> report
 from __future__ import annotations
 
 from importlib import import_module
+from logging import NullHandler, getLogger
 from typing import TYPE_CHECKING, Any
 
 from shipfp_rs._core import __version__
@@ -73,6 +74,8 @@ __all__ = [
     "tacho",
     "validate",
 ]
+
+getLogger(__name__).addHandler(NullHandler())  # silent until the user gives the logger "shipfp_rs" a handler
 
 
 def __getattr__(name: str) -> Any:

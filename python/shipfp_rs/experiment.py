@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import slips
 from shipfp_rs.errors import InputError
+from shipfp_rs.tabular import Columns, Tabular
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 Hold = Literal["zero", "first"]
@@ -30,11 +34,13 @@ UNITS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Unit of every signal name that the package knows."""
+TIME = "time_s"
+_FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": slips.SPEED_RPM, "rev/s": slips.SPEED_RPS, "Nm": slips.TORQUE}
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Tabular):
     """Signals of one stretch of a trial, uniformly sampled, NaN where a sample was masked.
 
     Parameters
@@ -110,6 +116,30 @@ class Experiment:
         object.__setattr__(self, "operating_point", MappingProxyType(dict(self.operating_point)))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
+    def __repr__(self) -> str:
+        signals = ", ".join(self.signals)
+        return f"Experiment({self.name!r}, {len(self)} samples at {self.rate_hz:g} Hz: {signals})"
+
+    def _repr_html_(self) -> str:
+        from shipfp_rs.markup import shown
+
+        rows = []
+        for name, samples in self.signals.items():
+            whole = samples[~np.isnan(samples)]
+            low, high = (f"{whole.min():.5g}", f"{whole.max():.5g}") if whole.size else ("", "")
+            point = f"{self.operating_point[name]:.5g}" if name in self.operating_point else ""
+            rows.append([name, UNITS[name], point, low, high, str(len(samples) - whole.size)])
+        return shown(
+            f"Experiment {self.name}: {self.duration:g} s at {self.rate_hz:g} Hz {self.kind}",
+            ["signal", "unit", "operating point", "low", "high", "masked"],
+            rows,
+            [
+                f"{key}: {value}"
+                for key, value in self.provenance.items()
+                if isinstance(value, str | int | float)
+            ],
+        )
+
     def __len__(self) -> int:
         return len(self.signals["n_set"])
 
@@ -145,6 +175,40 @@ class Experiment:
         value = self.operating_point[name]
         return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
 
+    def plot(self, ax: Sequence[Axes] | None = None) -> Sequence[Axes]:
+        """Draw the signals against time, one panel a unit; see `plot.time_series`. Nothing is shown or saved."""
+        from shipfp_rs.plot import time_series
+
+        return time_series(self, ax)
+
+    def _columns(self) -> Columns:
+        facts = {
+            "name": self.name,
+            "rate_hz": self.rate_hz,
+            "operating_point": dict(self.operating_point),
+            "hold": self.hold,
+            "kind": self.kind,
+            "provenance": dict(self.provenance),
+        }
+        return Columns({TIME: self.time, **self.signals}, {TIME: "s", **UNITS}, facts)
+
+    @classmethod
+    def _from_columns(cls, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Self:
+        unknown = [name for name in facts if name not in _FACTS]
+        if unknown:
+            raise InputError(
+                f"{unknown[0]!r} is no fact of an experiment, {slips.suggestion(unknown[0], _FACTS)}"
+            )
+        if "operating_point" not in facts:
+            raise InputError(
+                "no operating point, expected one for each signal; give operating_point={'n_set': ..., ...}"
+            )
+        index, *names = values
+        given = {"name": "experiment", "rate_hz": None, **facts}
+        if given["rate_hz"] is None:
+            given["rate_hz"] = _rate(index, values[index])
+        return cls(signals={name: values[name] for name in names}, **given)
+
     def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
         """Return the samples from `start_s` up to, not including, `stop_s`."""
         first, last = round(start_s * self.rate_hz), round(stop_s * self.rate_hz)
@@ -157,10 +221,27 @@ class Experiment:
         return replace(self, name=name or self.name, signals=cut)
 
 
+def _rate(name: str, time: Array) -> float:
+    """Sample rate of a column of times [Hz]."""
+    steps = np.diff(time)
+    if not steps.size or not (np.isfinite(steps).all() and steps.min() > 0.0):
+        raise InputError(f"column {name!r} does not ascend; give the time in seconds, or rate_hz")
+    rate = steps.size / float(time[-1] - time[0])
+    worst = int(np.argmax(np.abs(steps * rate - 1.0)))
+    if abs(steps[worst] * rate - 1.0) > 1e-3:
+        raise InputError(
+            f"column {name!r} steps by {steps[worst]:.6g} s at row {worst}, expected {1.0 / rate:.6g} s throughout; "
+            "resample it first"
+        )
+    # Times in binary fractions give 99.99999999999 for 100.
+    return float(f"{rate:.9g}")
+
+
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
     """Refuse signals in another unit than their operating point, or already normalised."""
     for name, value in operating_point.items():
-        if name not in signals or name == "E_n" or np.isnan(signals[name]).all():
+        # An operating point of exactly 1 leaves a signal in its own unit.
+        if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue
         mean = float(np.nanmean(signals[name]))
         known = _SLIPS.get(UNITS[name], ())

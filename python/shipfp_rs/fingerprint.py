@@ -118,6 +118,20 @@ class Fingerprint:
         )
         return f"Fingerprint({shown}; rank {self.identifiability.rank}/{self.identifiability.free})"
 
+    def _repr_html_(self) -> str:
+        from shipfp_rs import wording
+        from shipfp_rs.markup import shown
+
+        return shown(
+            f"Fingerprint of {self.vessel or 'a ship not named'}",
+            ["parameter", "estimate", "std", "95 % from", "to", "unit", "status"],
+            [
+                [row.name, row.value, row.std, row.low, row.high, row.unit, row.status]
+                for row in wording.rows({**self.parameters, **self.derived})
+            ],
+            self.verdict,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form, the contract of `fingerprint.json`."""
         return {

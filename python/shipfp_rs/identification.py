@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -29,6 +30,8 @@ from shipfp_rs.verdict import verdict
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
 NoiseModel = Literal["white", "ar", "innovations"]
+
+LOGGER = logging.getLogger("shipfp_rs")
 
 AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
@@ -141,6 +144,13 @@ def identify(
     )
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
+    LOGGER.info(
+        "identify: %s, %d free parameters, %s, %d starts",
+        structure.name,
+        len(search.free),
+        ", ".join(block.data.name for block in blocks),
+        starts,
+    )
     vectors = start_vectors(search, starts, seed)
     if random_search:
         vectors[0] = best_of_random(search, random_search, seed)
@@ -251,6 +261,7 @@ def _minima(
     for done, start in enumerate(vectors):
         try:
             found.append(search.minimise(start))
+            LOGGER.debug("identify: start %d led to the criterion %.9g", done + 1, found[-1].criterion)
         except IdentificationError as error:
             failures.append(str(error))
         if progress is not None:

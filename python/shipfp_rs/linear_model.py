@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,14 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
 from shipfp_rs.vessel import Vessel
 
+if TYPE_CHECKING:
+    from shipfp_rs.frequency import FrequencyResponse
+
 Array = npt.NDArray[np.float64]
 Output = Literal["dn", "dE", "dM_b", "dM_g", "dX"]
+
+SIGNALS: Mapping[Output, str] = {"dn": "n_e", "dE": "E_n", "dM_b": "M_b", "dM_g": "M_g", "dX": "X_f"}
+"""Signal whose normalised deviation an output is."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,24 @@ class LinearModel:
         return _core.linear_response(
             self.kernel_parameters(), np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)), chosen
         )
+
+    def frequency_response(
+        self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b"), *, name: str = "model"
+    ) -> FrequencyResponse:
+        """Return the same as an object that can be drawn, compared and fitted to; its signals are those measured.
+
+        Examples
+        --------
+        >>> tug = linearise(Vessel.load("stan-tug-1205"))
+        >>> tug.frequency_response([0.1, 1.0])
+        FrequencyResponse('model', 2 points from 0.1 to 1 Hz: n_e, M_b)
+        """
+        from shipfp_rs.frequency import FrequencyResponse
+
+        frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        curves = self.response(frequency, outputs)
+        signals = {SIGNALS[output]: curve for output, curve in zip(outputs, curves, strict=True)}
+        return FrequencyResponse(name, frequency, signals, provenance={"source": "linear model"})
 
     def to_control(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> Any:
         """Return the state space as an object of python-control, signals named.

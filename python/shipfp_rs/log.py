@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -22,6 +23,8 @@ Blocks = Callable[[str, int, int], Iterator[Samples]]
 """(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
 
 Numbers that can't be NaN have their gaps in a masked array, so that none of their bits is lost."""
+
+LOGGER = logging.getLogger("shipfp_rs")
 
 BLOCK = 1 << 20
 """Samples read or written at once where the caller has no wish."""
@@ -133,7 +136,9 @@ class Log:
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{path}: rate_hz is {rate_hz}, expected a positive number")
         with one_line_errors(path):
-            return reader(path, rate_hz)
+            log = reader(path, rate_hz)
+        LOGGER.info("opened %s: %d channels", path, len(log.channels))
+        return log
 
     @classmethod
     def from_arrays(

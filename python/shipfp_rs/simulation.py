@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
 from collections.abc import Mapping
 from typing import Literal, get_args
@@ -22,6 +23,8 @@ from shipfp_rs.vessel import Vessel
 Array = npt.NDArray[np.float64]
 Method = Literal["rk4", "heun", "euler"]
 Noise = Mapping[str, float | tuple[float, float]]
+
+LOGGER = logging.getLogger("shipfp_rs")
 
 LARGEST_SHARE = 0.9
 """Deviation of the set point over itself above which an engine would stall."""
@@ -96,6 +99,9 @@ def simulate(
     steps = substeps or (_substeps(vessel, point, excitation.rate_hz) if method == "rk4" else 1)
     envelope = vessel.envelope() if limits else (np.empty(0), np.empty(0))
     set_point = point.n_e + excitation.samples / 60.0
+    LOGGER.info(
+        "simulate: %s, %s, %d samples of %d steps", vessel.name, excitation.name, len(excitation), steps
+    )
     n_s, E_n, X_f, M_b = _core.simulate_plant(
         plant_about(vessel, point),
         *envelope,

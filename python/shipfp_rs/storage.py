@@ -91,15 +91,7 @@ def read_experiments(path: str | Path) -> tuple[Experiment, ...]:
 
 
 def _attributes(experiment: Experiment) -> dict[str, Any]:
-    return {
-        "name": experiment.name,
-        "rate_hz": experiment.rate_hz,
-        "signals": list(experiment.signals),
-        "operating_point": dict(experiment.operating_point),
-        "hold": experiment.hold,
-        "kind": experiment.kind,
-        "provenance": dict(experiment.provenance),
-    }
+    return {"signals": list(experiment.signals), **experiment._columns().facts}
 
 
 def _experiment(table: pa.Table, attributes: Mapping[str, Any]) -> Experiment:

@@ -301,6 +301,24 @@ class Vessel(Section):
             section[last] = value
         return validated(content, type(self), f"vessel {self.name!r}")
 
+    def __repr__(self) -> str:
+        engine = self.engine
+        return (
+            f"Vessel({self.name!r}, {engine.rated_power_kW:g} kW at {engine.rated_speed_rpm:g} rpm, gear "
+            f"{self.gearbox.ratio:g}, propeller {self.propeller.diameter_m:g} m)"
+        )
+
+    def _repr_html_(self) -> str:
+        from shipfp_rs.markup import shown
+
+        rows = []
+        for section, content in self.model_dump().items():
+            if isinstance(content, dict):
+                rows += [
+                    [f"{section}.{key}", str(value)] for key, value in content.items() if value is not None
+                ]
+        return shown(f"Vessel {self.name}", ["key", "value"], rows, [self.description])
+
     @property
     def nominal_engine_speed(self) -> float:
         """Engine speed n_e0 at the operating point [rev/s]."""

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.tabular import Columns, Tabular
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
+FREQUENCY = "frequency_hz"
+_PARTS = ("amplitude_std", "phase_std", "coherence")
 MOST_TURNS = 4.0
 """Turns of a fitted phase above which it was given in degrees."""
 
 
 @dataclass(frozen=True)
-class FrequencyResponse:
+class FrequencyResponse(Tabular):
     """Measured responses of the outputs to the set point, eq. 7.1 and 7.2.
 
     Parameters
@@ -111,6 +117,70 @@ class FrequencyResponse:
 
     def __len__(self) -> int:
         return len(self.frequency_hz)
+
+    def __repr__(self) -> str:
+        low, high = self.frequency_hz.min(), self.frequency_hz.max()
+        signals = ", ".join(self.response)
+        return (
+            f"FrequencyResponse({self.name!r}, {len(self)} points from {low:.4g} to {high:.4g} Hz: {signals})"
+        )
+
+    def _repr_html_(self) -> str:
+        from shipfp_rs.markup import shown
+
+        head = ["frequency [Hz]"]
+        for name in self.response:
+            head += [f"|{name}| [-]", f"arg {name} [deg]"]
+        rows = []
+        for index, frequency in enumerate(self.frequency_hz):
+            cells = [f"{frequency:.4g}"]
+            for values in self.response.values():
+                cells += [f"{abs(values[index]):.4g}", f"{math.degrees(np.angle(values[index])):.1f}"]
+            rows.append(cells)
+        return shown(f"Frequency response {self.name}", head, rows)
+
+    def plot(self, ax: Sequence[Axes] | None = None) -> Sequence[Axes]:
+        """Draw amplitude and phase; see `plot.bode`. Nothing is shown or saved."""
+        from shipfp_rs.plot import bode
+
+        return bode(self, axes=ax)
+
+    def _columns(self) -> Columns:
+        values, units = {FREQUENCY: self.frequency_hz}, {FREQUENCY: "Hz"}
+        for name, response in self.response.items():
+            values |= {f"{name}.real": response.real, f"{name}.imag": response.imag}
+            values |= {f"{name}.{part}": group[name] for part, group in self._parts() if name in group}
+            units |= {
+                f"{name}.{part}": "rad" if part == "phase_std" else "1" for part in ("real", "imag", *_PARTS)
+            }
+        facts = {
+            "name": self.name,
+            "operating_point": dict(self.operating_point),
+            "provenance": dict(self.provenance),
+        }
+        return Columns(values, units, facts)
+
+    def _parts(self) -> tuple[tuple[str, Mapping[str, Array]], ...]:
+        return tuple((part, getattr(self, part)) for part in _PARTS)
+
+    @classmethod
+    def _from_columns(cls, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Self:
+        index, *columns = values
+        names = list(dict.fromkeys(column.rpartition(".")[0] for column in columns))
+        groups: dict[str, dict[str, Any]] = {part: {} for part in ("response", *_PARTS)}
+        for name in names:
+            missing = [f"{name}.{part}" for part in ("real", "imag") if f"{name}.{part}" not in values]
+            if not name or missing:
+                raise InputError(
+                    f"columns {', '.join(columns)}: expected pairs such as n_e.real and n_e.imag; add them or leave "
+                    "the others out"
+                )
+            groups["response"][name] = values[f"{name}.real"] + 1j * values[f"{name}.imag"]
+            for part in _PARTS:
+                if f"{name}.{part}" in values:
+                    groups[part][name] = values[f"{name}.{part}"]
+        given: dict[str, Any] = {"name": "response", **facts, **groups}
+        return cls(frequency_hz=values[index], **given)
 
     def select(self, keep: npt.ArrayLike, *, name: str | None = None) -> FrequencyResponse:
         """Return the points where the boolean mask `keep`, shape (F,), is true."""

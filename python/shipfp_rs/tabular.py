@@ -1,0 +1,176 @@
+"""Experiments and frequency responses as tables of xarray, pandas, Arrow and polars, and back."""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+    import xarray as xr
+
+Array = npt.NDArray[np.float64]
+
+FACTS = "shipfp"
+"""Attribute, or metadata of a schema, under which what is no column stands as JSON."""
+
+
+class Columns(NamedTuple):
+    """A table: columns by name, unit of each, the one that the others are a function of first."""
+
+    values: Mapping[str, Array]
+    units: Mapping[str, str]
+    facts: Mapping[str, Any]
+
+
+class Tabular:
+    """Base of what is a table: one column that the others are a function of, and facts about the whole.
+
+    Tables carry the facts (name, operating point, ...) as JSON; where a table of another origin has none, or some are
+    wrong, they are given by name.
+    """
+
+    @abstractmethod
+    def _columns(self) -> Columns:
+        """Return the object as columns."""
+
+    @classmethod
+    @abstractmethod
+    def _from_columns(cls, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Self:
+        """Return the object that columns and facts make."""
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return an `xarray.Dataset`, units in the attributes, that `to_netcdf` can store.
+
+        Raises
+        ------
+        InputError
+            Where xarray is not installed.
+        """
+        xarray = _package("xarray")
+        values, units, facts = self._columns()
+        index, *others = values
+        variables = {name: (index, values[name], {"units": units[name]}) for name in others}
+        made: xr.Dataset = xarray.Dataset(
+            variables, {index: (index, values[index], {"units": units[index]})}, {FACTS: json.dumps(facts)}
+        )
+        return made
+
+    @classmethod
+    def from_xarray(cls, dataset: xr.Dataset, **facts: Any) -> Self:
+        """Return what a dataset of one dimension holds; `facts` stand above its own.
+
+        Raises
+        ------
+        InputError
+            Where dimension, variables or facts do not make such an object.
+        """
+        if len(dataset.dims) != 1:
+            raise InputError(
+                f"dataset has dimensions {', '.join(map(str, dataset.dims)) or 'none'}, expected one; choose with .isel"
+            )
+        (index,) = dataset.dims
+        columns = {str(index): dataset[index].to_numpy()}
+        columns |= {str(name): dataset[name].to_numpy() for name in dataset.data_vars}
+        return cls._checked(columns, dataset.attrs.get(FACTS), facts)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a `pandas.DataFrame`, its index the time or the frequency, the facts in `attrs`.
+
+        Raises
+        ------
+        InputError
+            Where pandas is not installed.
+        """
+        pandas = _package("pandas")
+        values, _, facts = self._columns()
+        index, *others = values
+        frame: pd.DataFrame = pandas.DataFrame(
+            {name: values[name] for name in others}, index=pandas.Index(values[index], name=index)
+        )
+        frame.attrs[FACTS] = json.dumps(facts)
+        return frame
+
+    @classmethod
+    def from_pandas(cls, frame: pd.DataFrame, **facts: Any) -> Self:
+        """Return what a frame holds, its index the time [s] or the frequency [Hz]; `facts` stand above its own.
+
+        Raises
+        ------
+        InputError
+            Where index, columns or facts do not make such an object.
+        """
+        columns = {frame.index.name or "": frame.index.to_numpy()}
+        columns |= {str(name): frame[name].to_numpy() for name in frame.columns}
+        return cls._checked(columns, frame.attrs.get(FACTS), facts)
+
+    def to_arrow(self) -> pa.Table:
+        """Return a `pyarrow.Table`, units in the metadata of its fields; `polars.DataFrame(x)` takes `x` itself, too."""
+        import pyarrow as pa
+
+        values, units, facts = self._columns()
+        fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in values]
+        return pa.table(
+            [pa.array(column) for column in values.values()],
+            schema=pa.schema(fields, metadata={FACTS: json.dumps(facts)}),
+        )
+
+    @classmethod
+    def from_arrow(cls, table: Any, **facts: Any) -> Self:
+        """Return what a table holds, of any package that speaks Arrow (pyarrow, polars, ...).
+
+        The first column is the time [s] or the frequency [Hz]. Polars keeps no facts: give them, for instance
+        ``operating_point={"n_set": 1300.0, "n_e": 1300.0}``.
+
+        Raises
+        ------
+        InputError
+            Where it is no table, or columns or facts do not make such an object.
+        """
+        import pyarrow as pa
+
+        try:
+            read = pa.table(table)
+        except (TypeError, ValueError, pa.ArrowException) as error:
+            raise InputError(
+                f"found a {type(table).__name__}, expected a table of Arrow or polars"
+            ) from error
+        columns = {name: read[name].to_numpy() for name in read.column_names}
+        return cls._checked(columns, (read.schema.metadata or {}).get(FACTS.encode()), facts)
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+    @classmethod
+    def _checked(
+        cls, columns: Mapping[str, Any], stored: str | bytes | None, facts: Mapping[str, Any]
+    ) -> Self:
+        values = {}
+        for name, column in columns.items():
+            if column.dtype.kind not in "biuf":
+                raise InputError(f"column {name!r} holds {column.dtype}, expected numbers; leave it out")
+            values[name] = column.astype(np.float64)
+        try:
+            own = json.loads(stored or "{}")
+        except ValueError as error:
+            raise InputError(
+                f"attribute {FACTS!r} is not JSON; remove it and give its facts by name"
+            ) from error
+        return cls._from_columns(values, own | facts)
+
+
+def _package(name: str) -> Any:
+    try:
+        return __import__(name)
+    except ImportError as error:
+        raise InputError(
+            f"{name} is not installed; install it with: pip install 'shipfp_rs[{name}]'"
+        ) from error

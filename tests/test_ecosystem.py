@@ -1,0 +1,254 @@
+"""How the package sits among others: tables in and out, notebooks, logging, types, what importing it costs."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+
+LAUNCH = fp.Vessel.load("stan-launch-804")
+
+
+@pytest.fixture(scope="module")
+def chirp() -> Experiment:
+    """Return a virtual trial with one sample masked."""
+    made = fp.simulate(LAUNCH, fp.signals.chirp(0.05, 5.0, 20.0, 13.0, rate_hz=100.0))
+    signals = {name: np.array(made.signals[name]) for name in ("n_set", "n_e", "M_s")}
+    signals["M_s"][7] = np.nan
+    return Experiment("C11 <b>", 100.0, signals, made.operating_point, kind="chirp", provenance={"seed": 3})
+
+
+@pytest.fixture(scope="module")
+def response() -> FrequencyResponse:
+    frequency = np.geomspace(0.01, 2.0, 9)
+    model = fp.linearise(LAUNCH).frequency_response(frequency, name="S2")
+    return FrequencyResponse(
+        "S2",
+        frequency,
+        model.response,
+        amplitude_std=dict.fromkeys(model.response, np.full(9, 0.02)),
+        phase_std=dict.fromkeys(model.response, np.full(9, 0.03)),
+    )
+
+
+def same_experiment(one: Experiment, other: Experiment) -> None:
+    assert one._columns().facts == other._columns().facts
+    assert list(one.signals) == list(other.signals)
+    for name, samples in one.signals.items():
+        np.testing.assert_array_equal(samples, other.signals[name])
+
+
+def same_response(one: FrequencyResponse, other: FrequencyResponse) -> None:
+    assert one.name == other.name
+    np.testing.assert_array_equal(one.frequency_hz, other.frequency_hz)
+    for name in one.response:
+        np.testing.assert_array_equal(one.response[name], other.response[name])
+        np.testing.assert_array_equal(one.phase_std[name], other.phase_std[name])
+
+
+class TestTables:
+    def test_an_experiment_comes_back_from_each_package_as_it_went(self, chirp, tmp_path) -> None:
+        xarray, polars = pytest.importorskip("xarray"), pytest.importorskip("polars")
+        same_experiment(Experiment.from_xarray(chirp.to_xarray()), chirp)
+        same_experiment(Experiment.from_pandas(chirp.to_pandas()), chirp)
+        same_experiment(Experiment.from_arrow(chirp.to_arrow()), chirp)
+        assert isinstance(chirp.to_xarray(), xarray.Dataset)
+        frame = polars.DataFrame(chirp)  # through the Arrow stream; the facts stay behind
+        assert frame.columns == ["time_s", "n_set", "n_e", "M_s"]
+        facts = {"name": chirp.name, "kind": "chirp", "provenance": {"seed": 3}}
+        back = Experiment.from_arrow(frame, operating_point=dict(chirp.operating_point), **facts)
+        same_experiment(back, chirp)
+
+    def test_a_response_comes_back_from_each_package_as_it_went(self, response) -> None:
+        polars = pytest.importorskip("polars")
+        same_response(FrequencyResponse.from_xarray(response.to_xarray()), response)
+        same_response(FrequencyResponse.from_pandas(response.to_pandas()), response)
+        same_response(FrequencyResponse.from_arrow(polars.DataFrame(response), name="S2"), response)
+
+    def test_units_go_along(self, chirp, response) -> None:
+        dataset = chirp.to_xarray()
+        assert [dataset[name].attrs["units"] for name in ("time_s", "n_e", "M_s")] == ["s", "rpm", "Nm"]
+        assert response.to_xarray()["frequency_hz"].attrs["units"] == "Hz"
+        assert chirp.to_arrow().schema.field("M_s").metadata == {b"unit": b"Nm"}
+
+    def test_what_came_back_gives_the_same_fingerprint(self, chirp) -> None:
+        structure = fp.Structure.linear(products=True)
+        there = fp.identify(chirp, structure, noise="white")
+        back = fp.identify(Experiment.from_pandas(chirp.to_pandas()), structure, noise="white")
+        assert there.to_dict()["parameters"] == back.to_dict()["parameters"]
+
+    @pytest.mark.parametrize(
+        ("change", "line"),
+        [
+            (
+                lambda f: f.drop(index=f.index[5]),
+                "column 'time_s' steps by 0.02 s at row 4, expected 0.01000",
+            ),
+            (lambda f: f.iloc[::-1], "column 'time_s' does not ascend; give the time in seconds, or rate_hz"),
+            (lambda f: f.assign(n_e="fast"), "column 'n_e' holds .*, expected numbers; leave it out"),
+            (lambda f: f.rename(columns={"M_s": "Ms"}), "signal 'Ms' is unknown, did you mean 'M_s'"),
+        ],
+    )
+    def test_a_frame_that_is_no_experiment_costs_one_line(self, chirp, change, line) -> None:
+        frame = change(chirp.to_pandas())
+        frame.attrs = {}
+        with pytest.raises(fp.InputError, match=line):
+            Experiment.from_pandas(frame, operating_point=dict(chirp.operating_point))
+
+    def test_a_frame_without_an_operating_point_says_how_to_give_one(self, chirp) -> None:
+        frame = chirp.to_pandas()
+        frame.attrs = {}
+        with pytest.raises(fp.InputError, match="give operating_point="):
+            Experiment.from_pandas(frame)
+
+    def test_a_package_that_is_missing_is_named_with_its_command(self, chirp, monkeypatch) -> None:
+        monkeypatch.setitem(sys.modules, "xarray", None)
+        with pytest.raises(fp.InputError, match=r"pip install 'shipfp_rs\[xarray\]'"):
+            chirp.to_xarray()
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.open.append(tag)
+        self.seen.add(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+class TestNotebooks:
+    def test_each_object_shows_itself_whole_and_escaped(self, chirp, response) -> None:
+        fingerprint = fp.identify(chirp, fp.Structure.linear(products=True), noise="white", vessel="<script>")
+        for thing, words in (
+            (chirp, "C11 &lt;b&gt;"),
+            (response, "S2"),
+            (LAUNCH, "shaft.inertia_kg_m2"),
+            (fingerprint, "&lt;script&gt;"),
+        ):
+            page = thing._repr_html_()
+            tags = _Tags()
+            tags.feed(page)
+            assert words in page
+            assert not tags.open
+            assert tags.seen == {"p", "b", "table", "thead", "tbody", "tr", "th", "td"}
+
+    def test_each_repr_is_one_short_line(self, chirp, response) -> None:
+        assert repr(chirp) == "Experiment('C11 <b>', 2000 samples at 100 Hz: n_set, n_e, M_s)"
+        assert repr(response) == "FrequencyResponse('S2', 9 points from 0.01 to 2 Hz: n_e, M_b)"
+        assert repr(LAUNCH) == "Vessel('Stan Launch 804', 89 kW at 1800 rpm, gear 3, propeller 0.77 m)"
+
+    def test_plot_returns_axes_and_shows_nothing(self, chirp, response, monkeypatch) -> None:
+        import matplotlib as mpl
+
+        mpl.use("agg")
+        from matplotlib import pyplot
+        from matplotlib.axes import Axes
+
+        monkeypatch.setattr(pyplot, "show", lambda *_: pytest.fail("show was called"))
+        for thing, panels in ((chirp, 2), (response, 2)):
+            axes = thing.plot()
+            assert [isinstance(ax, Axes) for ax in axes] == [True] * panels
+            assert list(thing.plot(ax=axes)) == list(axes)  # drawn into those given
+            pyplot.close(axes[0].figure)
+
+
+def test_the_log_is_silent_until_someone_listens(capfd, caplog) -> None:
+    code = (
+        "import shipfp_rs as fp; v = fp.Vessel.load('stan-launch-804'); "
+        "fp.simulate(v, fp.signals.steps([13.0], 1.0))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    with caplog.at_level(logging.DEBUG, logger="shipfp_rs"):
+        fp.simulate(LAUNCH, fp.signals.steps([13.0], 1.0))
+    assert {record.name for record in caplog.records} == {"shipfp_rs"}
+    assert "Stan Launch 804" in caplog.text
+
+
+def test_every_frequency_of_the_public_surface_names_its_unit() -> None:
+    wrong = []
+    for owner in (fp, fp.signals, fp.frequency, fp.tacho):
+        for name in owner.__all__:
+            thing = getattr(owner, name)
+            if not callable(thing):
+                continue
+            try:
+                parameters = inspect.signature(thing).parameters
+            except ValueError:  # built-in exceptions have none
+                continue
+            wrong += [f"{name}({key})" for key in parameters if "freq" in key and not key.endswith("_hz")]
+    assert not wrong
+
+
+SCRIPT = """\
+from collections.abc import Sequence
+
+import shipfp_rs as fp
+
+
+def fit(trials: Sequence[fp.Experiment], tau_n: float) -> dict[str, float | None]:
+    structure = fp.Structure.linear(torque="gauge", products=True).with_fixed(tau_n=tau_n)
+    found: fp.Fingerprint = fp.identify(trials, structure, noise="white")
+    return {name: estimate.value for name, estimate in found.parameters.items()}
+
+
+launch = fp.Vessel.load("stan-launch-804")
+trial: fp.Experiment = fp.simulate(launch, fp.signals.steps([13.0, -13.0], 10.0), noise={"n_e": 0.01}, seed=1)
+response: fp.FrequencyResponse = fp.linearise(launch).frequency_response([0.1, 1.0])
+samples: float = float(trial.signals["n_e"][0])
+back: fp.Experiment = fp.Experiment.from_arrow(trial.to_arrow())
+print(fit([back], 1.51), response.plot(), samples)
+"""
+
+
+def test_a_users_script_passes_mypy_strict_and_a_wrong_one_does_not(tmp_path) -> None:
+    api = pytest.importorskip("mypy.api")
+    good, bad = tmp_path / "good.py", tmp_path / "bad.py"
+    good.write_text(SCRIPT)
+    bad.write_text(SCRIPT.replace("[13.0, -13.0], 10.0", "[13.0, -13.0], 'ten'"))
+    # Of a package with types mypy reports only what the user's own lines do wrong.
+    options = ["--strict", "--cache-dir", str(tmp_path / "cache"), "--follow-imports=silent"]
+    told, trouble, _ = api.run([*options, "--ignore-missing-imports", str(good), str(bad)])
+    assert trouble == ""
+    errors = [line for line in told.splitlines() if ": error:" in line]
+    assert len(errors) == 1, told
+    assert 'incompatible type "str"; expected "float"' in errors[0]
+
+
+def test_importing_the_package_loads_nothing_heavy_and_costs_little(capsys) -> None:
+    code = (
+        "import time; start = time.perf_counter(); import shipfp_rs; took = time.perf_counter() - start; "
+        "import sys; print(took, *sorted({name.partition('.')[0] for name in sys.modules}))"
+    )
+    took, *loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    heavy = {
+        "scipy",
+        "pandas",
+        "xarray",
+        "polars",
+        "matplotlib",
+        "pydantic",
+        "pyarrow",
+        "rich",
+        "typer",
+        "control",
+    }
+    assert not heavy & set(loaded)
+    with capsys.disabled():
+        print(f"\nimport shipfp_rs: {1e3 * float(took):.0f} ms above bare Python")
