@@ -87,11 +87,15 @@ def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
     return Step(step / scale, float(np.sum((triangle @ step) ** 2)), held, null / scale)
 
 
-def polish(evaluate: Callable[[Array], Point], point: Point, bounds: Bounds) -> Point:
-    """Take Gauss-Newton steps while they help, down to where rounding decides."""
+def polish(
+    evaluate: Callable[[Array], Point], point: Point, bounds: Bounds, worthwhile: float = 0.0
+) -> Point:
+    """Take Gauss-Newton steps while they help, down to where rounding decides or no entry moves a worthwhile part."""
     last = np.inf
     for _ in range(POLISH_STEPS):
         step = gauss_newton_step(point, bounds)
+        if (np.abs(step.step) < worthwhile * np.abs(point.vector)).all():
+            return point
         length = float(np.linalg.norm(step.step * np.linalg.norm(point.jacobian, axis=0)))
         # At the floor of rounding the cost says nothing more, but a shrinking step still does.
         floor = step.promise <= ROUNDING * point.cost

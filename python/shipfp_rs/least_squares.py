@@ -30,6 +30,12 @@ SPREAD = (0.3, 2.0)
 """Logarithmic spread of random starts about a start without bounds, growing from the first restart to the last."""
 OTHER_SIGN = 0.2
 """Share of such entries that are drawn with the other sign."""
+WORTHWHILE = 1e-12
+"""Part of an entry below which a step of it, near a minimum, is not worth an evaluation."""
+ROUGH = 1e-6
+"""Relative change of the sum of squares that ends an approach."""
+STOPPED = "stopped at the limit of"
+"""Beginning of the message of a search that used up its evaluations or its time."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,7 @@ def minimise(
     upper: npt.ArrayLike,
     *,
     tolerance: float = 1e-12,
+    near: bool = False,
     max_evaluations: int = 500,
     time_limit_s: float | None = None,
     tick: Callable[[], None] | None = None,
@@ -88,6 +95,8 @@ def minimise(
         Bounds, shape (Q,) or one for all; infinite where there is none.
     tolerance
         Relative change of the sum of squares below which the search ends and its end is taken for a minimum.
+    near
+        Whether the start is close to the minimum: then Gauss-Newton steps go first.
     max_evaluations, time_limit_s
         Limits of calls and of seconds.
     tick
@@ -118,7 +127,32 @@ def minimise(
     """
     vector, bounds = _checked(start, lower, upper)
     recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
-    return _minimise(recorder, vector, bounds, tolerance, "trf", "jac")
+    return _minimise(recorder, vector, bounds, tolerance, "trf", "jac", near=near)
+
+
+@np.errstate(all="ignore")  # as in `_minimise`
+def approach(
+    function: Function,
+    start: npt.ArrayLike,
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    *,
+    max_evaluations: int = 500,
+    time_limit_s: float | None = None,
+    tick: Callable[[], None] | None = None,
+) -> Solution:
+    """Go towards a minimum until the sum of squares falls by less than `ROUGH` of itself; parameters as for `minimise`.
+
+    The solution is never converged; its message is empty unless a limit was reached.
+    """
+    vector, bounds = _checked(start, lower, upper)
+    recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
+    point, message = recorder.begin(vector), ""
+    try:
+        _run_scipy(recorder, point, bounds=bounds, tolerance=ROUGH, method="trf", scaling="jac")
+    except _LimitReachedError as limit:
+        message = f"{STOPPED} {limit}, before a minimum was reached"
+    return _solution(recorder, recorder.best, bounds, converged=False, message=message)
 
 
 def search(
@@ -273,16 +307,24 @@ def _checked(start: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -
 
 @np.errstate(all="ignore")  # a step too far may overflow, in the model or in SciPy's norms; it is turned back
 def _minimise(
-    recorder: _Recorder, start: Array, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
+    recorder: _Recorder,
+    start: Array,
+    bounds: Bounds,
+    tolerance: float,
+    method: Method,
+    scaling: Scaling,
+    *,
+    near: bool = False,
 ) -> Solution:
     first = point = recorder.begin(start)
     run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance, method=method, scaling=scaling)
     converged, message = False, ""
     try:
-        for _ in range(ROUNDS):
+        for turn in range(ROUNDS):
             before = point.cost
-            run(point)
-            point = polish(recorder, recorder.best, bounds)
+            if turn or not near:
+                run(point)
+            point = polish(recorder, recorder.best, bounds, WORTHWHILE if near else 0.0)
             message = doubt(point, first, bounds, tolerance)
             lower = None if message else _way_down(recorder, run, point, first, bounds)
             if lower is not None:
@@ -290,11 +332,16 @@ def _minimise(
             elif not message:
                 converged, message = True, "the gradient vanishes and no direction tried leads down"
                 break
-            if not _is_lower(point, before):
+            if not _is_lower(point, before) and (turn or not near):
                 break
     except _LimitReachedError as limit:
-        point, message = recorder.best, f"stopped at the limit of {limit}, before a minimum was reached"
-    held = gauss_newton_step(point, bounds).held
+        point, message = recorder.best, f"{STOPPED} {limit}, before a minimum was reached"
+    return _solution(recorder, point, bounds, converged=converged, message=message)
+
+
+def _solution(
+    recorder: _Recorder, point: Point, bounds: Bounds, *, converged: bool, message: str
+) -> Solution:
     return Solution(
         point.vector,
         point.residual,
@@ -303,7 +350,7 @@ def _minimise(
         converged,
         message,
         recorder.evaluations,
-        held,
+        gauss_newton_step(point, bounds).held,
     )
 
 

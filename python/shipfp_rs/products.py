@@ -44,6 +44,12 @@ class Products:
         """Sum over samples of the outer products of the residuals, shape (O, O)."""
         return self.sums[:, -1, :, -1]
 
+    def moved(self, step: Array) -> Products:
+        """The same after unknowns in which the model is linear went a step (C - 1,), which changes the residual only."""
+        left = np.eye(self.sums.shape[1])
+        left[:-1, -1] = -step
+        return Products(np.einsum("iajb,ac,bd->icjd", self.sums, left, left, optimize=True), self.count)
+
     def gram(self, root: Array) -> Array:
         """Products of [-d(model)/d(unknowns), e] (C, C) with the outputs weighted by a root (O, O) of their weight."""
         sign = np.append(-np.ones(self.sums.shape[1] - 1), 1.0)
@@ -64,11 +70,14 @@ def regression(gram: Array, own: Mask) -> Array:
     return np.asarray(half @ (half.T @ gram[np.ix_(own, ~own)]))
 
 
-def cleared(gram: Array, own: Mask) -> Array:
-    """Return the products (M, M) of the columns not of `own` that are left when those are cleared of what `own` explain."""
+def cleared(gram: Array, own: Mask, coefficients: Array) -> Array:
+    """Return the products (M, M) of the columns not of `own` that are left when those are cleared of what `own` explain.
+
+    `coefficients` (L, M) are those of `regression`.
+    """
     across = gram[np.ix_(own, ~own)]
     whole = gram[np.ix_(~own, ~own)]
-    left = whole - across.T @ regression(gram, own)
+    left = whole - across.T @ coefficients
     kept = np.diag(left) > ROUNDING * np.diag(whole)
     return np.asarray(np.where(np.outer(kept, kept), left, 0.0))
 

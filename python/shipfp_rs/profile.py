@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.elimination import Elimination
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.gauss_newton import Bounds, Point, Step, gauss_newton_step
 from shipfp_rs.solver import Minimum, Search
@@ -48,6 +49,7 @@ class Profile:
 
     def __init__(self, search: Search, best: Minimum) -> None:
         self._search, self._noise = search, best.noise
+        self._problem = Elimination(search, best.vector)
         kept = ~search.linear
         lower, upper = search.bounds()
         self._bounds = Bounds(lower[kept], upper[kept])
@@ -143,7 +145,7 @@ class Profile:
     def _point(self, vector: Array) -> Point:
         try:
             self._search.require_stable(vector)
-            residual, jacobian = self._search.condensed(vector, self._noise)
+            residual, jacobian = self._problem(vector, self._noise)
         except (SimulationError, ArithmeticError, np.linalg.LinAlgError):
             return Point(vector, np.zeros(0), np.zeros((0, len(vector))), np.inf)
         return Point(vector, residual, jacobian, float(residual @ residual))

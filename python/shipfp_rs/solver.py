@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.elimination import NOTHING_LEFT, Elimination
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.least_squares import Solution, minimise
+from shipfp_rs.least_squares import STOPPED, Solution, approach, minimise
 from shipfp_rs.problem import Block, Evaluation, autoregressive_model
-from shipfp_rs.products import cleared, condense, regression
+from shipfp_rs.products import Products
 from shipfp_rs.structure import Parameter, Structure
 
 Array = npt.NDArray[np.float64]
@@ -27,9 +29,6 @@ ROUGH = 1e-2
 """The same where noise models are still to be fitted."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends it where there is no noise to measure the change by."""
-
-
-NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
 
 
 @dataclass(frozen=True)
@@ -102,27 +101,28 @@ class Search:
             | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
         )
 
-    def _each(self, vector: Array) -> Iterator[tuple[Block, dict[str, float], slice]]:
-        """Yield every block with the values of all that its model depends on and the place of its own unknowns."""
-        values, start = self.values(vector), len(self.free)
+    def places(self) -> Iterator[slice]:
+        """Yield where each block's own unknowns stand in the full vector."""
+        start = len(self.free)
         for block in self.blocks:
-            own = slice(start, start + len(block.nuisance))
-            yield (
-                block,
-                values | dict(zip(block.nuisance, map(float, vector[own]), strict=True)),
-                own,
-            )
-            start = own.stop
+            yield slice(start, start + len(block.nuisance))
+            start += len(block.nuisance)
+
+    def _each(self, vector: Array) -> Iterator[tuple[Block, dict[str, float]]]:
+        """Yield every block with the values of all that its model depends on."""
+        values = self.values(vector)
+        for block, own in zip(self.blocks, self.places(), strict=True):
+            yield block, values | dict(zip(block.nuisance, map(float, vector[own]), strict=True))
 
     def evaluate(self, vector: Array, names: Sequence[str] | None = None) -> list[Evaluation]:
         """Evaluate every block; each Jacobian has the block's own columns last, after those of `names` (None: all)."""
         names = self.names if names is None else names
-        return [block.evaluate(values, names) for block, values, _ in self._each(vector)]
+        return [block.evaluate(values, names) for block, values in self._each(vector)]
 
     def filtered(self, vector: Array, noise: Noise, names: Sequence[str] | None = None) -> list[Evaluation]:
         """Evaluate every block and prewhiten the experiments."""
         names = self.names if names is None else names
-        return [block.filtered(values, names, noise.models) for block, values, _ in self._each(vector)]
+        return [block.filtered(values, names, noise.models) for block, values in self._each(vector)]
 
     def whitened(self, vector: Array, noise: Noise) -> tuple[list[Evaluation], Array, Array]:
         """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
@@ -137,50 +137,27 @@ class Search:
         rows = np.concatenate([*parts, self.priors(vector)])
         return evaluations, rows[:, -1], rows[:, :-1]
 
-    def condensed(self, kept: Array, noise: Noise) -> tuple[Array, Array]:
-        """Return a residual (K + 1,) and Jacobian (K + 1, K) with the cost, gradient and J'J of the whole problem.
+    def sums(self, vector: Array, noise: Noise) -> list[Products]:
+        """Pass over the data once: every block's sums of products, filtered by the noise's models."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return [block.products(values, self.names, noise.models) for block, values in self._each(vector)]
 
-        The search then works on a few rows however long the record is. Squaring the Jacobian costs digits of a step,
-        none of where the gradient vanishes. Of the full vector only `kept` is searched: the unknowns in which the
-        model is linear take their best values for it (variable projection, 10.1137/0710036, with the Jacobian of
-        10.1007/BF01932995), for a small vK_i and a large initial dE otherwise make a long curved valley.
+    def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
+        """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.
+
+        A threshold bends single residuals, so with one they are computed again, whatever their sums.
         """
-        gram = cleared(
-            self._gram(self.complete(kept, noise), noise, self.names), np.append(self.linear, False)
-        )
-        if not np.isfinite(gram).all():
-            raise SimulationError("the sensitivities left the range of finite numbers")
-        return condense(gram)
-
-    def complete(self, kept: Array, noise: Noise) -> Array:
-        """Return the full vector with the best values of the unknowns in which the model is linear."""
-        linear = self.linear
-        if not linear.any():
-            return kept
-        vector = np.zeros(self.size)
-        vector[~linear] = kept
-        gram = self._gram(vector, noise, ())
-        if not np.isfinite(gram).all():
-            raise SimulationError("the simulation left the range of finite numbers")
-        vector[linear] = -regression(gram, np.append(linear[len(self.free) :], False))[:, -1]
-        return vector
-
-    def _gram(self, vector: Array, noise: Noise, names: Sequence[str]) -> Array:
-        """Products of the columns of [-d(model)/d(unknowns), e] (Q + 1, Q + 1); of the parameters only `names` or none."""
-        count = len(names)
-        gram = np.zeros((count + self.size - len(self.free) + 1,) * 2)
-        if names:
-            priors = self.priors(vector)
-            gram += priors.T @ priors
+        priors = self.priors(vector)
+        gram = np.asarray(priors.T @ priors)
         if self.huber is not None:
-            for part in self.parts(self.filtered(vector, noise, names), noise):
+            for part in self.parts(self.filtered(vector, noise), noise):
                 rows = part.reshape(len(part), -1)
                 gram += rows @ rows.T
             return gram
-        for block, values, own in self._each(vector):
-            place = np.r_[:count, own.start - len(self.free) + count : own.stop - len(self.free) + count, -1]
+        for own, products in zip(self.places(), sums, strict=True):
+            place = np.r_[: len(self.free), own.start : own.stop, -1]
             with np.errstate(over="ignore", invalid="ignore"):
-                gram[np.ix_(place, place)] += block.products(values, names, noise.models).gram(noise.root)
+                gram[np.ix_(place, place)] += products.gram(noise.root)
         return gram
 
     @property
@@ -222,13 +199,12 @@ class Search:
         upper = np.array([parameter.upper for parameter in self.free])
         return np.concatenate([lower, -open_end]), np.concatenate([upper, open_end])
 
-    def noise_at(self, vector: Array, noise: Noise) -> tuple[Noise, float]:
+    def noise_at(self, vector: Array, noise: Noise, count: int, scatter: Array) -> tuple[Noise, float]:
         """Weights that fit the residuals filtered by the noise's models, and what the minima are ranked by.
 
         The weights are the identity, inverse standard deviations, or the inverse root of the covariance. With them the
-        criterion is N ln det of the scatter.
+        criterion is N ln det of the scatter of so many samples' residuals.
         """
-        count, scatter = self.scatter(vector, noise)
         outputs = len(scatter)
         if self.weighting == "variance":
             scatter = np.diag(np.diag(scatter))
@@ -242,7 +218,7 @@ class Search:
 
     def scatter(self, vector: Array, noise: Noise) -> tuple[int, Array]:
         """Return the number of samples and the mean outer product of their filtered residuals, shape (O, O)."""
-        parts = [block.products(values, (), noise.models) for block, values, _ in self._each(vector)]
+        parts = [block.products(values, (), noise.models) for block, values in self._each(vector)]
         count = sum(part.count for part in parts)
         if count == 0:
             raise InputError(NOTHING_LEFT)
@@ -286,7 +262,9 @@ class Search:
             for output in range(len(self.structure.outputs))
         )
         noise = replace(minimum.noise, models=models)
-        return self.noise_at(minimum.vector, noise)[0] if self._reweighs else noise
+        if not self._reweighs:
+            return noise
+        return self.noise_at(minimum.vector, noise, *self.scatter(minimum.vector, noise))[0]
 
     @property
     def _reweighs(self) -> bool:
@@ -295,25 +273,30 @@ class Search:
     def _weighted(
         self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
     ) -> Minimum:
-        vector, evaluations_used, criterion = start, 0, np.inf
+        problem, linear = Elimination(self, start), self.linear
+        kept, used, criterion = start[~linear], 0, np.inf
+        # While the weights still change much, a minimum for the present ones is worth no more than a few steps.
+        rough = self._reweighs
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
-            solution = self._solve(vector, noise, tick)
-            evaluations_used += solution.evaluations
-            moved = np.max(np.abs(solution.vector - vector) / (np.abs(vector) + 1e-9))
-            vector, before = solution.vector, criterion
+            solution = self._solve(problem, kept, noise, tick, rough=rough)
+            used += solution.evaluations
+            before, criterion = criterion, solution.cost
+            moved = np.max(np.abs(solution.vector - kept) / (np.abs(kept) + 1e-9))
+            kept = solution.vector
+            vector, count, scatter = problem.complete(kept, noise)
             if not self._reweighs:
-                criterion = solution.cost
                 break
-            following, criterion = self.noise_at(vector, noise)
-            if moved < UNMOVED or abs(before - criterion) < tolerance:
+            following, criterion = self.noise_at(vector, noise, count, scatter)
+            settled = moved < UNMOVED or abs(before - criterion) < (ROUGH if rough else tolerance)
+            if solution.message.startswith(STOPPED) or (settled and not rough):
                 break
-            noise = following
+            noise, rough = following, rough and not settled
         return Minimum(
             vector=vector,
             criterion=criterion,
             converged=solution.converged,
             message=solution.message,
-            evaluations=evaluations_used,
+            evaluations=used,
             noise=noise,
         )
 
@@ -323,25 +306,31 @@ class Search:
         if stable is not None and not stable(self.values(vector)):
             raise SimulationError("the closed loop is unstable, a ship that was measured is not")
 
-    def _solve(self, start: Array, noise: Noise, tick: Callable[[], None] | None) -> Solution:
+    def _solve(
+        self,
+        problem: Elimination,
+        kept: Array,
+        noise: Noise,
+        tick: Callable[[], None] | None,
+        *,
+        rough: bool,
+    ) -> Solution:
         lower, upper = self.bounds()
-        kept = ~self.linear
 
-        def both(vector: Array) -> tuple[Array, Array]:
-            self.require_stable(vector)
-            return self.condensed(vector, noise)
+        def both(kept: Array) -> tuple[Array, Array]:
+            self.require_stable(kept)
+            return problem(kept, noise)
 
-        solution = minimise(
+        search = approach if rough else partial(minimise, tolerance=self.tolerance, near=self._reweighs)
+        return search(
             both,
-            start[kept],
-            lower[kept],
-            upper[kept],
-            tolerance=self.tolerance,
+            kept,
+            lower[~self.linear],
+            upper[~self.linear],
             max_evaluations=self.max_evaluations,
             time_limit_s=self.time_limit_s,
             tick=tick,
         )
-        return replace(solution, vector=self.complete(solution.vector, noise))
 
 
 def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
@@ -410,7 +399,7 @@ def best_of_random(search: Search, count: int, seed: int | None) -> Array:
     for vector in start_vectors(search, count + 1, seed):
         try:
             search.require_stable(vector)
-            residual, _ = search.condensed(vector[~search.linear], noise)
+            residual, _ = Elimination(search, vector)(vector[~search.linear], noise)
         except SimulationError:
             continue
         cost = float(residual @ residual)

@@ -1,0 +1,111 @@
+"""The unknowns in which a model is linear, always at their best values: a search need not look for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.products import Products, cleared, condense, regression
+
+if TYPE_CHECKING:
+    from shipfp_rs.solver import Noise, Search
+
+Array = npt.NDArray[np.float64]
+
+NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
+
+REPEATED = 1e-4
+"""Part of the cost that better values of the eliminated unknowns may save before another pass is made there."""
+PASSES = 3
+"""Passes over the data for one point at most."""
+REMEMBERED = 8
+"""Points whose sums are kept: other weights need no pass over the data."""
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """Sums of one pass over the data, at a full vector (Q,)."""
+
+    vector: Array
+    models: tuple[Array, ...] | None
+    sums: Sequence[Products]
+
+
+class Elimination:
+    """A search's problem in the unknowns `kept` (K,), all in which the model is not linear.
+
+    Variable projection (10.1137/0710036, with the Jacobian of 10.1007/BF01932995), for a small vK_i and a large initial
+    dE otherwise make a long curved valley. A pass over the data is made at values of the eliminated unknowns that the
+    point before, or the full vector (Q,) it starts from, leads to; from its sums follow their best values and the cost
+    there, exactly.
+    """
+
+    def __init__(self, search: Search, start: Array) -> None:
+        self._search = search
+        self._linear = search.linear
+        kept, best = start[~self._linear], start[self._linear]
+        # Where it was last, the best values there, and their slopes by the kept unknowns.
+        self._lead = kept, best, np.zeros((len(best), len(kept)))
+        self._known: list[_Pass] = []
+
+    def __call__(self, kept: Array, noise: Noise) -> tuple[Array, Array]:
+        """Return a residual (K + 1,) and Jacobian (K + 1, K) with the cost, gradient and J'J of the whole problem.
+
+        The search then works on a few rows however long the record is. Squaring the Jacobian costs digits of a step,
+        none of where the gradient vanishes.
+        """
+        _, gram, coefficients = self._at(kept, noise)
+        return condense(cleared(gram, np.append(self._linear, False), coefficients))
+
+    def complete(self, kept: Array, noise: Noise) -> tuple[Array, int, Array]:
+        """Return the full vector (Q,), the number of samples and the scatter (O, O) of their filtered residuals."""
+        search = self._search
+        done, _, coefficients = self._at(kept, noise)
+        step = np.zeros(search.size)
+        step[self._linear] = -coefficients[:, -1]
+        count = sum(part.count for part in done.sums)
+        if count == 0:
+            raise InputError(NOTHING_LEFT)
+        scatter = np.zeros((len(search.structure.outputs),) * 2)
+        for part, own in zip(done.sums, search.places(), strict=True):
+            scatter += part.moved(np.append(step[: len(search.free)], step[own])).scatter
+        return done.vector + step, count, scatter / count
+
+    def _at(self, kept: Array, noise: Noise) -> tuple[_Pass, Array, Array]:
+        """Return the sums for `kept`, their gram matrix, and what the eliminated columns explain of the others."""
+        search, linear = self._search, self._linear
+        own = np.append(linear, False)
+        done = next((one for one in reversed(self._known) if self._is(one, kept, noise)), None)
+        vector = self._led_to(kept) if done is None else done.vector
+        for again in reversed(range(PASSES)):
+            if done is None:
+                done = _Pass(vector, noise.models, search.sums(vector, noise))
+                self._known = [*self._known[1 - REMEMBERED :], done]
+            gram = search.gram(done.vector, noise, done.sums)
+            if not np.isfinite(gram).all():
+                raise SimulationError("the simulation or its sensitivities left the range of finite numbers")
+            coefficients = regression(gram, own)
+            saved = float(gram[own, -1] @ coefficients[:, -1])
+            vector = done.vector.copy()
+            vector[linear] -= coefficients[:, -1]
+            self._lead = kept, vector[linear], -coefficients[:, :-1]
+            if not again or saved <= REPEATED * max(float(gram[-1, -1]) - saved, 0.0):
+                break
+            done = None
+        assert done is not None
+        return done, gram, coefficients
+
+    def _is(self, one: _Pass, kept: Array, noise: Noise) -> bool:
+        return one.models is noise.models and np.array_equal(one.vector[~self._linear], kept)
+
+    def _led_to(self, kept: Array) -> Array:
+        vector = np.empty(self._search.size)
+        vector[~self._linear] = kept
+        before, best, slope = self._lead
+        vector[self._linear] = best + slope @ (kept - before)
+        return vector
