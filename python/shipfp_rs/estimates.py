@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,8 @@ AT_BOUND = 1e-5
 """A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
 EXACT = 1e-7
 """Part of a parameter's size below which an interval is too narrow for its cost to be told from rounding."""
+NOTHING: Mapping[str, Any] = {"names": [], "matrix": []}
+"""Covariance of no parameter."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class Estimates:
 
     parameters: Mapping[str, Estimate]
     derived: Mapping[str, Estimate]
+    covariance: Mapping[str, Any]
     identifiability: Identifiability
     values: Mapping[str, float]
     rank: int
@@ -125,6 +129,9 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     return Estimates(
         parameters,
         _derived(parameters, values, everything, inner, covariance, quantile),
+        {"names": list(inner.names), "matrix": covariance.tolist()}
+        if np.isfinite(covariance).all()
+        else NOTHING,
         describe(everything),
         values,
         inner.rank,

@@ -89,6 +89,9 @@ class Fingerprint:
         Seed of the random starts.
     verdict
         Plain sentences: what is known, what is not, what would settle it.
+    covariance
+        "names" of the parameters searched for and not held by a bound, and the "matrix" of their covariances on the
+        directions that the data tell.
     """
 
     parameters: Mapping[str, Estimate]
@@ -102,6 +105,7 @@ class Fingerprint:
     seed: int | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     verdict: tuple[str, ...] = ()
+    covariance: Mapping[str, Any] = field(default_factory=lambda: {"names": [], "matrix": []})
 
     def __getitem__(self, name: str) -> Estimate:
         """Return a parameter or derived combination by name."""
@@ -147,6 +151,7 @@ class Fingerprint:
             "seed": self.seed,
             "versions": dict(self.versions),
             "verdict": list(self.verdict),
+            "covariance": dict(self.covariance),
         }
 
     def save(self, path: str | Path) -> Path:
@@ -199,6 +204,7 @@ class Fingerprint:
             seed=content["seed"],
             versions=content["versions"],
             verdict=tuple(content["verdict"]),
+            covariance=content["covariance"],
         )
 
 

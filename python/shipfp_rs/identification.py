@@ -300,6 +300,7 @@ def _fingerprint(
     return Fingerprint(
         parameters=parameters,
         derived=derived,
+        covariance=found.covariance,
         identifiability=identifiability,
         fit={**fit, "overall": overall},
         structure=structure.to_dict(),

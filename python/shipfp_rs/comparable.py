@@ -1,0 +1,89 @@
+"""Whether two fingerprints can be compared at all, and what weakens it if they can."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.fingerprint import Estimate, Fingerprint
+
+SPEED_APART = 0.05
+"""Operating speeds that differ by more than this part are two operating points: every parameter depends on it."""
+TORQUE_APART = 0.05
+"""Operating torques that differ by more than this part are worth a word: tau_n is relative to them."""
+
+
+def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ...]:
+    """Raise where a difference would mean nothing, return remarks on what weakens it."""
+    if before.vessel and after.vessel and before.vessel != after.vessel:
+        raise InputError(f"fingerprints of {before.vessel!r} and {after.vessel!r}; expected the same ship")
+    for key in ("kind", "torque", "outputs"):
+        one, other = before.structure.get(key), after.structure.get(key)
+        if one != other:
+            raise InputError(
+                f"structures differ in {key}, {one!r} and {other!r}, so their parameters mean different things; identify "
+                "both logs with the same structure"
+            )
+    if set(before.parameters) != set(after.parameters):
+        apart = ", ".join(sorted(set(before.parameters) ^ set(after.parameters)))
+        raise InputError(f"only one structure has {apart}; identify both logs with the same structure")
+    for label, fingerprint in (("first", before), ("second", after)):
+        if not fingerprint.settings.get("converged", True):
+            raise InputError(
+                f"the {label} fingerprint's search ended in no minimum ({fingerprint.settings.get('message')}); identify "
+                "that log again"
+            )
+    for name, estimate in before.parameters.items():
+        other = after.parameters[name]
+        if (estimate.status == "fixed") != (other.status == "fixed") or (
+            estimate.status == "fixed" and estimate.value != other.value
+        ):
+            raise InputError(
+                f"{name} was {_given(estimate)} in the first fingerprint and {_given(other)} in the second, and the other "
+                "parameters lean on it; identify both the same way"
+            )
+    remarks = _operating_points(before, after)
+    leaning = [name for name, estimate in before.parameters.items() if estimate.status == "prior"]
+    if leaning:
+        remarks.append(f"{', '.join(leaning)}: both lean on a prior, which hides part of a change")
+    return tuple(remarks)
+
+
+def _given(estimate: Estimate) -> str:
+    return (
+        f"given as {estimate.value:g}"
+        if estimate.status == "fixed" and estimate.value is not None
+        else "estimated"
+    )
+
+
+def _operating_points(before: Fingerprint, after: Fingerprint) -> list[str]:
+    remarks = []
+    for signal, tolerance in (
+        ("n_set", SPEED_APART),
+        ("n_e", SPEED_APART),
+        ("M_g", TORQUE_APART),
+        ("M_b", TORQUE_APART),
+    ):
+        one, other = (
+            [
+                point[signal]
+                for entry in fingerprint.data
+                if (point := entry.get("operating_point", {})).get(signal) is not None
+            ]
+            for fingerprint in (before, after)
+        )
+        if not one or not other:
+            continue
+        apart = np.mean(other) / np.mean(one) - 1.0
+        if abs(apart) <= tolerance:
+            continue
+        text = f"{signal} is {np.mean(one):.5g} in the first and {np.mean(other):.5g} in the second ({100 * apart:+.1f} %)"
+        if signal.startswith("n_"):
+            raise InputError(
+                f"operating points differ: {text}; every parameter depends on it, so compare trials at one speed"
+            )
+        remarks.append(
+            f"operating torques differ: {text}; tau_n and the governor's factors are relative to them"
+        )
+    return remarks

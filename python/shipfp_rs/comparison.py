@@ -1,0 +1,278 @@
+"""What changed between two fingerprints of a ship, and whether that is more than chance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2, norm
+
+from shipfp_rs.comparable import require_comparable
+from shipfp_rs.errors import InputError
+from shipfp_rs.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identifiability import COMBINATIONS, gradient_of
+
+Array = npt.NDArray[np.float64]
+
+SAME_DIRECTION = 1e-8
+"""Part of the strongest direction of the correlations below which a quantity repeats the others."""
+QUANTILE = float(norm.ppf(0.975))
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter or combination in both fingerprints: values, difference with its 95 % interval, p, verdict.
+
+    `p` is two-sided; `significant` holds it against the level shared out over all quantities (Holm's method), so
+    that without any change all together raise a false alarm as seldom as the level says.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    change: float
+    change_pct: float
+    ci95: tuple[float, float]
+    p: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Wald test of all quantities together: statistic, degrees of freedom, p."""
+
+    statistic: float
+    freedom: int
+    p: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Changes by quantity, the joint test, remarks on what weakens them, and the verdict in plain words."""
+
+    changes: tuple[Change, ...]
+    joint: Joint
+    level: float
+    remarks: tuple[str, ...]
+    verdict: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> Change:
+        """Return the change of one quantity."""
+        for change in self.changes:
+            if change.name == name:
+                return change
+        known = ", ".join(change.name for change in self.changes)
+        raise InputError(f"no quantity {name!r} known in both fingerprints; compared are {known}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "changes": [asdict(change) | {"ci95": list(change.ci95)} for change in self.changes],
+            "joint": asdict(self.joint),
+            "level": self.level,
+            "remarks": list(self.remarks),
+            "verdict": list(self.verdict),
+        }
+
+
+def compare(before: Fingerprint, after: Fingerprint, *, level: float = 0.05) -> Comparison:
+    """Tell which parameters changed from one fingerprint to another, with significance under both covariances.
+
+    Parameters
+    ----------
+    before, after
+        Fingerprints of the same ship, structure and operating speed, from data of their own.
+    level
+        Probability of a false alarm, for all quantities together, and for the joint test.
+
+    Returns
+    -------
+    Comparison
+        Every parameter and combination that both fingerprints know.
+
+    Raises
+    ------
+    InputError
+        Where they can't be compared: another ship, structure, operating speed or given value, a search that ended in no
+        minimum, or nothing that both know.
+
+    Notes
+    -----
+    The interval of a difference joins the sides of both intervals that face it (the square-and-add limits of Zou and
+    Donner, 10.1002/sim.3095), so that a skewed interval stays one. The joint test weighs the differences by the sum of
+    both covariances, along the directions that it tells apart.
+    """
+    if not 0.0 < level < 1.0:
+        raise InputError(f"level {level}, expected a probability between 0 and 1")
+    remarks = require_comparable(before, after)
+    names = _common(before, after)
+    alone = [_change(name, before[name], after[name]) for name in names]
+    significant = _holm([change.p for change in alone], level)
+    changes = tuple(replace(change, significant=s) for change, s in zip(alone, significant, strict=True))
+    joint = _joint(names, before, after)
+    return Comparison(changes, joint, level, remarks, _verdict(changes, joint, level))
+
+
+def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, float, float]:
+    """Fit a line through one quantity of many fingerprints, each weighted by its variance (condition monitoring).
+
+    Parameters
+    ----------
+    fingerprints
+        Time (any unit) to fingerprint, three or more.
+    name
+        Parameter or combination.
+
+    Returns
+    -------
+    slope, std, p
+        Per unit of time, its standard deviation, and the two-sided probability of such a slope without a trend. Where
+        the values scatter more about the line than their deviations allow, that scatter counts.
+
+    Raises
+    ------
+    InputError
+        For fewer than three, or where the quantity is not known in one.
+    """
+    if len(fingerprints) < 3:
+        raise InputError(
+            f"{len(fingerprints)} fingerprints, expected three or more for a trend; use compare for two"
+        )
+    times = np.array(list(fingerprints), dtype=float)
+    first, *others = fingerprints.values()
+    for other in others:
+        require_comparable(first, other)
+    found = [fingerprint[name] for fingerprint in fingerprints.values()]
+    for time, estimate in zip(times, found, strict=True):
+        if estimate.value is None or estimate.std is None:
+            raise InputError(f"{name!r} is not known in the fingerprint at {time:g}: {estimate.reason}")
+    values = np.array([estimate.value for estimate in found], dtype=float)
+    deviations = np.array([estimate.std for estimate in found], dtype=float)
+    columns = np.column_stack([np.ones_like(times), times - times.mean()]) / deviations[:, None]
+    line, *_ = np.linalg.lstsq(columns, values / deviations, rcond=None)
+    scatter = float(np.sum((values / deviations - columns @ line) ** 2)) / (len(times) - 2)
+    std = float(np.sqrt(max(scatter, 1.0) * np.linalg.inv(columns.T @ columns)[1, 1]))
+    return float(line[1]), std, float(2.0 * norm.sf(abs(line[1]) / std))
+
+
+def _common(before: Fingerprint, after: Fingerprint) -> list[str]:
+    names = [
+        name
+        for name, estimate in {**before.parameters, **before.derived}.items()
+        if estimate.std is not None
+        and (name in after.parameters or name in after.derived)
+        and after[name].std is not None
+    ]
+    if not names:
+        raise InputError("no parameter or combination is known in both fingerprints; nothing to compare")
+    return names
+
+
+def _change(name: str, before: Estimate, after: Estimate) -> Change:
+    assert before.value is not None
+    assert after.value is not None
+    low_before, high_before = _sides(before)
+    low_after, high_after = _sides(after)
+    change = after.value - before.value
+    down, up = float(np.hypot(low_after, high_before)), float(np.hypot(high_after, low_before))
+    # No change is judged by the side that faces it.
+    facing = down if change > 0.0 else up
+    return Change(
+        name=name,
+        unit=before.unit,
+        before=before.value,
+        after=after.value,
+        change=change,
+        change_pct=100.0 * change / abs(before.value) if before.value else float("nan"),
+        ci95=(change - down, change + up),
+        p=float(2.0 * norm.sf(QUANTILE * abs(change) / facing)) if facing > 0.0 else float(change == 0.0),
+        significant=False,
+    )
+
+
+def _sides(estimate: Estimate) -> tuple[float, float]:
+    """Lengths of both halves of the interval; where a bound cut one short it is as long as the other."""
+    assert estimate.value is not None
+    assert estimate.std is not None
+    half = QUANTILE * estimate.std
+    if estimate.ci95 is None:
+        return half, half
+    low, high = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
+    return (high if low < 0.5 * half else low), (low if high < 0.5 * half else high)
+
+
+def _holm(probabilities: Sequence[float], level: float) -> list[bool]:
+    """Hold every probability against its share of the level (Holm 1979)."""
+    significant = [False] * len(probabilities)
+    for rank, index in enumerate(np.argsort(probabilities)):
+        if probabilities[index] > level / (len(probabilities) - rank):
+            break
+        significant[index] = True
+    return significant
+
+
+def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joint:
+    change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
+    covariance = covariance_of(before, names) + covariance_of(after, names)
+    size = np.sqrt(np.diag(covariance))
+    strength, direction = np.linalg.eigh(covariance / np.outer(size, size))
+    told = strength > SAME_DIRECTION * strength[-1]
+    along = (direction.T @ (change / size))[told] / np.sqrt(strength[told])
+    statistic = float(along @ along)
+    return Joint(statistic, int(told.sum()), float(chi2.sf(statistic, int(told.sum()))))
+
+
+def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
+    """Return the covariance of parameters and combinations, shape (K, K).
+
+    Their correlations are those of the linearised problem, their deviations those of their intervals.
+
+    Raises
+    ------
+    InputError
+        For a quantity that the fingerprint does not know.
+    """
+    known, matrix = fingerprint.covariance["names"], np.array(fingerprint.covariance["matrix"])
+    values = fingerprint.settings["optimum"]
+    rows = []
+    for name in names:
+        if fingerprint[name].std is None:
+            raise InputError(
+                f"{name!r} has no standard deviation in the fingerprint: {fingerprint[name].reason}"
+            )
+        if name in known:
+            rows.append((np.array(known) == name).astype(float))
+        else:
+            rows.append(gradient_of(COMBINATIONS[name][1], values, known))
+    linear = np.array(rows) @ matrix @ np.array(rows).T
+    scale = np.array([fingerprint[name].std for name in names], dtype=float) / np.sqrt(np.diag(linear))
+    return np.asarray(linear * np.outer(scale, scale))
+
+
+def _verdict(changes: Sequence[Change], joint: Joint, level: float) -> tuple[str, ...]:
+    found = [change for change in changes if change.significant]
+    lines = [
+        f"{change.name} changed by {change.change_pct:+.1f} % ({change.before:.4g} to {change.after:.4g}"
+        f"{'' if change.unit == '-' else ' ' + change.unit}; p = {change.p:.1g})."
+        for change in found
+    ]
+    together = f"all {len(changes)} quantities together: chi-squared {joint.statistic:.3g} at {joint.freedom}"
+    together += f", p = {joint.p:.2g}"
+    if found:
+        lines.append(f"The rest did not change by more than chance ({together}).")
+    elif joint.p < level:
+        lines.append(f"Something changed ({together}), but no quantity alone tells what.")
+    else:
+        lines.append(f"No change beyond what the uncertainties allow ({together}).")
+        least = min(
+            changes, key=lambda change: (change.ci95[1] - change.ci95[0]) / max(abs(change.before), 1e-300)
+        )
+        seen = 50.0 * (least.ci95[1] - least.ci95[0]) / max(abs(least.before), 1e-300)
+        lines.append(
+            f"A change of {least.name} by less than {seen:.2g} % could not have been told from chance."
+        )
+    return tuple(lines)
