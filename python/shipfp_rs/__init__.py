@@ -15,6 +15,7 @@ from shipfp_rs.errors import IdentificationError, InputError, InternalError, Shi
 
 if TYPE_CHECKING:
     from shipfp_rs import frequency, plot, published, signals, tacho
+    from shipfp_rs.comparison import compare, trend
     from shipfp_rs.experiment import Experiment
     from shipfp_rs.fingerprint import Fingerprint
     from shipfp_rs.frequency import FrequencyResponse
@@ -37,11 +38,13 @@ _WHERE = {
     "Structure": "structure",
     "Trial": "trial",
     "Vessel": "vessel",
+    "compare": "comparison",
     "cross_validation": "validation",
     "identify": "identification",
     "linearise": "linear_model",
     "process": "processing",
     "simulate": "simulation",
+    "trend": "comparison",
     "sweep": "sweeps",
     "validate": "validation",
 }
@@ -61,6 +64,7 @@ __all__ = [
     "Trial",
     "Vessel",
     "__version__",
+    "compare",
     "cross_validation",
     "frequency",
     "identify",
@@ -72,6 +76,7 @@ __all__ = [
     "simulate",
     "sweep",
     "tacho",
+    "trend",
     "validate",
 ]
 

@@ -217,13 +217,20 @@ def _holm(probabilities: Sequence[float], level: float) -> list[bool]:
 
 def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joint:
     change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
-    covariance = covariance_of(before, names) + covariance_of(after, names)
-    size = np.sqrt(np.diag(covariance))
-    strength, direction = np.linalg.eigh(covariance / np.outer(size, size))
-    told = strength > SAME_DIRECTION * strength[-1]
-    along = (direction.T @ (change / size))[told] / np.sqrt(strength[told])
+    both = covariance_of(before, names), covariance_of(after, names)
+    # A combination that repeats others does so in each fingerprint, a little differently; it counts for nothing.
+    told = min(_rank(covariance) for covariance in both)
+    size = np.sqrt(np.diag(both[0] + both[1]))
+    strength, direction = np.linalg.eigh((both[0] + both[1]) / np.outer(size, size))
+    along = (direction.T @ (change / size))[-told:] / np.sqrt(strength[-told:])
     statistic = float(along @ along)
-    return Joint(statistic, int(told.sum()), float(chi2.sf(statistic, int(told.sum()))))
+    return Joint(statistic, told, float(chi2.sf(statistic, told)))
+
+
+def _rank(covariance: Array) -> int:
+    size = np.sqrt(np.diag(covariance))
+    strength = np.linalg.eigvalsh(covariance / np.outer(size, size))
+    return int(np.sum(strength > SAME_DIRECTION * strength[-1]))
 
 
 def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:

@@ -65,19 +65,19 @@ class Row:
 def rows(estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None) -> Iterator[Row]:
     """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
     for name, estimate in estimates.items():
-        decimals = _decimals(estimate)
+        places = decimals(estimate.std)
         real = (truth or {}).get(name)
         low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
         yield Row(
             name=name,
-            value=_rounded(estimate.value, decimals),
-            std=_rounded(estimate.std, decimals),
-            low=_rounded(low, decimals),
-            high=_rounded(high, decimals),
+            value=rounded(estimate.value, places),
+            std=rounded(estimate.std, places),
+            low=rounded(low, places),
+            high=rounded(high, places),
             unit=estimate.unit,
             status=STATUS[estimate.status],
             reason=estimate.reason,
-            truth=_rounded(real, decimals),
+            truth=rounded(real, places),
             holds_truth=None if real is None or low is None or high is None else low <= real <= high,
         )
 
@@ -92,14 +92,15 @@ def rank(found: Identifiability) -> str:
     return f"The data tell {found.rank} of {found.free} free parameters apart."
 
 
-def _decimals(estimate: Estimate) -> int | None:
-    """Digits behind the point that leave two significant ones of the standard deviation."""
-    if not estimate.std or not math.isfinite(estimate.std):
+def decimals(std: float | None) -> int | None:
+    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
+    if not std or not math.isfinite(std):
         return None
-    return min(max(1 - math.floor(math.log10(estimate.std)), 0), 9)
+    return min(max(1 - math.floor(math.log10(std)), 0), 9)
 
 
-def _rounded(value: float | None, decimals: int | None) -> str:
+def rounded(value: float | None, places: int | None) -> str:
+    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
     if value is None:
         return ""
-    return f"{value:.4g}" if decimals is None else f"{value:.{decimals}f}"
+    return f"{value:.4g}" if places is None else f"{value:.{places}f}"

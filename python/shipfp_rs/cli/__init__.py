@@ -12,6 +12,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
+from shipfp_rs.cli.compare import compare
 from shipfp_rs.cli.convert import convert
 from shipfp_rs.cli.demo import demo
 from shipfp_rs.cli.init import init
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (demo, run, init, inspect, simulate, sweep, convert):
+for command in (demo, run, init, inspect, simulate, sweep, convert, compare):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 

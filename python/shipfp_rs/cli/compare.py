@@ -1,0 +1,62 @@
+"""`shipfp compare`: what changed between two fingerprints, or over many, with significance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.output import print_json, print_table, print_text
+
+
+def compare(
+    before: Annotated[
+        Path, typer.Argument(metavar="A.json", help="Fingerprint before, as `shipfp run` writes it.")
+    ],
+    after: Annotated[Path, typer.Argument(metavar="B.json", help="Fingerprint after.")],
+    level: Annotated[float, typer.Option(metavar="P", help="Probability of a false alarm.")] = 0.05,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Picture of both step and frequency responses.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
+    from shipfp_rs.comparison import compare as compare_fingerprints
+    from shipfp_rs.fingerprint import Fingerprint
+    from shipfp_rs.wording import decimals, rounded
+
+    first, second = Fingerprint.load(before), Fingerprint.load(after)
+    comparison = compare_fingerprints(first, second, level=level)
+    if out is not None:
+        from shipfp_rs.comparison_picture import draw
+        from shipfp_rs.files import replacing
+
+        labels = [path.name if before.name != after.name else str(path) for path in (before, after)]
+        figure = draw(dict(zip(labels, (first, second), strict=True)))
+        with replacing(out) as temporary:
+            figure.savefig(temporary, format="png")
+    if json:
+        print_json(comparison.to_dict())
+        return
+    print_table(
+        f"Changes from {before} to {after}",
+        ["quantity", "before", "after", "change", "95 % from", "to", "change [%]", "p", "unit"],
+        [
+            [
+                change.name,
+                *(
+                    rounded(figure, decimals(change.ci95[1] - change.change))
+                    for figure in (change.before, change.after, change.change, *change.ci95)
+                ),
+                f"{change.change_pct:+.2g}",
+                f"{change.p:.2g}" + (" *" if change.significant else ""),
+                change.unit,
+            ]
+            for change in comparison.changes
+        ],
+    )
+    print_text(*comparison.verdict, *comparison.remarks)
+    if out is not None:
+        print_text(f"wrote {out}")

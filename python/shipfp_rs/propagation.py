@@ -1,0 +1,114 @@
+"""What a fingerprint's uncertainty means for the ship's responses: Bode and step responses with their deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.prediction import structure_of
+from shipfp_rs.structure import Structure
+
+Array = npt.NDArray[np.float64]
+
+LEAD_S = 1.0
+"""Time before the step."""
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Answer to a step of the set point at time 0, normalised by its size: time [s] (N,), output to mean and std (N,)."""
+
+    time: Array
+    mean: Mapping[str, Array]
+    std: Mapping[str, Array]
+
+
+def response_with_deviation(
+    fingerprint: Fingerprint, frequency_hz: npt.ArrayLike, structure: Structure | None = None
+) -> FrequencyResponse:
+    """Return the fitted model's response by output, with the deviations that its parameters' covariance leaves.
+
+    Parameters
+    ----------
+    fingerprint
+        Directions that its data do not tell change no response, so they need not be known.
+    frequency_hz
+        Shape (F,), ascending [Hz].
+    structure
+        The fingerprint's; None rebuilds a linear one.
+
+    Returns
+    -------
+    FrequencyResponse
+        By output ("dn", "dM", ...); `amplitude_std` relative, `phase_std` in rad, first order.
+
+    Raises
+    ------
+    InputError
+        Where the structure is not linear and not given.
+    """
+    structure = structure or structure_of(fingerprint)
+    names, covariance = _covariance(fingerprint)
+    frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    response, slopes = structure.equations.response(fingerprint.settings["optimum"], frequency, names)
+    relative = slopes / response
+    return FrequencyResponse(
+        structure.name,
+        frequency,
+        {
+            name: np.asarray(row, dtype=np.complex128)
+            for name, row in zip(structure.outputs, response, strict=True)
+        },
+        amplitude_std=dict(zip(structure.outputs, _deviation(relative.real, covariance), strict=True)),
+        phase_std=dict(zip(structure.outputs, _deviation(relative.imag, covariance), strict=True)),
+    )
+
+
+def step_with_deviation(
+    fingerprint: Fingerprint,
+    duration_s: float = 20.0,
+    rate_hz: float = 50.0,
+    structure: Structure | None = None,
+) -> StepResponse:
+    """Return the fitted model's answer to a step of the set point, with the deviations of its covariance.
+
+    Parameters
+    ----------
+    fingerprint, structure
+        As for `response_with_deviation`.
+    duration_s, rate_hz
+        Time after the step and samples a second.
+
+    Raises
+    ------
+    InputError
+        As `response_with_deviation`.
+    """
+    structure = structure or structure_of(fingerprint)
+    names, covariance = _covariance(fingerprint)
+    time = np.arange(-LEAD_S, duration_s, 1.0 / rate_hz)
+    step = Experiment(
+        "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
+    )
+    model, slopes = structure.equations.sensitivities(fingerprint.settings["optimum"], step, names)
+    return StepResponse(
+        time,
+        dict(zip(structure.outputs, model, strict=True)),
+        dict(zip(structure.outputs, _deviation(slopes, covariance), strict=True)),
+    )
+
+
+def _covariance(fingerprint: Fingerprint) -> tuple[list[str], Array]:
+    names = list(fingerprint.covariance["names"])
+    return names, np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
+
+
+def _deviation(slopes: Array, covariance: Array) -> Array:
+    """First-order standard deviation (O, N) of what has these derivatives (W, O, N)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("won,wv,von->on", slopes, covariance, slopes), 0.0)))
