@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 import re
+import time
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -12,21 +16,22 @@ import pytest
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import render, write_report
+from shipfp_rs.report.charts import thin
 
 NASTY = "<script>alert('&')</script>"
 
 
 @pytest.fixture(scope="module")
 def experiments() -> list[Experiment]:
-    time = np.arange(0.0, 600.0, 0.01)
-    speed = 1183.8 + 76.0 * np.sin(0.3 * time) + np.random.default_rng(0).normal(0.0, 5.0, time.size)
+    seconds = np.arange(0.0, 600.0, 0.01)
+    speed = 1183.8 + 76.0 * np.sin(0.3 * seconds) + np.random.default_rng(0).normal(0.0, 5.0, seconds.size)
     torque = 1.45 * speed
     torque[1000:1200] = np.nan
     return [
         Experiment(
             name=f"{NASTY} {index}",
             rate_hz=100.0,
-            signals={"n_set": 1183.8 + 76.0 * np.sin(0.3 * time), "n_e": speed, "M_g": torque},
+            signals={"n_set": 1183.8 + 76.0 * np.sin(0.3 * seconds), "n_e": speed, "M_g": torque},
             operating_point={"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0},
             kind=NASTY,
             provenance={
@@ -98,6 +103,10 @@ class Outline(HTMLParser):
         assert self.open.pop() == tag
 
 
+def row_of(name: str, page: str) -> str:
+    return re.search(rf'<tr><th scope="row"><code>{name}</code>.*?</tr>', page).group()
+
+
 def outline(page: str) -> Outline:
     parser = Outline()
     parser.feed(page)
@@ -106,9 +115,18 @@ def outline(page: str) -> Outline:
 
 
 def test_whatever_the_user_named_is_escaped(page) -> None:
-    assert "<script" not in page
-    assert "&lt;script&gt;" in page
-    assert "script" not in outline(page).tags
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert" in page
+    charts, own = 2, 2
+    assert outline(page).tags.count("script") == charts + own
+
+
+def test_only_the_page_s_own_scripts_may_run_and_nothing_may_be_fetched(page) -> None:
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
+    assert "default-src 'none'" in policy
+    allowed = re.findall(r"'sha256-([^']*)'", policy)
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    assert [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts] == allowed
 
 
 def test_the_page_needs_nothing_from_elsewhere(page) -> None:
@@ -125,35 +143,173 @@ def test_the_page_is_well_formed_and_no_identifier_stands_twice(page) -> None:
 
 
 def test_the_verdict_comes_before_any_table(page) -> None:
-    assert page.index("Known: tau_n") < page.index("<table")
+    assert page.index("<strong>Known:</strong> tau_n") < page.index("<table")
 
 
 def test_figures_are_rounded_to_two_digits_of_their_uncertainty(page) -> None:
-    row = re.search(r"<tr><td><code>tau_n</code>.*?</tr>", page).group()
+    row = row_of("tau_n", page)
     assert re.findall(r">([^<>]+)</td>", row)[:5] == ["1.171", "0.023", "1.125 … 1.217", "s", "1.300"]
-    assert 'class="figure bad">1.300' in row  # the interval misses the truth
+    assert re.search('class="number bad"[^>]*>1.300', row)  # the interval misses the truth
 
 
 def test_what_can_not_be_told_says_why_in_its_row(page) -> None:
-    row = re.search(r"<tr><td><code>v</code>.*?</tr>", page).group()
+    row = row_of("v", page)
     assert "not identifiable" in row
     assert "only known together with" in row
 
 
 def test_repairs_of_the_data_are_listed(page) -> None:
-    row = re.search(r"<tr><td>torque spikes \(C\)</td>.*?</tr>", page).group()
-    assert re.findall(r">([^<>]+)</td>", row)[1:] == ["masked", "120", "360"]
+    row = re.search(r'<tr><th scope="row">torque spikes \(C\)</th>.*?</tr>', page).group()
+    assert re.findall(r">([^<>]+)</td>", row)[1:] == ["cut: masked", "120", "12", "360"]
     assert "0–2, 10–12" in page
     assert "and 20 more" in page
     assert "fractions: 0.2535, 0.2465" in page
 
 
 def test_masked_samples_are_counted(page) -> None:
-    assert "Masked samples: 0.33 % of M_g." in page
+    assert "M_g masked in 0.33 %" in page
 
 
-def test_long_signals_are_thinned_to_a_page_of_a_few_megabytes(page) -> None:
-    assert len(page) < 3e6  # 2 x 60,000 samples x 4 pictures
+def test_an_interval_that_begins_on_a_bound_has_one_end(fingerprint) -> None:
+    on_bounds = {
+        "T_d": Estimate(0.0, None, (0.0, 0.0213), "s", "at_bound", "on its lower bound 0"),
+        "K_p": Estimate(50.0, None, (43.2, 50.0), "-", "at_bound", "on its upper bound 50"),
+        "g": Estimate(1.0, status="at_bound", reason="pressed against its upper bound 1"),
+    }
+    page = render(replace(fingerprint, parameters=on_bounds), [])
+    told = [re.findall(r"<td[^>]*>([^<>]*)</td>", row_of(name, page)) for name in on_bounds]
+    assert [cells[2] for cells in told] == ["≤ 0.0213", "≥ 43.2", ""]
+
+
+def recorded(experiment: Experiment) -> Experiment:
+    """Return an experiment cut from 100 to 700 s of a log at 1 kHz, with one bridged jump and two masked spikes."""
+    clock = {"rate_hz": 1000.0, "start_s": 0.0, "samples": 1_000_000, "rows": [100_000, 700_000]}
+    provenance = {
+        "log": "log.parquet",
+        "window_s": [100.0, 700.0],
+        "recorded": {
+            "U_set": {**clock, "signal": "n_set"},
+            "U_M": {**clock, "signal": "M_g"},
+            "PTM_1": {**clock, "signal": ""},
+        },
+        "repairs": [
+            repair("D1", "U_set", "bridged by straight lines", [[100_500, 100_600]]),
+            repair("C", "U_M", "masked", [[120_000, 120_010], [300_000, 300_020]]),
+        ],
+    }
+    return replace(experiment, name="S1", provenance=provenance)
+
+
+def repair(kind: str, channel: str, method: str, spans: list[list[int]]) -> dict:
+    return {"kind": kind, "channel": channel, "method": method, "count": len(spans), "spans": spans}
+
+
+def test_every_recorded_sample_has_one_fate(fingerprint, experiments) -> None:
+    page = render(fingerprint, [recorded(experiments[0])])
+    head = re.findall(r'<th scope="col"[^>]*>([^<]*)</th>', page[page.index("fate of the recorded") :])[2:8]
+    assert head == ["recorded", "kept", "repaired", "cut", "another sensor used", "outside windows"]
+    fates = {
+        name: [int(key) for key in re.findall(r'data-key="(\d+)"', row_of(name, page))]
+        for name in ("U_set", "U_M", "PTM_1")
+    }
+    assert fates == {
+        "U_set": [1_000_000, 599_900, 100, 0, 0, 400_000],
+        "U_M": [1_000_000, 599_970, 0, 30, 0, 400_000],
+        "PTM_1": [1_000_000, 0, 0, 0, 600_000, 400_000],
+    }
+
+
+def charted(page: str) -> list[dict]:
+    return [json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', page)]
+
+
+def unpacked(series: dict) -> np.ndarray:
+    steps = np.frombuffer(base64.b64decode(series["data"]), dtype="<u2").astype(np.float64)
+    steps[steps == 65535] = np.nan
+    return series["low"] + steps * (series["high"] - series["low"]) / 65534
+
+
+def test_faults_are_marked_at_their_time_in_the_panel_of_their_signal(fingerprint, experiments) -> None:
+    (chart,) = charted(render(fingerprint, [recorded(experiments[0])]))
+    speed, torque = chart["panels"]
+    assert [mark["spans"] for mark in speed["marks"]] == [[[0.5, 0.6]]]
+    assert [mark["spans"] for mark in torque["marks"]] == [[[20.0, 20.01], [200.0, 200.02]]]
+    assert [mark["cut"] for mark in speed["marks"] + torque["marks"]] == [False, True]
+
+
+def test_a_chart_of_a_short_record_holds_every_sample_and_its_masks(page, experiments) -> None:
+    speed, residual, torque, _ = charted(page)[0]["panels"]
+    measured = experiments[0].signals["n_e"]
+    assert [series["label"] for series in speed["series"]] == [
+        "set point n_set",
+        "engine speed n_e",
+        "model of n_e",
+    ]
+    np.testing.assert_allclose(unpacked(speed["series"][1]), measured, atol=np.ptp(measured) / 65534)
+    assert np.isnan(unpacked(torque["series"][0])[1000:1200]).all()
+    assert torque["marks"][0]["spans"] == [[10.0, 12.0]]
+    assert "less the model" in residual["series"][0]["label"]
+
+
+def long_record(hours: float = 8.0, rate_hz: float = 100.0) -> Experiment:
+    seconds = np.arange(0.0, 3600.0 * hours, 1.0 / rate_hz)
+    random = np.random.default_rng(3)
+    speed = 1183.8 + 76.0 * np.sin(0.3 * seconds) + random.normal(0.0, 5.0, seconds.size)
+    torque = 1.45 * speed + random.normal(0.0, 30.0, seconds.size)
+    speed[1_234_567] = 1900.0
+    torque[2_000_000:2_000_100] = np.nan
+    return Experiment(
+        "eight hours",
+        rate_hz,
+        {"n_set": 1183.8 + 76.0 * np.sin(0.3 * seconds), "n_e": speed, "M_g": torque},
+        {"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0},
+    )
+
+
+def test_eight_hours_with_many_faults_fit_into_ten_megabytes(fingerprint) -> None:
+    whole = long_record()
+    assert whole.duration == 8 * 3600
+    clock = {
+        "signal": "M_g",
+        "rate_hz": 2000.0,
+        "start_s": 0.0,
+        "samples": 57_600_000,
+        "rows": [0, 57_600_000],
+    }
+    spikes = [[1400 * index, 1400 * index + 9] for index in range(5000)]
+    account = {
+        "log": "log",
+        "window_s": [0.0, 3600.0],
+        "recorded": {"U_M": clock},
+        "repairs": [repair("C", "U_M", "masked", spikes)],
+    }
+    hours = [
+        replace(whole.window(3600.0 * hour, 3600.0 * (hour + 1), name=f"hour {hour}"), provenance=account)
+        for hour in range(8)
+    ]
+    models = [{name: hour.normalised("n_set") for name in ("n_e", "M_g")} for hour in hours]
+    page = render(fingerprint, hours, simulated=models)
+    assert len(page.encode()) < 10e6
+    assert len(charted(page)) == 8
+
+
+def test_no_peak_is_lost_in_eight_hours(fingerprint) -> None:
+    experiment = long_record()
+    (chart,) = charted(render(fingerprint, [experiment]))
+    speed = unpacked(chart["panels"][0]["series"][1])
+    assert speed.size < 0.5 * len(experiment)
+    assert speed.max() == pytest.approx(1900.0)
+    assert int(speed.argmax()) // 2 == 1_234_567 // round(chart["step"] * experiment.rate_hz)
+
+
+def test_thinning_ten_million_samples_takes_no_longer_than_a_few_sorts_of_a_tenth() -> None:
+    samples = np.random.default_rng(4).normal(size=10_000_000)
+    began = time.perf_counter()
+    thinned = thin(samples, 50)
+    middle = time.perf_counter()
+    np.sort(samples[:1_000_000], kind="heapsort")
+    assert middle - began < 3.0 * (time.perf_counter() - middle)
+    assert (thinned.min(), thinned.max()) == (samples.min(), samples.max())
 
 
 def test_the_page_has_both_lights_and_pictures_in_its_ink(page) -> None:

@@ -13,7 +13,7 @@ from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.identification import identify
 from shipfp_rs.prediction import predict
 from shipfp_rs.processing import process
-from shipfp_rs.report import write_report
+from shipfp_rs.report import compared_responses, write_report
 from shipfp_rs.storage import write_experiments
 from shipfp_rs.structure import Structure, Torque
 from shipfp_rs.trial import Identify, Trial
@@ -106,6 +106,7 @@ def evaluate(
         fingerprint,
         experiments,
         simulated=[predict(fingerprint, experiment, structure) for experiment in experiments],
+        responses=compared_responses(fingerprint, experiments, structure),
         truth=truth,
         title=trial.trial.name,
     )

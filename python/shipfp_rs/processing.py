@@ -258,7 +258,27 @@ class _Recording:
             "calibration": calibration,
             "speed": speed.account,
             "repairs": [repair.to_dict() for repair in repairs if len(repair.spans)],
+            "recorded": self._recorded(label, speed.account["train"]),
         }
+
+    def _recorded(self, label: str, train: str) -> dict[str, Any]:
+        """Tell where the spans of repairs lie: clock, length and rows of every channel, and the signal it became."""
+        channels = self.trial.channels
+        sensors: list[tuple[SetPoint | Torque | Tacho, str]] = [(channels.set_point, "n_set")]
+        if channels.torque is not None:
+            sensors.append((channels.torque, SIGNAL_OF_LOCATION[channels.torque.location]))
+        sensors += [(tacho, "n_e" if name == train else "") for name, tacho in channels.tachos.items()]
+        told = {}
+        for sensor, signal in sensors:
+            rows = self._rows(sensor)
+            told[sensor.column] = {
+                "signal": signal,
+                "rate_hz": rows.channel.rate_hz,
+                "start_s": rows.channel.start_s,
+                "samples": rows.channel.samples,
+                "rows": list(self._within(rows, label)),
+            }
+        return told
 
     def _engine_speed(self, grid: _Grid) -> _EngineSpeed:
         """Return the engine speed in a stretch from its best train.

@@ -1,0 +1,69 @@
+"""Measured frequency responses of experiments beside the fitted model's, for the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.frequency import FrequencyResponse, local_response
+from shipfp_rs.prediction import predict_response
+from shipfp_rs.structure import Structure
+
+SMOOTHED = 13
+"""Bins over which the set point's power is averaged: as many as a point of `local_response` has at least."""
+EXCITED = 1e-4
+"""Part of its highest power above which the set point excites a frequency."""
+LOST = 0.3
+"""Relative standard deviation from which on a point tells nothing."""
+
+
+def compared_responses(
+    fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure | None = None
+) -> list[tuple[FrequencyResponse, FrequencyResponse]]:
+    """Return the measured response of each experiment that has one, and the model's.
+
+    The measured one knows nothing of the model: local polynomials over the band that the set point excites.
+    Points with a standard deviation above 30 % are left out, and experiments without any point.
+
+    Parameters
+    ----------
+    fingerprint, structure
+        As in `predict`.
+    experiments
+        What was fitted.
+
+    Raises
+    ------
+    InputError
+        As `predict`.
+    """
+    pairs = []
+    for experiment in experiments:
+        measured = _measured(experiment)
+        if measured is not None:
+            pairs.append((measured, predict_response(fingerprint, measured, structure=structure)))
+    return pairs
+
+
+def _measured(experiment: Experiment) -> FrequencyResponse | None:
+    signals = [name for name in experiment.signals if name in experiment.operating_point and name != "n_set"]
+    try:
+        response = local_response(experiment, _band(experiment), signals=signals)
+    except InputError:
+        return None  # nothing but rest, or too short a record: there is no response to show
+    known = np.all([response.amplitude_std[name] < LOST for name in signals], axis=0)
+    return response.select(known) if known.any() else None
+
+
+def _band(experiment: Experiment) -> tuple[float, float]:
+    """Return lowest and highest frequency that the set point excites [Hz]."""
+    power = np.abs(np.fft.rfft(experiment.dn_set - experiment.dn_set.mean())) ** 2
+    smooth = uniform_filter1d(power, SMOOTHED, mode="constant")
+    excited = np.flatnonzero(smooth > EXCITED * smooth.max())
+    resolution = experiment.rate_hz / len(experiment)
+    return max(float(excited[0]), 1.0) * resolution, float(excited[-1]) * resolution

@@ -1,0 +1,150 @@
+"""Time plots that zoom: signals, model, what is left over and faults, packed into the page for zoom.js to draw."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs import plot, wording
+from shipfp_rs.despike import runs
+from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs.report.fate import Fault, faults
+
+Array = npt.NDArray[np.float64]
+
+VALUES = 2_600_000
+"""Numbers of two bytes that all charts of a page hold together: 6.9 MB as text."""
+STEPS = 65_534
+"""Steps from a series' smallest to its largest value; one more stands for a masked sample."""
+MARKS = 4000
+"""Faults of one kind and channel closer than this part of the record are drawn as one."""
+MODEL = "currentColor"
+
+HELP = (
+    "Drag across to zoom, double-click to see all. With the keyboard: arrows move, + and − zoom, 0 shows all, "
+    "n and p go from fault to fault."
+)
+
+
+def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a figure for each experiment.
+
+    Samples are kept one by one where the page has room for all, else as smallest and largest of equal stretches, so
+    that no peak is lost; the page thins them further, in the same way, to what the zoom shows.
+
+    Parameters
+    ----------
+    experiments
+        What was fitted.
+    simulated
+        For each experiment, signal name to the fitted model's normalised deviation, shape (N,); may be empty.
+    """
+    models = [*simulated] or [{}] * len(experiments)
+    total = sum(len(e) * (len(e.signals) + 2 * len(m)) for e, m in zip(experiments, models, strict=True))
+    width = 1 if total <= VALUES else -(-2 * total // VALUES)
+    return [_chart(e, m, width) for e, m in zip(experiments, models, strict=True)]
+
+
+def _chart(experiment: Experiment, model: Mapping[str, Any], width: int) -> str:
+    marked = faults(experiment)
+    panels = []
+    for unit in plot.units(experiment):
+        series, left = [], []
+        for name, samples in experiment.signals.items():
+            if UNITS[name] != unit:
+                continue
+            label = _label(name)
+            series.append(_series(label, plot.COLOURS[name], samples, width))
+            if name in model:
+                fitted = experiment.operating_point[name] * (1.0 + np.asarray(model[name], dtype=np.float64))
+                series.append(_series(f"model of {name}", MODEL, fitted, width))
+                left.append(
+                    _panel(
+                        f"{name} − model [{unit}]",
+                        [_series(f"{name} less the model", plot.COLOURS[name], samples - fitted, width)],
+                    )
+                )
+        marks = [_mark(fault, experiment) for fault in marked if UNITS.get(fault.signal) == unit]
+        if not marks:
+            marks = [_mark(fault, experiment) for fault in _masked(experiment, unit)]
+        panels += [_panel(plot.QUANTITIES[unit], series, marks), *left]
+    content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
+    # Within a script element only "<" could end it.
+    packed = json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+    about = f"{experiment.name}: signals, model, and what the model leaves over, against time"
+    detail = (
+        "every sample is in the page"
+        if width == 1
+        else f"smallest and largest of every {width} samples ({1e3 * width / experiment.rate_hz:.3g} ms) are in the page"
+    )
+    return (
+        f'<figure class="chart" data-about="{escape(about)}"><script type="application/json">{packed}</script>'
+        f'<figcaption>{escape(about)}; {escape(detail)}. <span class="help">{HELP}</span></figcaption></figure>'
+    )
+
+
+def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
+    """Yield what is masked in signals of which no fault has a known place."""
+    for name, samples in experiment.signals.items():
+        if UNITS[name] == unit and np.isnan(samples).any():
+            spans = runs(np.isnan(samples))
+            yield Fault("masked samples", name, "not fitted", name, spans, spans / experiment.rate_hz)
+
+
+def _panel(
+    label: str, series: Sequence[dict[str, Any]], marks: Sequence[dict[str, Any]] = ()
+) -> dict[str, Any]:
+    return {"label": label, "series": series, "marks": marks}
+
+
+def _series(label: str, colour: str, samples: Array, width: int) -> dict[str, Any]:
+    thinned = thin(samples, width)
+    finite = thinned[np.isfinite(thinned)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    steps = np.where(
+        np.isfinite(thinned), np.rint((thinned - low) * (STEPS / ((high - low) or 1.0))), STEPS + 1
+    )
+    data = base64.b64encode(steps.astype("<u2").tobytes()).decode("ascii")
+    return {"label": label, "colour": colour, "pairs": width > 1, "low": low, "high": high, "data": data}
+
+
+def thin(samples: Array, width: int) -> Array:
+    """Return smallest and largest of every `width` samples in turn, NaN where all are NaN; all samples for width 1.
+
+    Examples
+    --------
+    >>> thin(np.array([1.0, 5.0, np.nan, 2.0, 3.0]), 2)
+    array([1., 5., 2., 2., 3., 3.])
+    """
+    if width == 1:
+        return samples
+    first = np.arange(0, len(samples), width)
+    ends = np.fmin.reduceat(samples, first), np.fmax.reduceat(samples, first)
+    return np.column_stack(ends).ravel()
+
+
+def _mark(fault: Fault, experiment: Experiment) -> dict[str, Any]:
+    """Return places of a fault [s], those that no screen tells apart as one."""
+    spans = fault.spans_s[np.argsort(fault.spans_s[:, 0], kind="stable")]
+    ends = np.maximum.accumulate(spans[:, 1])
+    apart = np.append(True, spans[1:, 0] - ends[:-1] > experiment.duration / MARKS)
+    begins = np.flatnonzero(apart)
+    last = np.append(begins[1:], len(spans)) - 1
+    places = np.round(np.column_stack([spans[begins, 0], ends[last]]), 4)
+    what = wording.FAULTS.get(fault.kind, fault.kind)
+    return {
+        "label": f"{what}, {fault.channel}: {fault.method}",
+        "cut": fault.cut,
+        "count": len(spans),
+        "spans": places.tolist(),
+    }
+
+
+def _label(name: str) -> str:
+    return plot.LABELS[name].translate(str.maketrans("", "", "${}"))

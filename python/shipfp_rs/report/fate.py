@@ -1,0 +1,230 @@
+"""The fate of every sample: kept, repaired or cut, and why; how good the log was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs import wording
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
+
+_FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
+"""What can become of a recorded sample; of two the one with the higher code counts."""
+SPANS_SHOWN = 100
+"""Places of one kind of repair that are listed; experiments.parquet holds all."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What was wrong with a channel of one experiment.
+
+    Parameters
+    ----------
+    kind, channel, method
+        As in a `cleaning.Repair`.
+    signal
+        Signal that the channel became; empty where the account does not tell.
+    spans
+        First sample and first one after, on the channel's own index, shape (K, 2).
+    spans_s
+        The same as times from the experiment's first sample [s], shape (K, 2); empty where the account has no rate.
+    """
+
+    kind: str
+    channel: str
+    method: str
+    signal: str
+    spans: npt.NDArray[np.int64]
+    spans_s: npt.NDArray[np.float64]
+
+    @property
+    def cut(self) -> bool:
+        """Whether the samples were taken out rather than mended."""
+        return self.method.startswith(("masked", "not fitted"))
+
+    @property
+    def samples(self) -> int:
+        """Samples concerned."""
+        return int((self.spans[:, 1] - self.spans[:, 0]).sum())
+
+
+def faults(experiment: Experiment) -> list[Fault]:
+    """Return the faults on an experiment's record."""
+    provenance = experiment.provenance
+    found = []
+    for repair in provenance.get("repairs", ()):
+        spans = np.asarray(repair["spans"], dtype=np.int64).reshape(-1, 2)
+        if not len(spans):
+            continue
+        clock = provenance.get("recorded", {}).get(repair["channel"])
+        spans_s = np.empty((0, 2))
+        if clock is not None:
+            spans_s = clock["start_s"] + spans / clock["rate_hz"] - provenance["window_s"][0]
+        signal = clock["signal"] if clock is not None and len(spans_s) else ""
+        found.append(Fault(repair["kind"], repair["channel"], repair["method"], signal, spans, spans_s))
+    return found
+
+
+def of_every_sample(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -> Iterable[str]:
+    """Yield what became of the logs' samples, of the experiments' and of each fault."""
+    yield _recorded(experiments)
+    yield _fitted(fingerprint, experiments)
+    yield _faults(experiments)
+
+
+def _recorded(experiments: Sequence[Experiment]) -> str:
+    """Count the samples of each channel as recorded; each is in exactly one column."""
+    rows = []
+    for log, group in groupby(experiments, key=lambda e: str(e.provenance.get("log", ""))):
+        cut_from = [e for e in group if "recorded" in e.provenance]
+        for channel in dict.fromkeys(name for e in cut_from for name in e.provenance["recorded"]):
+            fate = _fates(channel, cut_from)
+            rows.append(
+                [
+                    Cell(channel, code=True),
+                    Cell(log, tone="note"),
+                    count(len(fate)),
+                    *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in _FATES),
+                ]
+            )
+    if not rows:
+        return ""
+    head = ["channel", "log", "recorded", *_FATES.values()]
+    return paragraph("Samples as the logger recorded them; each is counted once.") + table(
+        "fate of the recorded samples of each channel", head, rows
+    )
+
+
+def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
+    """Return the code of `_FATES` of each recorded sample of a channel, shape (N,); the highest counts."""
+    fate = np.zeros(experiments[0].provenance["recorded"][channel]["samples"], dtype=np.uint8)
+
+    def raise_to(code: int, first: int, stop: int) -> None:
+        part = fate[max(first, 0) : stop]
+        np.maximum(part, np.uint8(code), out=part)
+
+    for experiment in experiments:
+        clock = experiment.provenance["recorded"].get(channel)
+        if clock is None:
+            continue
+        raise_to(2 if clock["signal"] else 1, *clock["rows"])
+        for fault in faults(experiment):
+            if fault.channel == channel:
+                for first, stop in fault.spans:
+                    raise_to(4 if fault.cut else 3, first, stop)
+    return fate
+
+
+def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -> str:
+    """Count the samples that the fit saw; a masked one takes its neighbours within the filter with it."""
+    records = {str(record.get("name", "")): record for record in fingerprint.data}
+    rows = []
+    for experiment in experiments:
+        masked = {name: np.isnan(samples) for name, samples in experiment.signals.items()}
+        why = ", ".join(
+            f"{name} masked in {100.0 * mask.mean():.2g} %" for name, mask in masked.items() if mask.any()
+        )
+        samples = len(experiment)
+        left_out = samples - int(records.get(experiment.name, {}).get("used", samples))
+        rows.append(
+            [
+                Cell(experiment.name),
+                Cell(experiment.kind),
+                number(f"{experiment.duration:g}"),
+                number(f"{experiment.rate_hz:g}"),
+                count(samples),
+                count(samples - left_out, samples),
+                count(left_out, samples),
+                Cell(why, tone="note"),
+            ]
+        )
+    if not rows:
+        return ""
+    head = ["experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why"]
+    return paragraph("Samples of the experiments that were cut from the logs, after filtering.") + table(
+        "samples of each experiment in the fit", head, rows
+    )
+
+
+def _faults(experiments: Sequence[Experiment]) -> str:
+    rows, places = [], []
+    for experiment in experiments:
+        for fault in faults(experiment):
+            kind = wording.FAULTS.get(fault.kind, fault.kind)
+            per_minute = 60.0 * len(fault.spans) / experiment.duration
+            rows.append(
+                [
+                    Cell(kind),
+                    Cell(experiment.name),
+                    Cell(fault.channel, code=True),
+                    Cell("cut: " + fault.method if fault.cut else "repaired: " + fault.method),
+                    number(str(len(fault.spans))),
+                    number(f"{per_minute:.3g}"),
+                    number(str(fault.samples)),
+                ]
+            )
+            shown = ", ".join(f"{first}–{stop - 1}" for first, stop in fault.spans[:SPANS_SHOWN])
+            rest = len(fault.spans) - SPANS_SHOWN
+            more = f" and {rest} more" if rest > 0 else ""
+            places.append(f"{experiment.name}, {kind}, {fault.channel}: {shown}{more}")
+    if not rows:
+        return paragraph("No repair is on record.")
+    head = ["fault", "experiment", "channel", "what was done", "count", "a minute", "samples"]
+    return table("repairs by experiment and channel", head, rows) + details(
+        "Which samples, counted from each channel's first", bullets(places)
+    )
+
+
+def log_quality(experiments: Sequence[Experiment]) -> Iterable[str]:
+    """Yield what the log's sensors were worth: pulse trains, calibrations, filter, operating points."""
+    rows = []
+    for experiment in experiments:
+        speed = experiment.provenance.get("speed", {})
+        if not isinstance(speed.get("median_rpm"), Mapping):
+            continue
+        medians = speed["median_rpm"]
+        apart = 100.0 * (max(medians.values()) / min(medians.values()) - 1.0)
+        reflectors = speed.get("reflectors", {})
+        fractions = np.asarray(reflectors.get("fractions", ()), dtype=np.float64)
+        off = f"{100.0 * np.abs(fractions * fractions.size - 1.0).max():.2f}" if fractions.size > 1 else ""
+        rows.append(
+            [
+                Cell(experiment.name),
+                Cell(str(speed.get("train", "")), code=True),
+                number(str(speed.get("pulses_per_rev", ""))),
+                number(f"{speed.get('bandwidth_hz', float('nan')):.3g}"),
+                number(f"{apart:.2g}" if len(medians) > 1 else ""),
+                number(off),
+                Cell(str(reflectors.get("reason") or ""), tone="note"),
+            ]
+        )
+    if rows:
+        head = [
+            "experiment",
+            "pulse train",
+            "pulses a turn",
+            "shows speed up to [Hz]",
+            "trains apart by [%]",
+            "reflectors off even places by [%]",
+            "",
+        ]
+        yield table("pulse trains that the speed was taken from", head, rows)
+    for experiment in experiments:
+        about = ", ".join(f"{name} = {value:.6g}" for name, value in experiment.operating_point.items())
+        yield paragraph(f"{experiment.name}: operating point {about}.")
+        account = [
+            [Cell(str(key)), Cell(plain(value))]
+            for key, value in experiment.provenance.items()
+            if key not in ("repairs", "recorded")
+        ]
+        if account:
+            yield details(
+                f"How the signals of {experiment.name} were made",
+                table(f"how the signals of {experiment.name} were made", ["part", "account"], account),
+            )
