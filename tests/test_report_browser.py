@@ -1,0 +1,293 @@
+"""The report in a real browser: it draws, zooms, sorts, prints, and calls nobody."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.report import write_report
+
+playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
+
+HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
+SPIKE_S = 61.234
+DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> Path:
+    """Write the report of two records, one of them with a spike of a single sample and faults at known times."""
+    time = np.arange(0.0, 120.0, 0.001)
+    random = np.random.default_rng(5)
+    set_point = 1183.8 + 40.0 * np.sin(0.5 * time)
+    torque = 1.45 * set_point + random.normal(0.0, 5.0, time.size)
+    torque[round(1000 * SPIKE_S)] = 3000.0
+    torque[80_000:81_000] = np.nan
+    clock = {"rate_hz": 2000.0, "start_s": 0.0, "samples": 240_000, "rows": [0, 240_000]}
+    spans = {"n_set": [[20_000, 20_100], [40_000, 40_100]], "M_g": [[160_000, 162_000]]}
+    experiment = Experiment(
+        "S1",
+        1000.0,
+        {"n_set": set_point, "n_e": set_point + random.normal(0.0, 1.0, time.size), "M_g": torque},
+        {"n_set": 1183.8, "n_e": 1183.8, "M_g": 1716.5},
+        provenance={
+            "log": HOSTILE,
+            "window_s": [0.0, 120.0],
+            "recorded": {
+                "U_set": {**clock, "signal": "n_set"},
+                HOSTILE: {**clock, "signal": "M_g"},
+            },
+            "repairs": [
+                {"kind": "D1", "channel": "U_set", "method": "bridged", "count": 2, "spans": spans["n_set"]},
+                {"kind": "C", "channel": HOSTILE, "method": "masked", "count": 1, "spans": spans["M_g"]},
+            ],
+        },
+    )
+    other = replace(experiment.window(0.0, 30.0, name=HOSTILE), provenance={"unit": HOSTILE})
+    fingerprint = Fingerprint(
+        parameters={
+            "tau_n": Estimate(1.1712, 0.0234, (1.1253, 1.2171), "s"),
+            "K_p": Estimate(10.5, 0.2, (10.1, 10.9)),
+            "g": Estimate(-0.4, 0.01, (-0.42, -0.38)),
+            "v": Estimate(None, status="unidentifiable", reason=HOSTILE),
+            "T_d": Estimate(0.0, None, (0.0, 0.02), HOSTILE, "at_bound", "on its lower bound"),
+        },
+        derived={},
+        identifiability=Identifiability(3, 4, np.inf),
+        fit={"dn": {"nrmse_pct": 98.8, "whiteness_p": 0.3, "input_correlation_p": 1e-9}},
+        structure={"name": HOSTILE},
+        vessel=HOSTILE,
+        verdict=(f"Known: tau_n. {HOSTILE}",),
+    )
+    models = [{name: e.normalised("n_set") for name in ("n_e", "M_g")} for e in (experiment, other)]
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    return write_report(path, fingerprint, [experiment, other], simulated=models, title=HOSTILE)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        # As root, as in a container, Chromium runs without its sandbox or not at all.
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        running = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield running
+        running.close()
+
+
+class Visit:
+    """An open page, with what it asked of the network and what it complained about."""
+
+    def __init__(self, page, path: Path) -> None:
+        self.page = page
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("console", lambda message: self.complaints.append(message.text))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.goto(path.as_uri())
+        page.wait_for_selector("figure.chart .plot svg")
+
+    def stretch(self) -> tuple[float, float]:
+        """Return what the first chart's status says it shows [s]; the whole record where it says nothing."""
+        told = re.findall(r"([\d.]+) s", self.page.locator(".status").first.inner_text())
+        return (float(told[0]), float(told[1])) if told else (0.0, 120.0)
+
+
+@pytest.fixture
+def visit(browser, report):
+    pages = []
+
+    def open_page(viewport=DESKTOP, **options) -> Visit:
+        pages.append(browser.new_page(viewport=viewport, **options))
+        return Visit(pages[-1], report)
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("viewport", [DESKTOP, PHONE], ids=["desktop", "phone"])
+def test_it_draws_in_either_light_at_either_width_and_calls_nobody(visit, report, viewport, scheme) -> None:
+    opened = visit(viewport, color_scheme=scheme)
+    page = opened.page
+    assert opened.complaints == []
+    assert opened.requests == [report.as_uri()]
+    assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
+    for chart in page.locator("figure.chart").all():
+        assert chart.locator("path.series").count() == 7  # three signals, two models, two residuals
+        assert all(path.get_attribute("d") for path in chart.locator("path.series").all())
+    ink, paper = (
+        sum(map(int, re.findall(r"\d+", page.evaluate(f"getComputedStyle(document.body).{which}"))[:3]))
+        for which in ("color", "backgroundColor")
+    )
+    assert (ink > paper) == (scheme == "dark")
+    assert abs(ink - paper) > 500
+
+
+def test_nothing_that_a_log_names_runs_or_becomes_an_element(visit) -> None:
+    page = visit().page
+    assert page.evaluate("window.broken") is None
+    assert page.locator("img").count() == 0
+    assert page.locator("body script:not([type])").count() == 2
+    assert HOSTILE in page.locator("h1").inner_text()
+
+
+def test_a_script_that_slipped_in_would_not_run(browser, report, tmp_path) -> None:
+    broken = tmp_path / "broken.html"
+    text = report.read_text(encoding="utf-8")
+    broken.write_text(text.replace("<main>", "<main><script>window.broken = true</script>"), encoding="utf-8")
+    page = browser.new_page()
+    page.goto(broken.as_uri())
+    assert page.evaluate("window.broken") is None
+    page.close()
+
+
+def series_of(page, index: int) -> str:
+    return page.locator("figure.chart").first.locator("path.series").nth(index).get_attribute("d")
+
+
+def test_a_drag_zooms_and_a_double_click_shows_all_again(visit) -> None:
+    opened = visit()
+    page, plot = opened.page, opened.page.locator(".plot").first
+    before = series_of(page, 0)
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    left, wide = box["x"] + 58, box["width"] - 66
+    page.mouse.move(left + 0.25 * wide, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(left + 0.5 * wide, box["y"] + 80, steps=4)
+    page.mouse.up()
+    assert opened.stretch() == pytest.approx((30.0, 60.0), abs=0.5)
+    assert series_of(page, 0) != before
+    plot.dblclick(position={"x": 300, "y": 60})
+    assert opened.stretch() == (0.0, 120.0)
+    assert series_of(page, 0) == before
+
+
+def test_the_zoom_obeys_buttons_and_keys(visit) -> None:
+    opened = visit()
+    page = opened.page
+    page.get_by_role("button", name="zoom in").first.click()
+    assert opened.stretch() == (30.0, 90.0)
+    page.locator(".plot").first.focus()
+    for key, stretch in (
+        ("ArrowRight", (45.0, 105.0)),
+        ("+", (60.0, 90.0)),
+        ("-", (45.0, 105.0)),
+        ("Home", (0.0, 60.0)),
+        ("End", (60.0, 120.0)),
+        ("0", (0.0, 120.0)),
+    ):
+        page.keyboard.press(key)
+        assert opened.stretch() == stretch, key
+
+
+def test_fault_after_fault_is_shown_by_name(visit) -> None:
+    opened = visit()
+    page = opened.page
+    chart = page.locator("figure.chart").first
+    assert chart.locator("path.mended").count() == 1
+    assert chart.locator("path.cut").count() == 1
+    told = []
+    for _ in range(4):
+        chart.get_by_role("button", name="next fault").click()
+        told.append(chart.locator(".status").inner_text())
+    places = [float(re.search(r"at ([\d.]+) s", text).group(1)) for text in told]
+    assert places == [10.0, 20.0, 80.0, 80.0]
+    assert told[0].startswith("set-point jumps (D1), U_set: bridged")
+
+
+def test_a_peak_of_one_sample_among_120000_is_seen_before_the_zoom(visit) -> None:
+    """The torque's axis reaches the spike, and its path goes there, at its time."""
+    chart = visit().page.locator("figure.chart").first
+    frame = chart.locator("rect.frame").nth(2)
+    left, top, wide = (float(frame.get_attribute(name)) for name in ("x", "y", "width"))
+    path = chart.locator("path.series").nth(4).get_attribute("d")
+    points = np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", path), dtype=float)
+    x, y = points[points[:, 1].argmin()]
+    assert (x - left) / wide == pytest.approx(SPIKE_S / 120.0, abs=0.003)
+    assert y - top < 15
+    assert len(points) < 3 * wide  # and yet no more is drawn than can be seen
+
+
+def test_masked_samples_leave_a_gap(visit) -> None:
+    chart = visit().page.locator("figure.chart").first
+    assert chart.locator("path.series").nth(4).get_attribute("d").count("M") == 2
+
+
+def test_a_series_is_hidden_by_its_legend(visit) -> None:
+    chart = visit().page.locator("figure.chart").first
+    entry = chart.get_by_role("button", name="set point n_set")
+    entry.click()
+    assert entry.get_attribute("aria-pressed") == "false"
+    assert chart.locator("path.series").count() == 6
+
+
+def column(page, about: str, index: int) -> list[str]:
+    table = page.locator("table", has=page.locator("caption", has_text=about))
+    return [row.locator("th, td").nth(index).inner_text() for row in table.locator("tbody tr").all()]
+
+
+def test_tables_sort_by_size_and_leave_the_empty_last(visit) -> None:
+    page = visit().page
+    about = "parameters with their 95"
+    table = page.locator("table", has=page.locator("caption", has_text=about))
+    head = table.get_by_role("button", name="estimate")
+    head.click()
+    assert column(page, about, 0) == ["g", "T_d", "tau_n", "K_p", "v"]
+    assert table.locator("th[aria-sort=ascending]").inner_text().startswith("estimate")
+    head.press("Enter")
+    assert column(page, about, 0) == ["K_p", "tau_n", "T_d", "g", "v"]
+
+
+def test_it_can_be_read_aloud_and_walked_through_by_key(visit) -> None:
+    page = visit().page
+    assert page.locator("html").get_attribute("lang") == "en"
+    for landmark in ("banner", "main", "navigation"):
+        assert page.get_by_role(landmark).count() == 1
+    for link in page.locator("nav a").all():
+        assert page.locator(f"section > h2{link.get_attribute('href')}").count() == 1
+    for named in page.locator("svg[role=img], .plot, [role=region], [role=toolbar]").all():
+        assert named.get_attribute("aria-label")
+    assert page.locator("table").count() == page.locator("table caption").count()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    reached = set()
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.closest('.plot, .toolbar, thead, nav')?.className"))
+    assert {"plot", "toolbar"} <= reached
+
+
+def test_it_prints_with_its_plots_without_its_buttons_and_in_ink_on_white(visit) -> None:
+    opened = visit(color_scheme="dark")
+    page = opened.page
+    printed = page.pdf(format="A4", print_background=True)
+    assert printed.startswith(b"%PDF")
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 30
+    page.emulate_media(media="print")
+    assert not page.locator(".toolbar").first.is_visible()
+    assert page.locator(".plot svg").first.is_visible()
+    assert page.locator("details pre").first.is_visible()  # no one can unfold paper
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    page.set_viewport_size({"width": 700, "height": 1000})  # A4 less its margins
+    assert page.evaluate("document.documentElement.scrollWidth") <= 700
+
+
+def test_without_scripts_there_are_still_pictures(browser, report) -> None:
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(report.as_uri())
+    assert page.locator("noscript svg[role=img]").count() == 2
+    assert page.locator("noscript svg").first.is_visible()
+    page.close()
