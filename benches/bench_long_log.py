@@ -51,7 +51,7 @@ def process(folder: Path, chunk: int) -> dict[str, float | str]:
     for experiment in experiments:
         for name, values in experiment.signals.items():
             digest.update(name.encode() + values.tobytes())
-        digest.update(repr((experiment.operating_point, experiment.provenance["repairs"])).encode())
+        digest.update(repr((experiment.operating_point, experiment.provenance["faults"])).encode())
     return {"seconds": seconds, "digest": digest.hexdigest()}
 
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shipfp_rs.despike import bridge, find_spikes, runs
+from shipfp_rs.despike import bridge, find_spikes
+from shipfp_rs.spans import runs
 
 RATE_HZ = 1000.0
 SETTINGS = {"longest_s": 0.05, "threshold": 6.0, "least": 0.05}

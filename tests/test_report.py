@@ -37,7 +37,7 @@ def experiments() -> list[Experiment]:
             provenance={
                 "log": NASTY,
                 "speed": {"train": "PTM_4", "reflectors": {"fractions": [0.2535, 0.2465]}},
-                "repairs": [
+                "faults": [
                     {
                         "kind": "C",
                         "channel": NASTY,
@@ -192,7 +192,7 @@ def recorded(experiment: Experiment) -> Experiment:
             "U_M": {**clock, "signal": "M_g"},
             "PTM_1": {**clock, "signal": ""},
         },
-        "repairs": [
+        "faults": [
             repair("D1", "U_set", "bridged by straight lines", [[100_500, 100_600]]),
             repair("C", "U_M", "masked", [[120_000, 120_010], [300_000, 300_020]]),
         ],
@@ -281,7 +281,7 @@ def test_eight_hours_with_many_faults_fit_into_ten_megabytes(fingerprint) -> Non
         "log": "log",
         "window_s": [0.0, 3600.0],
         "recorded": {"U_M": clock},
-        "repairs": [repair("C", "U_M", "masked", spikes)],
+        "faults": [repair("C", "U_M", "masked", spikes)],
     }
     hours = [
         replace(whole.window(3600.0 * hour, 3600.0 * (hour + 1), name=f"hour {hour}"), provenance=account)

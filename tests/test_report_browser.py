@@ -47,7 +47,7 @@ def report(tmp_path_factory) -> Path:
                 "U_set": {**clock, "signal": "n_set"},
                 HOSTILE: {**clock, "signal": "M_g"},
             },
-            "repairs": [
+            "faults": [
                 {"kind": "D1", "channel": "U_set", "method": "bridged", "count": 2, "spans": spans["n_set"]},
                 {"kind": "C", "channel": HOSTILE, "method": "masked", "count": 1, "spans": spans["M_g"]},
             ],

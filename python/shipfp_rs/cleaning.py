@@ -1,101 +1,121 @@
-"""Recorded samples calibrated and freed of faults, with an account of every repair."""
+"""Recorded samples calibrated and freed of faults, with an account of every one."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.despike import Spans, bridge, find_spikes, runs
+from shipfp_rs.despike import bridge, find_spikes
 from shipfp_rs.errors import InputError
+from shipfp_rs.faults.hum import without_hum
+from shipfp_rs.faults.levels import LevelLimits
+from shipfp_rs.faults.record import KINDS, Fault
+from shipfp_rs.faults.scan import scan
 from shipfp_rs.low_pass import MARGIN_S
 from shipfp_rs.rows import Rows
-from shipfp_rs.trial import SetPoint, Spikes, Torque
+from shipfp_rs.spans import Spans, clipped_to, joined, marks, runs
+from shipfp_rs.trial import Processing, SetPoint, Torque
 
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Repair:
-    """What was wrong with a channel, where, and what was done.
+class Cleaner:
+    """Calibrated samples of a channel with its faults bridged or masked; remembers those of one stretch.
 
     Parameters
     ----------
-    kind
-        Fault of Table 6.10: "A" double crossings (those that hysteresis let through), "B" lost pulses, "C" torque
-        spikes, "D1" set-point jumps; or "gap" for missing samples.
-    channel
-        Name in the log.
-    method
-        What was done.
-    spans
-        First sample and first sample after on the channel's own index, shape (K, 2).
+    rows
+        The channel.
+    sensor
+        Its calibration. A set point drives the model and is bridged; a torque is masked.
+    processing
+        What counts as a fault.
+    first, last
+        First sample of the stretch and first one after.
+
+    Raises
+    ------
+    InputError
+        Where the set point is lost for longer than may be bridged.
     """
 
-    kind: str
-    channel: str
-    method: str
-    spans: Spans
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "kind": self.kind,
-            "channel": self.channel,
-            "method": self.method,
-            "count": len(self.spans),
-            "spans": self.spans.tolist(),
-        }
-
-
-class Cleaner:
-    """Calibrated samples of a channel with its spikes bridged or masked; remembers those of one stretch."""
-
     def __init__(
-        self, rows: Rows, sensor: SetPoint | Torque, unit: str, spikes: Spikes, first: int, last: int
+        self, rows: Rows, sensor: SetPoint | Torque, processing: Processing, first: int, last: int
     ) -> None:
+        settings = processing.faults
+        self.drives = isinstance(sensor, SetPoint)
         self.rows = rows
         self.channel = rows.channel
-        self.calibration = sensor.calibration.calibration(unit)
-        self.spikes = spikes
+        self.calibration = sensor.calibration.calibration("rpm" if self.drives else "Nm")
+        self.spikes = processing.set_point_jumps if self.drives else processing.torque_spikes
         self.first, self.last = first, last
+        self.mains_hz = settings.mains_hz
+        # The low-pass reaches beyond the stretch on either side.
+        reach = round(MARGIN_S * self.channel.rate_hz)
+        begin, end = max(first - reach, 0), min(last + reach, self.channel.samples)
+        found = scan(
+            rows,
+            begin,
+            end,
+            LevelLimits(
+                stuck_s=settings.stuck_s, dropout_s=settings.dropout_s, spike_s=self.spikes.longest_s
+            ),
+            mains_hz=self.mains_hz if self.drives else None,
+            least_hum=settings.least_hum,
+            repeats=self.drives,
+        )
+        # A channel that stands still throughout may be meant to: that is told, and nothing is left to repair it from.
+        whole = np.array([[begin, end]])
+        self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
+        self._hum = found.pop("D2", whole[:0])
+        self._found = {kind: spans for kind, spans in found.items() if not (kind == "stuck" and self.still)}
+        self._lost = joined(self._found.values())
         self._spikes: list[Spans] = []
-        self._gaps: list[Spans] = []
+        if self.drives:
+            self._require_short(settings.longest_bridge_s)
 
-    def bridged(self, first: int, stop: int) -> Array:
-        """Samples with spikes bridged; missing ones are an error, for they drive the model."""
-        samples, missing = self._read(first, stop)
-        inside = missing[max(self.first - first, 0) : max(self.last - first, 0)]
-        if inside.any():
-            at = (
-                self.channel.start_s
-                + (max(self.first, first) + int(np.argmax(inside))) / self.channel.rate_hz
-            )
-            raise InputError(
-                f"{self.rows.log.name}: set point {self.channel.name!r} is NaN at {at:g} s; it drives the model, cut "
-                "the window there"
-            )
-        return bridge(samples, missing | self._spiky(samples, missing, first))
-
-    def masked(self, first: int, stop: int) -> Array:
-        """Samples with spikes and missing ones NaN."""
-        samples, missing = self._read(first, stop)
-        return np.where(missing | self._spiky(samples, missing, first), np.nan, samples)
-
-    def repairs(self, kind: str, method: str) -> list[Repair]:
-        """What was found so far."""
-        return [
-            Repair(kind, self.channel.name, method, self._merged(self._spikes)),
-            Repair("gap", self.channel.name, method, self._merged(self._gaps)),
-        ]
-
-    def _read(self, first: int, stop: int) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def __call__(self, first: int, stop: int) -> Array:
+        """Return samples [first, stop) with what is lost bridged or NaN."""
         samples = self.calibration(self.rows.read(first, stop))
-        missing = ~np.isfinite(samples)
-        self._gaps.append(runs(missing) + first)
-        return samples, missing
+        missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
+        if self.drives:
+            filled = without_hum(
+                bridge(samples, missing), first, self._hum, self.channel.rate_hz, self.mains_hz
+            )
+            samples = np.where(missing, samples, filled)
+        lost = missing | self._spiky(samples, missing, first)
+        return bridge(samples, lost) if self.drives else np.where(lost, np.nan, samples)
+
+    def faults(self) -> list[Fault]:
+        """Return what was found, after all samples of the stretch were asked for."""
+        kind, method = ("D1", "bridged by straight lines") if self.drives else ("C", "masked")
+        name = self.channel.name
+        found = [Fault(kind, name, method, self._within(joined(self._spikes)))]
+        found += [Fault(lost, name, method, self._within(spans)) for lost, spans in self._found.items()]
+        found.append(
+            Fault("D2", name, f"{self.mains_hz:g} Hz taken out", self._within(self._hum), excluded=False)
+        )
+        if self.still:
+            whole = np.array([[self.first, self.last]])
+            found.append(Fault("stuck", name, "kept: constant throughout", whole, excluded=False))
+        return [fault for fault in found if len(fault.spans)]
+
+    def _within(self, spans: Spans) -> Spans:
+        return clipped_to(spans, self.first, self.last)
+
+    def _require_short(self, longest_s: float) -> None:
+        """Refuse a set point that is lost for too long to be guessed."""
+        for kind, found in self._found.items():
+            spans = self._within(found)
+            long = spans[spans[:, 1] - spans[:, 0] > longest_s * self.channel.rate_hz]
+            if len(long):
+                start, stop = long[0].tolist()
+                at, until = (self.channel.start_s + k / self.channel.rate_hz for k in (start, stop))
+                raise InputError(
+                    f"{self.rows.log.name}: set point {self.channel.name!r} has a fault, {KINDS[kind]}, from {at:g} "
+                    f"to {until:g} s (samples {start} to {stop - 1}); it drives the model and no more than "
+                    f"{longest_s:g} s are bridged, cut the window there"
+                )
 
     def _spiky(self, samples: Array, missing: npt.NDArray[np.bool_], first: int) -> npt.NDArray[np.bool_]:
         """Mark the spikes of a piece that begins at sample `first` of the channel."""
@@ -127,12 +147,3 @@ class Cleaner:
         low = 0 if first == 0 else border
         high = size if first + size == self.channel.samples else size - border
         return (spans[:, 0] >= low) & (spans[:, 1] <= high)
-
-    def _merged(self, found: list[Spans]) -> Spans:
-        """Spans within the stretch, each once though pieces overlap."""
-        marked = np.zeros(self.last - self.first, dtype=np.bool_)
-        for start, stop in np.clip(
-            np.concatenate([np.empty((0, 2), dtype=np.int64), *found]), self.first, self.last
-        ):
-            marked[start - self.first : stop - self.first] = True
-        return runs(marked) + self.first

@@ -6,10 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs._core import running_median
+from shipfp_rs.spans import Spans, joined, runs
 
 Array = npt.NDArray[np.float64]
-Spans = npt.NDArray[np.int64]
-"""First sample and first sample after, shape (K, 2)."""
 
 ROBUST_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of Gaussian noise."""
@@ -64,7 +63,7 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     )
     suspects = runs(distance > SHOULDER * limit)
     # A spike that swings through the baseline is one spike.
-    suspects = _joined(suspects, gap=max(longest // 10, 1))
+    suspects = joined([suspects], gap=max(longest // 10, 1))
     spikes = [
         (start, stop)
         for start, stop in suspects.tolist()
@@ -72,12 +71,6 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
         and _comes_back(samples, distance, limit, start, stop, max(longest // 2, 1))
     ]
     return np.array(spikes, dtype=np.int64).reshape(-1, 2)
-
-
-def runs(flags: npt.NDArray[np.bool_]) -> Spans:
-    """Return the stretches of True, shape (K, 2)."""
-    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
-    return edges.reshape(-1, 2).astype(np.int64)
 
 
 def bridge(samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
@@ -88,13 +81,6 @@ def bridge(samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
     bridged = samples.copy()
     bridged[missing] = np.interp(index[missing], index[~missing], samples[~missing])
     return bridged
-
-
-def _joined(spans: Spans, gap: int) -> Spans:
-    if len(spans) < 2:
-        return spans
-    apart = spans[1:, 0] - spans[:-1, 1] > gap
-    return np.column_stack([spans[np.r_[True, apart], 0], spans[np.r_[apart, True], 1]])
 
 
 def _comes_back(samples: Array, distance: Array, limit: Array, start: int, stop: int, nearby: int) -> bool:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from shipfp_rs import slips
 from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.faults.record import Fault
 
 Samples = npt.NDArray[Any]
 Blocks = Callable[[str, int, int], Iterator[Samples]]
@@ -75,10 +76,19 @@ class Log:
     """
 
     def __init__(
-        self, name: str, channels: list[Channel], blocks: Blocks, start_utc: datetime | None = None
+        self,
+        name: str,
+        channels: list[Channel],
+        blocks: Blocks,
+        start_utc: datetime | None = None,
+        faults: tuple[Fault, ...] = (),
     ) -> None:
         if not any(channel.samples for channel in channels):
             raise InputError(f"{name}: no samples in it; expected at least one channel with numbers")
+        names = [channel.name for channel in channels]
+        if len(set(names)) < len(names):
+            twice = next(channel for channel in names if names.count(channel) > 1)
+            raise InputError(f"{name}: channel {twice!r} stands there twice; give each channel its own name")
         for channel in channels:
             # Rows are found from times: a time must tell samples apart.
             last_s = max(abs(channel.start_s), abs(channel.stop_s)) if channel.rate_hz > 0.0 else np.inf
@@ -89,6 +99,7 @@ class Log:
                 )
         self.name = name
         self.start_utc = start_utc  # when the log's clock stood at zero, where the file tells
+        self.faults = faults  # of the file as a whole: its clock, its end
         self.channels: Mapping[str, Channel] = MappingProxyType(
             {channel.name: channel for channel in channels}
         )

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs._core import Decimator
-from shipfp_rs.despike import Spans, runs
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Channel
+from shipfp_rs.spans import Spans, runs
 
 Array = npt.NDArray[np.float64]
 Source = Callable[[int, int], Array]

@@ -1,4 +1,4 @@
-"""From a raw log to experiments: calibrated, cleaned, on one time base, each repair on record.
+"""From a raw log to experiments: calibrated, cleaned, on one time base, each fault on record.
 
 Every channel goes through one and the same zero-phase low-pass, the pulse speeds included, so that responses from
 one channel to another keep their gain and phase.
@@ -17,17 +17,20 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.calibration import Calibration
-from shipfp_rs.cleaning import Cleaner, Repair
+from shipfp_rs.cleaning import Cleaner
 from shipfp_rs.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
+from shipfp_rs.faults.chirp import constant_frequency
+from shipfp_rs.faults.record import Fault
 from shipfp_rs.log import Channel, Log
 from shipfp_rs.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
 from shipfp_rs.plausibility import require_sense, require_unit
 from shipfp_rs.pulse_train import PulseTrain
 from shipfp_rs.rows import Rows
+from shipfp_rs.spans import clipped_to, joined, marks
 from shipfp_rs.tacho import resample
-from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Spikes, Tacho, Torque, Trial, Window
+from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Tacho, Torque, Trial, Window
 from shipfp_rs.vessel import Vessel
 from shipfp_rs.workers import side_by_side
 
@@ -66,8 +69,9 @@ def process(
     -------
     list of Experiment
         One for each window, with n_set and n_e [rpm] and the torque [Nm] by its location, NaN where masked.
-        `provenance["repairs"]` lists every repair: kind of fault (Table 6.10), channel, method, count, and the
-        samples concerned on the channel's own index.
+        `provenance["faults"]` lists every fault: kind (`shipfp_rs.faults.KINDS`), channel, method, count, the
+        samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
+        or, where they are the set point's, in every answer to it.
 
     Raises
     ------
@@ -108,10 +112,10 @@ class _Grid:
 
 @dataclass(frozen=True)
 class _Cleaned:
-    """A calibrated channel on the grid of a stretch, what was repaired, and its calibration."""
+    """A calibrated channel on the grid of a stretch, what was wrong with it, and its calibration."""
 
     samples: Array
-    repairs: list[Repair]
+    faults: list[Fault]
     calibration: Calibration
 
 
@@ -134,6 +138,10 @@ class _Recording:
         # In the order of time, in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
         self._base = self._rows(channels.set_point)
+        sensors = (channels.set_point, channels.torque, *channels.tachos.values())
+        self._channels = {
+            sensor.column: self._rows(sensor).channel for sensor in sensors if sensor is not None
+        }
         self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
         self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
@@ -162,10 +170,9 @@ class _Recording:
     def _read(self) -> None:
         """Read, clean and resample every channel, then find the speed in every stretch."""
         channels = self.trial.channels
-        settings = self.trial.processing
-        levels = [partial(self._cleaned, channels.set_point, "rpm", settings.set_point_jumps)]
+        levels = [partial(self._cleaned, channels.set_point)]
         if channels.torque is not None:
-            levels.append(partial(self._cleaned, channels.torque, "Nm", settings.torque_spikes))
+            levels.append(partial(self._cleaned, channels.torque))
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
         self.set_point: dict[str, _Cleaned] = found[0]
@@ -176,19 +183,14 @@ class _Recording:
         )
         self.speeds = dict(zip(self.grids, speeds, strict=True))
 
-    def _cleaned(self, sensor: SetPoint | Torque, unit: str, spikes: Spikes) -> dict[str, _Cleaned]:
-        """Calibrate, repair and resample a channel in every stretch; spikes of a torque are masked."""
+    def _cleaned(self, sensor: SetPoint | Torque) -> dict[str, _Cleaned]:
+        """Calibrate, repair and resample a channel in every stretch."""
         rows = self._rows(sensor)
         found = {}
         for label, grid in self.grids.items():
-            cleaner = Cleaner(rows, sensor, unit, spikes, *self._within(rows, label))
-            if isinstance(sensor, SetPoint):
-                samples = grid.low_passed(rows.channel, cleaner.bridged)
-                repairs = cleaner.repairs("D1", "bridged by straight lines")
-            else:
-                samples = grid.low_passed(rows.channel, cleaner.masked)
-                repairs = cleaner.repairs("C", "masked")
-            found[label] = _Cleaned(samples, repairs, cleaner.calibration)
+            cleaner = Cleaner(rows, sensor, self.trial.processing, *self._within(rows, label))
+            samples = grid.low_passed(rows.channel, cleaner)
+            found[label] = _Cleaned(samples, cleaner.faults(), cleaner.calibration)
         return found
 
     def _train(self, name: str, tacho: Tacho) -> PulseTrain:
@@ -216,6 +218,10 @@ class _Recording:
         """Cut one window."""
         signals, account = self._signals(_label(window))
         settings = self.trial.processing
+        if window.kind == "chirp":
+            only = constant_frequency(signals["n_set"], self.rate_hz)
+            if only is not None:
+                account["faults"].append(self._no_chirp(_label(window), only).to_dict())
         experiment = Experiment(
             name=window.name,
             rate_hz=self.rate_hz,
@@ -244,25 +250,34 @@ class _Recording:
         torque = self.trial.channels.torque
         set_point, speed = self.set_point[label], self.speeds[label]
         signals = {"n_set": set_point.samples, "n_e": speed.rpm}
-        repairs = set_point.repairs + speed.repairs
+        faults = set_point.faults + speed.faults
+        told_by = {speed.account["channel"]: ["n_e"]}
         calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
         if torque is not None and self.torque is not None:
             cleaned = self.torque[label]
-            signals[SIGNAL_OF_LOCATION[torque.location]] = cleaned.samples
-            repairs += cleaned.repairs
+            name = SIGNAL_OF_LOCATION[torque.location]
+            signals[name] = cleaned.samples
+            faults += cleaned.faults
+            told_by[torque.column] = [name]
             calibration["torque"] = dataclasses.asdict(cleaned.calibration)
+            if np.nansum(cleaned.samples) < 0.0:
+                rows = np.array([self._within(self._rows(torque), label)])
+                kept = "kept: negative on average; normalised with a negative mean it tells the same"
+                faults = [*faults, Fault("sign", torque.column, kept, rows, excluded=False)]
         require_sense(label, signals, self.vessel)
+        told_by[self._base.channel.name] = [name for name in signals if name != "n_set"]
+        self._exclude(signals, label, faults, told_by)
         return signals, {
             "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * self.rate_hz:g} Hz passed, "
             f"{ATTENUATION_DB:g} dB from {STOPBAND * self.rate_hz:g} Hz on",
             "calibration": calibration,
             "speed": speed.account,
-            "repairs": [repair.to_dict() for repair in repairs if len(repair.spans)],
+            "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
         }
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
-        """Tell where the spans of repairs lie: clock, length and rows of every channel, and the signal it became."""
+        """Tell where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
         channels = self.trial.channels
         sensors: list[tuple[SetPoint | Torque | Tacho, str]] = [(channels.set_point, "n_set")]
         if channels.torque is not None:
@@ -279,6 +294,34 @@ class _Recording:
                 "rows": list(self._within(rows, label)),
             }
         return told
+
+    def _exclude(
+        self, signals: dict[str, Array], label: str, faults: list[Fault], told_by: Mapping[str, list[str]]
+    ) -> None:
+        """Mask the signals that a channel tells of where it was repaired."""
+        grid = self.grids[label]
+        for channel, names in told_by.items():
+            about = self._channels[channel]
+            spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
+            at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz
+            # A sample of the grid stands for half an interval on either side; times are not known to the last bit.
+            at = np.round(at, 6)
+            touched = np.column_stack([np.floor(at[:, 0] + 0.5), np.ceil(at[:, 1] + 0.5)]).astype(np.int64)
+            for name in names:
+                signals[name] = np.where(marks(touched, 0, grid.count), np.nan, signals[name])
+
+    def _faults_of_the_file(self, label: str) -> list[Fault]:
+        """Return what is wrong with the file's clock or end in a stretch; its channels share one index."""
+        cut = [
+            dataclasses.replace(fault, spans=clipped_to(fault.spans, *self._within(self._base, label)))
+            for fault in self.log.faults
+        ]
+        return [fault for fault in cut if len(fault.spans)]
+
+    def _no_chirp(self, label: str, frequency_hz: float) -> Fault:
+        rows = np.array([self._within(self._base, label)])
+        kept = f"kept: no chirp, its frequency stays at {frequency_hz:.3g} Hz"
+        return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: _Grid) -> _EngineSpeed:
         """Return the engine speed in a stretch from its best train.
@@ -311,6 +354,7 @@ class _Recording:
 
         account = {
             "train": train.name,
+            "channel": train.channel.name,
             "pulses_per_rev": train.tacho.pulses_per_rev,
             "bandwidth_hz": speed.bandwidth_hz,
             "reflectors": {
@@ -320,17 +364,21 @@ class _Recording:
             },
             "median_rpm": median_rpm,
         }
-        repairs = train.repairs(grid.label, speed, grid.start_s, grid.stop_s)
-        return _EngineSpeed(grid.low_passed(base, sampled), account, repairs)
+        faults = [
+            fault
+            for other in self.trains
+            for fault in other.faults(grid.label, speeds[other.name], grid.start_s, grid.stop_s)
+        ]
+        return _EngineSpeed(grid.low_passed(base, sampled), account, faults)
 
 
 @dataclass(frozen=True)
 class _EngineSpeed:
-    """The engine speed [rpm] on the grid of a stretch, an account of the train's choice, and its repairs."""
+    """The engine speed [rpm] on the grid of a stretch, an account of the train's choice, and the faults of all."""
 
     rpm: Array
     account: dict[str, Any]
-    repairs: list[Repair]
+    faults: list[Fault]
 
 
 def _label(window: Window) -> str:

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.cleaning import Repair
-from shipfp_rs.despike import runs
 from shipfp_rs.errors import InputError
+from shipfp_rs.faults.record import Fault
 from shipfp_rs.rows import Rows
+from shipfp_rs.spans import runs
 from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,
@@ -113,21 +113,33 @@ class PulseTrain:
         good = float(np.count_nonzero(speed.flags == PulseFlag.GOOD))
         return good if self.angles.ok else good / self.tacho.pulses_per_rev
 
-    def repairs(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Repair]:
-        """What was repaired in a stretch."""
+    def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
+        """What was wrong in a stretch, and what was done."""
+        gaps = self.pulses[label].gaps_s
         begins, ends = speed.time_s - 0.5 * speed.duration_s, speed.time_s + 0.5 * speed.duration_s
 
-        def repair(kind: str, method: str, begins: Array, ends: Array) -> Repair:
+        def fault(kind: str, method: str, begins: Array, ends: Array) -> Fault:
             inside = (ends > start_s) & (begins < stop_s)
-            times = np.column_stack([begins, ends])[inside] - self.channel.start_s
-            return Repair(
+            times = np.clip(np.column_stack([begins, ends])[inside], start_s, stop_s) - self.channel.start_s
+            return Fault(
                 kind, self.channel.name, method, np.rint(times * self.channel.rate_hz).astype(np.int64)
             )
 
         extra = runs((speed.flags & PulseFlag.EXTRA) > 0)
         missed = runs((speed.flags & PulseFlag.MISSED) > 0)
-        return [
-            repair("A", "second crossings removed", begins[extra[:, 0]], ends[extra[:, 1] - 1]),
-            repair("B", "lost pulses put in at equal shares", begins[missed[:, 0]], ends[missed[:, 1] - 1]),
-            repair("gap", "masked", *self.pulses[label].gaps_s.T),
+        found = [
+            fault("A", "second crossings removed", begins[extra[:, 0]], ends[extra[:, 1] - 1]),
+            fault("B", "lost pulses put in at equal shares", begins[missed[:, 0]], ends[missed[:, 1] - 1]),
+            fault("B", "masked: no pulses to count", *_silent(begins, ends, gaps, start_s, stop_s).T),
+            fault("gap", "masked", *gaps.T),
         ]
+        return [fault for fault in found if len(fault.spans)]
+
+
+def _silent(begins: Array, ends: Array, gaps: Array, start_s: float, stop_s: float) -> Array:
+    """Return stretches [s] without usable intervals that no missing samples explain, shape (K, 2)."""
+    from_s, to_s = np.append(start_s, ends), np.append(begins, stop_s)
+    apart = to_s - from_s > 1e-3 * np.median(ends - begins) if len(ends) else np.array([True])
+    silent = np.column_stack([from_s, to_s])[apart]
+    missing = (gaps[:, 0] < silent[:, 1:]) & (gaps[:, 1] > silent[:, :1])
+    return np.asarray(silent[~missing.any(axis=1)])

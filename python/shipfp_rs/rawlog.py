@@ -15,6 +15,7 @@ from scipy import signal
 from shipfp_rs.calibration import Calibration
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
+from shipfp_rs.faults import simulated
 from shipfp_rs.linear_model import linearise
 from shipfp_rs.log import Log
 from shipfp_rs.signals import Excitation
@@ -22,16 +23,19 @@ from shipfp_rs.simulation import simulate
 from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
-Fault = Literal["A", "B", "C", "D1"]
-"""Double crossings, lost pulses, radio interference on the torque, relay jumps on the set point (Table 6.10)."""
+Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]
+"""Faults of `shipfp_rs.faults.KINDS` that a simulated log can have."""
 
 EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
 """Of volts of the set point."""
 TABLE_6_6 = Calibration(1059.0, 0.0, "Nm")
 """Of volts of the torque; printed as 1.059 Nm/mV."""
+MAINS_HZ = 50.0
 PULSE_HEIGHT_V = 5.0
 PULSE_WIDTH = 0.3
 """Share of a pulse's pitch during which the reflector is seen."""
+EVEN_CYCLES = 4
+"""Periods of what should be a chirp but keeps its frequency."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,13 @@ class Sensors:
     edge_s
         Rise and fall time of the pulses [s]; zero for edges between two samples.
     faults_per_minute
-        How often each fault strikes; A and B on every pulse train.
+        How often each fault strikes; A and B on every pulse train, a gap, dropout or stuck stretch on the torque,
+        and rows are recorded a second time over those that follow. Hum (D2) lasts through every chirp, D3 makes
+        every chirp a sine, and the torque is clipped wherever it is beyond the sensor's range.
+    hum_V
+        Amplitude of the mains hum on the set point [V].
+    clipped_share
+        Share of the torque's samples beyond the sensor's range, where that is a fault.
     """
 
     rate_hz: float = 2000.0
@@ -72,9 +82,20 @@ class Sensors:
     ripple_Nm: tuple[float, float, float, float] = (12.0, 25.0, 10.0, 40.0)
     reflector_errors: tuple[float, float, float, float] = (0.0, 0.012, -0.008, 0.006)
     edge_s: float = 1.5e-3
-    faults_per_minute: Mapping[Fault, float] = field(
-        default_factory=lambda: {"A": 6.0, "B": 2.0, "C": 3.0, "D1": 2.0}
+    faults_per_minute: Mapping[Kind, float] = field(
+        default_factory=lambda: {
+            "A": 6.0,
+            "B": 2.0,
+            "C": 3.0,
+            "D1": 2.0,
+            "gap": 1.0,
+            "dropout": 1.0,
+            "stuck": 1.0,
+            "repeated": 1.0,
+        }
     )
+    hum_V: float = 0.05
+    clipped_share: float = 0.002
 
 
 @dataclass(frozen=True)
@@ -110,7 +131,7 @@ class Truth:
     linear: Mapping[str, float]
     windows: tuple[TrueWindow, ...]
     steady_s: tuple[float, float]
-    faults: Mapping[Fault, Mapping[str, Array]]
+    faults: Mapping[Kind, Mapping[str, Array]]
     reflector_angles: Mapping[str, Array]
     clean: Experiment
 
@@ -120,7 +141,7 @@ def simulate_raw_log(
     excitations: Excitation | Sequence[Excitation],
     *,
     sensors: Sensors | None = None,
-    faults: Iterable[Fault] = ("A", "C", "D1"),
+    faults: Iterable[Kind] = ("A", "C", "D1"),
     n_e_rpm: float | None = None,
     steady_s: float = 60.0,
     pause_s: float = 20.0,
@@ -166,16 +187,17 @@ def simulate_raw_log(
     """
     sensors = sensors or Sensors()
     strikes = frozenset(faults)
-    if unknown := strikes - set(get_args(Fault)):
-        raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Fault))}")
-    set_point, windows = _joined(excitations, sensors.rate_hz, steady_s, pause_s)
+    if unknown := strikes - set(get_args(Kind)):
+        raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Kind))}")
+    set_point, windows = _joined(excitations, sensors.rate_hz, steady_s, pause_s, even="D3" in strikes)
     clean = simulate(vessel, set_point, n_e_rpm=n_e_rpm)
     angle = _shaft_angle(clean)
     recorder = _Recorder(sensors, strikes, clean.duration, seed)
+    chirps = [window for window in windows if window.kind == "chirp"]
     firing = vessel.engine.cylinders / (vessel.engine.strokes / 2)
     gear = vessel.gearbox.ratio
     volts = {
-        "U_setpoint": recorder.set_point(clean.signals["n_set"]),
+        "U_setpoint": recorder.set_point(clean.signals["n_set"], chirps),
         "U_torque": recorder.torque(
             clean.signals["M_g"], angle, (1.0, float(vessel.propeller.blades), gear, firing * gear)
         ),
@@ -183,6 +205,7 @@ def simulate_raw_log(
         "PTM_4": recorder.pulses("PTM_4", angle, (np.arange(4) + np.array(sensors.reflector_errors)) / 4.0),
         "PTM_e": recorder.pulses("PTM_e", gear * angle, np.zeros(1)),
     }
+    volts = recorder.recorded_twice(volts)
     log = Log.from_arrays(
         {name: samples.astype(np.float32) for name, samples in volts.items()},
         rate_hz=sensors.rate_hz,
@@ -255,9 +278,14 @@ free_exponent = true
 
 
 def _joined(
-    excitations: Excitation | Sequence[Excitation], rate_hz: float, steady_s: float, pause_s: float
+    excitations: Excitation | Sequence[Excitation],
+    rate_hz: float,
+    steady_s: float,
+    pause_s: float,
+    *,
+    even: bool,
 ) -> tuple[Excitation, tuple[TrueWindow, ...]]:
-    """One excitation at the logger's rate: steady stretch, then each part and a pause."""
+    """One excitation at the logger's rate: steady stretch, then each part and a pause; chirps are `even` or not."""
     parts = [excitations] if isinstance(excitations, Excitation) else list(excitations)
     if not parts:
         raise InputError("excitations is empty, expected at least one")
@@ -272,6 +300,8 @@ def _joined(
         at = np.arange(count) * (part.rate_hz / rate_hz)
         held = part.samples[np.minimum(at.astype(np.int64), len(part) - 1)]
         samples = held if part.hold == "zero" else np.interp(at, np.arange(len(part)), part.samples)
+        if even and part.kind == "chirp":
+            samples = np.max(np.abs(samples)) * np.sin(2.0 * np.pi * EVEN_CYCLES / count * np.arange(count))
         windows.append(TrueWindow(part.name, part.kind, length / rate_hz, (length + count) / rate_hz))
         pieces += [samples, np.zeros(round(pause_s * rate_hz))]
         length += len(samples) + len(pieces[-1])
@@ -290,17 +320,17 @@ def _shaft_angle(clean: Experiment) -> Array:
 class _Recorder:
     """Turns the plant's signals into volts; keeps account of the faults it makes."""
 
-    def __init__(self, sensors: Sensors, strikes: frozenset[Fault], duration: float, seed: int) -> None:
+    def __init__(self, sensors: Sensors, strikes: frozenset[Kind], duration: float, seed: int) -> None:
         self.sensors = sensors
         self.strikes = strikes
         self.duration = duration
         # A stream for each channel and purpose: switching a fault on leaves all noise as it was.
         self._seed = seed
         self._streams = 0
-        self.faults: dict[Fault, dict[str, Array]] = {}
+        self.faults: dict[Kind, dict[str, Array]] = {}
         self.reflectors: dict[str, Array] = {}
 
-    def set_point(self, n_set: Array) -> Array:
+    def set_point(self, n_set: Array, chirps: Sequence[TrueWindow]) -> Array:
         noise, chance = self._stream(), self._stream()
         volts = self.sensors.set_point.inverse(n_set)
         volts += noise.normal(0.0, self.sensors.set_point_noise_V, len(volts))
@@ -309,6 +339,15 @@ class _Recorder:
             middle = (start + stop) // 2
             volts[start:middle] += height
             volts[middle:stop] += height * chance.choice([-1.0, 1.0])
+        rate = self.sensors.rate_hz
+        for fault in self.strikes & {"D2", "D3"}:
+            self.faults[fault] = {
+                "U_setpoint": np.array([(chirp.start_s, chirp.stop_s) for chirp in chirps]).reshape(-1, 2)
+            }
+        if "D2" in self.strikes:
+            for chirp in chirps:
+                span = round(chirp.start_s * rate), round(chirp.stop_s * rate)
+                volts = simulated.hum(volts, rate, MAINS_HZ, self.sensors.hum_V, *span)
         return volts
 
     def torque(self, M_g: Array, angle: Array, orders: Sequence[float]) -> Array:
@@ -321,7 +360,24 @@ class _Recorder:
         for start, stop in self._strike_for("C", "U_torque", chance):
             volts[start:stop] = self.sensors.receiver_limit_V
         limit = self.sensors.receiver_limit_V
-        return np.clip(volts, -limit, limit, out=volts)
+        np.clip(volts, -limit, limit, out=volts)
+        # Streams of their own: faults that came later change none of the earlier ones.
+        for kind in simulated.LOSSES:
+            chance = np.random.default_rng([simulated.LOSSES.index(kind), 1, self._seed])
+            for start, stop in self._strike_for(kind, "U_torque", chance, longest_s=2.0):
+                volts = simulated.lose(volts, kind, start, stop)
+        if "clipped" in self.strikes:
+            volts, spans = simulated.clip(volts, self.sensors.clipped_share)
+            self.faults["clipped"] = {"U_torque": spans / self.sensors.rate_hz}
+        return volts
+
+    def recorded_twice(self, volts: Mapping[str, Array]) -> dict[str, Array]:
+        """Write stretches of all channels once more over those that follow."""
+        chance = np.random.default_rng([len(simulated.LOSSES), 1, self._seed])
+        twice = dict(volts)
+        for start, stop in self._strike_for("repeated", "U_setpoint", chance, longest_s=0.2, shortest_s=0.1):
+            twice = simulated.write_twice(twice, start - (stop - start), stop - start, over=True)
+        return twice
 
     def pulses(self, name: str, angle: Array, places: Array) -> Array:
         """Return a pulse train: one pulse at every whole turn plus each of `places` [rev]."""
@@ -357,16 +413,25 @@ class _Recorder:
             noise /= np.std(noise)
         return np.asarray(self.sensors.torque_noise_V * noise)
 
-    def _strike_for(self, fault: Fault, channel: str, chance: np.random.Generator) -> list[tuple[int, int]]:
-        """Draw from and to which sample a fault lasts, 4 to 40 ms; note it down."""
+    def _strike_for(
+        self,
+        fault: Kind,
+        channel: str,
+        chance: np.random.Generator,
+        longest_s: float = 0.04,
+        shortest_s: float | None = None,
+    ) -> list[tuple[int, int]]:
+        """Draw from and to which sample a fault lasts, from a tenth of the longest on; note it down."""
         starts = np.array(self._strike(fault, channel, chance), dtype=np.int64)
-        lengths = np.round(chance.uniform(0.004, 0.04, len(starts)) * self.sensors.rate_hz).astype(np.int64)
+        lengths = np.round(
+            chance.uniform(shortest_s or 0.1 * longest_s, longest_s, len(starts)) * self.sensors.rate_hz
+        ).astype(np.int64)
         spans = np.column_stack([starts, starts + lengths])
         if len(spans):
             self.faults[fault][channel] = spans / self.sensors.rate_hz
         return [(start, stop) for start, stop in spans.tolist()]
 
-    def _strike(self, fault: Fault, channel: str, chance: np.random.Generator) -> list[float]:
+    def _strike(self, fault: Kind, channel: str, chance: np.random.Generator) -> list[float]:
         """Draw the samples at which a fault strikes, once in each of equal slots so that no two touch."""
         if fault not in self.strikes:
             return []

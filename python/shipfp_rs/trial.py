@@ -148,6 +148,21 @@ class Spikes(Section):
     """Height below which nothing is a fault, as a share of the median magnitude."""
 
 
+class Faults(Section):
+    """What counts as a fault of a recorded channel, apart from spikes."""
+
+    stuck_s: Positive = 0.25
+    """Shortest stretch of one and the same value in an otherwise noisy channel [s]."""
+    dropout_s: Positive = 0.01
+    """Shortest stretch at zero of a channel that stays away from it [s]."""
+    longest_bridge_s: Positive = 0.25
+    """Longest stretch over which a lost set point is guessed, by a straight line [s]; the answers are masked there."""
+    mains_hz: Positive = 50.0
+    """Frequency of the mains, whose hum is taken out of the set point [Hz]."""
+    least_hum: Positive = 1e-3
+    """Amplitude that counts as hum, as a share of the set point."""
+
+
 class Processing(Section):
     """How raw channels become signals."""
 
@@ -161,6 +176,7 @@ class Processing(Section):
     itself, a stair of steps, keeps its outputs as they are."""
     torque_spikes: Spikes = Spikes()
     set_point_jumps: Spikes = Spikes()
+    faults: Faults = Faults()
 
 
 class Window(Section):
@@ -322,6 +338,13 @@ least = 0.05                    # share of the mean below which nothing is a fau
 longest_s = 0.05
 threshold = 6.0
 least = 0.05
+
+[processing.faults]             # what else is looked for in set point and torque
+stuck_s = 0.25                  # one and the same value in a noisy channel
+dropout_s = 0.01                # at zero in a channel that stays away from it
+longest_bridge_s = 0.25         # a set point lost for longer is refused
+mains_hz = 50.0                 # hum of this frequency is taken out of the set point
+least_hum = 0.001               # share of the set point
 
 [[windows]]                     # one table for each experiment
 name = "C11"

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from shipfp_rs.faults.record import KINDS
 from shipfp_rs.fingerprint import Estimate, Identifiability
 
 MEANINGS: Mapping[str, str] = {
@@ -37,13 +38,9 @@ STATUS: Mapping[str, str] = {
 }
 
 FAULTS: Mapping[str, str] = {
-    "A": "double crossings (A)",
-    "B": "lost pulses (B)",
-    "C": "torque spikes (C)",
-    "D1": "set-point jumps (D1)",
-    "gap": "missing samples",
+    kind: f"{said} ({kind})" if kind[0].isupper() else said for kind, said in KINDS.items()
 }
-"""Faults of a log, lettered as in Table 6.10."""
+"""Faults of a log, those of Table 6.10 with their letters."""
 
 
 @dataclass(frozen=True)

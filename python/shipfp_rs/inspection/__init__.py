@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
+from shipfp_rs.faults.record import Fault
+from shipfp_rs.faults.scan import scan
 from shipfp_rs.inspection.channels import ChannelReport, describe
 from shipfp_rs.inspection.checks import (
     SETTLE_S,
@@ -25,6 +27,7 @@ from shipfp_rs.inspection.checks import (
 from shipfp_rs.inspection.spectrum import Peak, amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.log import Log
 from shipfp_rs.low_pass import PASSBAND
+from shipfp_rs.rows import Rows
 from shipfp_rs.trial import SIGNAL_OF_LOCATION, Trial
 from shipfp_rs.trial_windows import set_point_of
 from shipfp_rs.vessel import Vessel
@@ -56,7 +59,7 @@ class Inspection:
     channels
         One report each.
     faults
-        JSON forms: kind (Table 6.10, or "gap"), channel, count, spans (first sample and first after).
+        JSON forms: kind (`shipfp_rs.faults.KINDS`), channel, count, spans (first sample and first after).
     windows
         Rests and excitations of the set point; empty where the log has no channel called so.
     spectra
@@ -97,10 +100,10 @@ def inspect_log(
 ) -> Inspection:
     """Inspect a log, alone or together with its trial.
 
-    Alone: channels, gaps, windows of the set point if a channel is called so, and the lines in the spectrum of every
-    channel that is no pulse train, over the longest rest. With the trial: the faults that processing repairs, lines of
-    the torque by name, the line through set point and speed, the pulse trains against one another, their reflectors, and
-    the static torque against eq. 6.3 with the exponent fitted.
+    Alone: channels, faults of clock and level, windows of the set point if a channel is called so, and the lines in
+    the spectrum of every channel that is no pulse train, over the longest rest. With the trial: all faults that
+    processing finds, lines of the torque by name, the line through set point and speed, the pulse trains against one
+    another, their reflectors, and the static torque against eq. 6.3 with the exponent fitted.
 
     Parameters
     ----------
@@ -119,16 +122,7 @@ def inspect_log(
         Where a channel of the trial is missing, or nothing in the log is steady.
     """
     reports = describe(log)
-    faults: list[dict[str, Any]] = [
-        {
-            "kind": "gap",
-            "channel": report.channel.name,
-            "count": len(report.gaps),
-            "spans": report.gaps.tolist(),
-        }
-        for report in reports
-        if len(report.gaps)
-    ]
+    faults = [fault.to_dict() for fault in [*log.faults, *_recorded(log, reports)]]
     windows = _windows(log, trial)
     rest = longest_rest(windows)
     checks: dict[str, Any] = {}
@@ -159,7 +153,7 @@ def inspect_log(
         if torque is not None:
             checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        faults += _repaired(every, {fault["channel"] for fault in faults})
+        faults += _processed(every, {(fault["kind"], fault["channel"]) for fault in faults})
     spectra = {
         report.channel.name: _spectrum(log, report, rest, abs(scale.get(report.channel.name, 1.0)))
         for report in reports
@@ -206,15 +200,28 @@ def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: 
     return frequency, scale * amplitude
 
 
-def _repaired(experiments: list[Experiment], known_gaps: set[str]) -> list[dict[str, Any]]:
-    """What processing found in the steady stretches, each kind and channel once."""
+def _recorded(log: Log, reports: Sequence[ChannelReport]) -> list[Fault]:
+    """Return the faults that show in the samples as recorded, from a log's beginning to its end."""
+    found = []
+    for report in reports:
+        channel = report.channel
+        if report.pulses_hz is None and channel.samples:
+            spans = scan(Rows(log, channel.name), 0, channel.samples, repeats=True)
+        else:
+            spans = {"gap": report.gaps}
+        found += [Fault(kind, channel.name, "as recorded", where) for kind, where in spans.items()]
+    return [fault for fault in found if len(fault.spans)]
+
+
+def _processed(experiments: list[Experiment], known: set[tuple[str, str]]) -> list[dict[str, Any]]:
+    """What processing found in the stretches, each kind and channel once; not what is known of the whole log."""
     merged: dict[tuple[str, str], dict[str, Any]] = {}
     for experiment in experiments:
-        for repair in experiment.provenance["repairs"]:
-            key = (repair["kind"], repair["channel"])
-            if repair["kind"] == "gap" and repair["channel"] in known_gaps:
+        for fault in experiment.provenance["faults"]:
+            key = (fault["kind"], fault["channel"])
+            if key in known:
                 continue
-            entry = merged.setdefault(key, {**repair, "count": 0, "spans": []})
-            entry["count"] += repair["count"]
-            entry["spans"] = entry["spans"] + list(repair["spans"])
+            entry = merged.setdefault(key, {**fault, "count": 0, "spans": []})
+            entry["count"] += fault["count"]
+            entry["spans"] = entry["spans"] + list(fault["spans"])
     return list(merged.values())

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.despike import ROBUST_SIGMA, Spans, runs
+from shipfp_rs.despike import ROBUST_SIGMA
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Channel, Log
 from shipfp_rs.rows import Rows
+from shipfp_rs.spans import Spans, joined, runs
 from shipfp_rs.tacho import pulse_times
 from shipfp_rs.workers import side_by_side
 
@@ -94,7 +95,7 @@ def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
     pulses = _pulses_hz(rows)
     return ChannelReport(
         channel,
-        _joined(np.concatenate(gaps)),
+        joined(gaps),
         low if np.isfinite(low) else math.nan,
         high if np.isfinite(high) else math.nan,
         float(np.median(noises)) if noises and pulses is None else math.nan,
@@ -106,14 +107,6 @@ def _noise(samples: Array) -> float:
     if len(samples) < 3:
         return math.nan
     return float(ROBUST_SIGMA * np.median(np.abs(np.diff(samples, 2))) / math.sqrt(6.0))
-
-
-def _joined(spans: Spans) -> Spans:
-    """Gaps that go on from chunk to chunk as one."""
-    if len(spans) < 2:
-        return spans
-    apart = spans[1:, 0] > spans[:-1, 1]
-    return np.column_stack([spans[np.r_[True, apart], 0], spans[np.r_[apart, True], 1]])
 
 
 def _pulses_hz(rows: Rows) -> float | None:

@@ -14,8 +14,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.faults.clock import Clock, ClockScan, spliced
 from shipfp_rs.log import BLOCK, Channel, Log, Samples, one_line_errors
-from shipfp_rs.readers.time_base import TIME_NAMES, seconds_per, split_unit, time_base
+from shipfp_rs.readers.time_base import TIME_NAMES, seconds_per, split_unit
 
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""
@@ -37,13 +38,26 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
         fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
 
     start_s, start_utc = 0.0, _start_utc(path, schema)
+    clock: Clock | None = None
+
+    def same(row: int, earlier: int, count: int) -> bool:
+        """Whether all numbers of some rows stand in earlier ones as well."""
+        for field, _ in fields.values():
+            if _is_number(field.type):
+                here, before = (_rows(batches, field.name, first, count) for first in (row, earlier))
+                if not np.array_equal(here, before, equal_nan=here.dtype.kind == "f"):
+                    return False
+        return True
+
     time = next((name for name in fields if name.lower() in TIME_NAMES), None)
     if rows and time is not None and "rate_hz" not in fields[time][1]:
         field, facts = fields.pop(time)
         start_utc = start_utc or _first_stamp(field, batches)
-        clock = _clock(path, field, facts["unit"], batches, start_utc)
-        start_s, measured = time_base(path, time, clock, check=rate_hz is None)
-        rate_hz = rate_hz or measured
+        scan = ClockScan()
+        for times in _times(path, field, facts["unit"], batches, start_utc):
+            scan.feed(times)
+        clock = scan.finish(str(path), time, same, trusted=rate_hz is None)
+        start_s, rate_hz = clock.start_s, rate_hz or clock.rate_hz
 
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
@@ -61,7 +75,9 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
                 "column or give rate_hz"
             )
         begin = facts.get("start_s", start_s)
-        channels.append(Channel(name, facts["unit"], float(rate), min(facts["samples"], rows), float(begin)))
+        # A column with a rate of its own does not go by the time column.
+        count = clock.samples if clock and "rate_hz" not in facts else min(facts["samples"], rows)
+        channels.append(Channel(name, facts["unit"], float(rate), count, float(begin)))
 
     def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
         field, facts = fields[channel]
@@ -73,7 +89,25 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
                 yield _samples(batch[:left])
                 left -= len(batch)
 
-    return Log(str(path), channels, blocks, start_utc)
+    if clock is None or not clock.faults:
+        return Log(str(path), channels, blocks, start_utc)
+    for fault in clock.faults:
+        warnings.warn(f"{path}: {fault}", LogWarning, stacklevel=5)
+    by_clock = spliced(blocks, clock.segments)
+
+    def at_their_times(channel: str, first: int, size: int) -> Iterator[Samples]:
+        return (blocks if "rate_hz" in fields[channel][1] else by_clock)(channel, first, size)
+
+    return Log(str(path), channels, at_their_times, start_utc, clock.faults)
+
+
+def _rows(batches: Batches, column: str, first: int, count: int) -> Samples:
+    parts: list[Samples] = []
+    for batch in batches(column, first, count):
+        parts.append(_samples(batch)[: count - sum(map(len, parts))])
+        if sum(map(len, parts)) == count:
+            break
+    return np.concatenate(parts)
 
 
 def _samples(values: pa.Array) -> Samples:
@@ -116,7 +150,7 @@ def _first_stamp(field: pa.Field, batches: Batches) -> datetime | None:
     return first.replace(tzinfo=UTC) if first else None
 
 
-def _clock(
+def _times(
     path: Path, field: pa.Field, unit: str, batches: Batches, zero: datetime | None
 ) -> Iterator[npt.NDArray[np.float64]]:
     """Yield a time column in seconds; timestamps count from `zero`."""

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import plot, wording
-from shipfp_rs.despike import runs
 from shipfp_rs.experiment import UNITS, Experiment
 from shipfp_rs.report.fate import Fault, faults
+from shipfp_rs.spans import runs
 
 Array = npt.NDArray[np.float64]
 

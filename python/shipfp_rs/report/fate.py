@@ -27,7 +27,7 @@ class Fault:
     Parameters
     ----------
     kind, channel, method
-        As in a `cleaning.Repair`.
+        As in a `shipfp_rs.faults.Fault`.
     signal
         Signal that the channel became; empty where the account does not tell.
     spans
@@ -49,6 +49,16 @@ class Fault:
         return self.method.startswith(("masked", "not fitted"))
 
     @property
+    def kept(self) -> bool:
+        """Whether the samples were told of only."""
+        return self.method.startswith("kept")
+
+    @property
+    def done(self) -> str:
+        """What was done."""
+        return self.method if self.kept else f"{'cut' if self.cut else 'repaired'}: {self.method}"
+
+    @property
     def samples(self) -> int:
         """Samples concerned."""
         return int((self.spans[:, 1] - self.spans[:, 0]).sum())
@@ -58,16 +68,16 @@ def faults(experiment: Experiment) -> list[Fault]:
     """Return the faults on an experiment's record."""
     provenance = experiment.provenance
     found = []
-    for repair in provenance.get("repairs", ()):
-        spans = np.asarray(repair["spans"], dtype=np.int64).reshape(-1, 2)
+    for record in provenance.get("faults", ()):
+        spans = np.asarray(record["spans"], dtype=np.int64).reshape(-1, 2)
         if not len(spans):
             continue
-        clock = provenance.get("recorded", {}).get(repair["channel"])
+        clock = provenance.get("recorded", {}).get(record["channel"])
         spans_s = np.empty((0, 2))
         if clock is not None:
             spans_s = clock["start_s"] + spans / clock["rate_hz"] - provenance["window_s"][0]
         signal = clock["signal"] if clock is not None and len(spans_s) else ""
-        found.append(Fault(repair["kind"], repair["channel"], repair["method"], signal, spans, spans_s))
+        found.append(Fault(record["kind"], record["channel"], record["method"], signal, spans, spans_s))
     return found
 
 
@@ -115,7 +125,7 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
             continue
         raise_to(2 if clock["signal"] else 1, *clock["rows"])
         for fault in faults(experiment):
-            if fault.channel == channel:
+            if fault.channel == channel and not fault.kept:
                 for first, stop in fault.spans:
                     raise_to(4 if fault.cut else 3, first, stop)
     return fate
@@ -163,7 +173,7 @@ def _faults(experiments: Sequence[Experiment]) -> str:
                     Cell(kind),
                     Cell(experiment.name),
                     Cell(fault.channel, code=True),
-                    Cell("cut: " + fault.method if fault.cut else "repaired: " + fault.method),
+                    Cell(fault.done),
                     number(str(len(fault.spans))),
                     number(f"{per_minute:.3g}"),
                     number(str(fault.samples)),
@@ -174,9 +184,9 @@ def _faults(experiments: Sequence[Experiment]) -> str:
             more = f" and {rest} more" if rest > 0 else ""
             places.append(f"{experiment.name}, {kind}, {fault.channel}: {shown}{more}")
     if not rows:
-        return paragraph("No repair is on record.")
+        return paragraph("No fault is on record.")
     head = ["fault", "experiment", "channel", "what was done", "count", "a minute", "samples"]
-    return table("repairs by experiment and channel", head, rows) + details(
+    return table("faults by experiment and channel", head, rows) + details(
         "Which samples, counted from each channel's first", bullets(places)
     )
 
@@ -221,7 +231,7 @@ def log_quality(experiments: Sequence[Experiment]) -> Iterable[str]:
         account = [
             [Cell(str(key)), Cell(plain(value))]
             for key, value in experiment.provenance.items()
-            if key not in ("repairs", "recorded")
+            if key not in ("faults", "recorded")
         ]
         if account:
             yield details(

@@ -18,7 +18,7 @@ from shipfp_rs.identifiability import COMBINATIONS
 from shipfp_rs.identification import identify
 from shipfp_rs.linear_model import linearise
 from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Fault, Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.rawlog import Kind, Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.simulation import simulate
 from shipfp_rs.structure import Structure
 from shipfp_rs.sweeps.plan import Conditions, Excitation, Plan
@@ -181,7 +181,7 @@ def _from_log(conditions: Conditions, vessel: Vessel, seed: int) -> list[Experim
         if value is not None
     }
     faults = conditions.faults
-    rates: dict[Fault, float] = {"A": faults.A, "B": faults.B, "C": faults.C, "D1": faults.D1}
+    rates: dict[Kind, float] = {"A": faults.A, "B": faults.B, "C": faults.C, "D1": faults.D1}
     sensors = Sensors(**given, faults_per_minute=rates)
     log, truth = simulate_raw_log(
         vessel,

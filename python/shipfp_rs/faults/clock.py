@@ -1,0 +1,237 @@
+"""A recorded time column: its start and rate, and where the clock jumped, stood twice at one time, or was set back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.faults.record import Fault
+
+Array = npt.NDArray[np.float64]
+Samples = npt.NDArray[Any]
+
+FIRST = 1024
+"""Rows from whose median the sample interval is known well enough to see jumps."""
+MOST_JUMPS = 0.01
+"""Share of rows at which a clock may jump; one that jumps more often is no clock."""
+COMPARED = 4096
+"""Rows compared at most to tell rows written twice from a clock set back."""
+FILL = 1 << 16
+"""Missing samples handed out at once."""
+LONGEST_GAP = 100.0
+"""Missing samples per recorded one from which on the time column is taken for wrong."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Rows [row, row + count) of a file that are samples [sample, sample + count)."""
+
+    row: int
+    count: int
+    sample: int
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What a time column says.
+
+    Parameters
+    ----------
+    start_s, rate_hz
+        Time of the first sample [s], and sample rate [Hz] over the stretches without jumps.
+    segments
+        Which rows are which samples; one where the clock never jumped.
+    faults
+        The jumps.
+    """
+
+    start_s: float
+    rate_hz: float
+    segments: tuple[Segment, ...]
+    faults: tuple[Fault, ...]
+
+    @property
+    def samples(self) -> int:
+        """Samples with the missing ones."""
+        return self.segments[-1].sample + self.segments[-1].count
+
+
+class ClockScan:
+    """Steps of a time column, fed in chunks of any length."""
+
+    def __init__(self) -> None:
+        self._held: list[Array] = []
+        self._count = 0
+        self._last = self._start = self._interval = np.nan
+        self._rows: list[npt.NDArray[np.int64]] = []
+        self._jumps: list[Array] = []
+
+    def feed(self, times: Array) -> None:
+        """Take the next times [s]."""
+        if np.isnan(self._interval):
+            self._held.append(times)
+            if sum(map(len, self._held)) < FIRST:
+                return
+            times = self._begin()
+        self._take(times)
+
+    @np.errstate(all="ignore")  # what is not finite is told at the end
+    def _begin(self) -> Array:
+        times, self._held = np.concatenate([np.empty(0), *self._held]), []
+        if len(times):
+            self._start = self._last = float(times[0])
+            first = times[:FIRST]
+            known = np.isfinite(first).sum() > 1
+            self._interval = float(np.nanmedian(np.diff(first))) if known else np.nan
+        return times
+
+    @np.errstate(all="ignore")
+    def _take(self, times: Array) -> None:
+        if not len(times):
+            return
+        steps = np.diff(times, prepend=self._last if self._count else times[0] - self._interval)
+        odd = np.flatnonzero(~(np.abs(steps - self._interval) < 0.5 * self._interval))
+        self._rows.append(odd + self._count)
+        self._jumps.append(steps[odd])
+        self._last = float(times[-1])
+        self._count += len(times)
+
+    def finish(
+        self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool
+    ) -> Clock:
+        """Return the clock.
+
+        Parameters
+        ----------
+        name, column
+            File and time column, for messages.
+        same
+            (row, earlier row, count) to whether the rows hold the same samples in every channel.
+        trusted
+            False where a rate was given and only the start is wanted.
+
+        Raises
+        ------
+        InputError
+            Where the times do not increase, or jump too often to be a clock.
+        """
+        if self._held:
+            self._take(self._begin())
+        whole = (Segment(0, self._count, 0),)
+        if not np.isfinite(self._start):
+            raise InputError(
+                f"{name}: time column {column!r} starts at {self._start:g} s; expected numbers that increase"
+            )
+        if not trusted:
+            return Clock(self._start, np.nan, whole, ())
+        if not self._interval > 0.0:
+            raise InputError(
+                f"{name}: time column {column!r} does not increase from row to row; give rate_hz"
+            )
+        rows, jumps = np.concatenate([[], *self._rows]).astype(np.int64), np.concatenate([[], *self._jumps])
+        unknown = np.flatnonzero(~np.isfinite(jumps))
+        even = self._count - 1 - len(rows)
+        if len(unknown) or len(rows) > MOST_JUMPS * self._count or not even:
+            worst = int(unknown[0]) if len(unknown) else 0
+            raise InputError(
+                f"{name}: time column {column!r} is not uniform at row {rows[worst] + 1}: a step of "
+                f"{jumps[worst]:g} s, expected {self._interval:g} s; {len(rows)} such rows in {self._count} are no "
+                "clock: cut the file there or give rate_hz"
+            )
+        rate_hz = even / float(self._last - self._start - jumps.sum())
+        rate_hz = float(
+            f"{rate_hz:.12g}"
+        )  # 20, not 19.999999999999996: times are not known to their last bit
+        if not len(rows):
+            return Clock(self._start, rate_hz, whole, ())
+        return self._spliced(name, column, rate_hz, rows, jumps, same)
+
+    def _spliced(
+        self,
+        name: str,
+        column: str,
+        rate_hz: float,
+        rows: npt.NDArray[np.int64],
+        jumps: Array,
+        same: Callable[[int, int, int], bool],
+    ) -> Clock:
+        """Put the rows between jumps where their times say."""
+        ends = np.append(rows[1:], self._count)
+        segments = [Segment(0, int(rows[0]), 0)]
+        gaps: list[tuple[int, int]] = []
+        twice: list[tuple[int, int]] = []
+        back: list[list[int]] = []
+        behind = 0  # samples by which the clock stands back at present
+        skipped_to = 0
+        for row, stop, jump in zip(rows.tolist(), ends.tolist(), jumps.tolist(), strict=True):
+            moved = round(jump * rate_hz) - 1
+            at = segments[-1].sample + segments[-1].count
+            if moved > LONGEST_GAP * self._count:
+                raise InputError(
+                    f"{name}: time column {column!r} jumps by {jump:g} s at row {row + 1}; cut the file there, or "
+                    "give rate_hz"
+                )
+            first = row
+            if moved > 0 and behind and abs(moved - behind) <= 1:
+                back[-1][1], behind = at, 0
+            elif moved > 0:
+                gaps.append((at, at + moved))
+                at += moved
+            elif moved < 0:
+                count = -moved
+                if row >= count and same(row, row - count, min(count, stop - row, COMPARED)):
+                    twice.append((at - count, at))
+                    first = row + count
+                else:
+                    behind += count
+                    back.append([at, -1])
+            skipped_to = max(skipped_to, first)
+            if stop > skipped_to:
+                segments.append(Segment(skipped_to, stop - skipped_to, at))
+        end = segments[-1].sample + segments[-1].count
+        faults = [
+            Fault("time_gap", column, "masked: missing rows put in", np.array(gaps)),
+            Fault("repeated", column, "second copies left out", np.array(twice), excluded=False),
+            Fault(
+                "time_back",
+                column,
+                "counted on from sample to sample; the file's own times are behind here",
+                np.array([(start, end if stop < 0 else stop) for start, stop in back]),
+                excluded=False,
+            ),
+        ]
+        return Clock(
+            self._start,
+            rate_hz,
+            tuple(s for s in segments if s.count),
+            tuple(f for f in faults if len(f.spans)),
+        )
+
+
+def spliced(
+    blocks: Callable[[str, int, int], Iterator[Samples]], segments: tuple[Segment, ...]
+) -> Callable[[str, int, int], Iterator[Samples]]:
+    """Return a reader of samples from a reader of rows: missing ones are NaN, rows left out are passed over."""
+
+    def read(channel: str, first: int, size: int) -> Iterator[Samples]:
+        at = first
+        for segment in segments:
+            while at < segment.sample:
+                yield np.full(min(segment.sample - at, size, FILL), np.nan)
+                at += min(segment.sample - at, size, FILL)
+            left = segment.sample + segment.count - at
+            if left <= 0:
+                continue
+            for block in blocks(channel, segment.row + at - segment.sample, size):
+                yield block[:left]
+                at += len(block[:left])
+                left -= len(block)
+                if left <= 0:
+                    break
+
+    return read

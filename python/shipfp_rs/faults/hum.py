@@ -1,0 +1,94 @@
+"""Mains hum on a channel: found block by block at its own frequency, and taken out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from shipfp_rs.spans import Spans, joined, marks, runs
+
+Array = npt.NDArray[np.float64]
+
+CYCLES = 10
+"""Cycles of the mains in a block: 0.2 s at 50 Hz, the resolution in time."""
+SIDE = 3
+"""Distance of the two frequencies beside the mains that tell what is no hum, in bins of a block."""
+ABOVE_SIDES = 4.0
+"""Amplitude over that of the frequencies beside it from which it is hum."""
+LEAST_BLOCKS = 3
+"""Blocks in a row that are hum; a jump of the signal fills one or two."""
+BATCH = 64
+"""Blocks told at once: sums of products round by how many are taken together, so chunks must not decide."""
+NOTCH_S = 0.5
+"""Length of the window that follows the hum's amplitude and phase [s]; 4 Hz on either side go with it."""
+
+
+class HumScan:
+    """Amplitude at the mains' frequency in every block of a channel, fed in chunks of any length.
+
+    Parameters
+    ----------
+    rate_hz
+        Sample rate [Hz].
+    mains_hz
+        Frequency of the mains [Hz].
+    """
+
+    def __init__(self, rate_hz: float, mains_hz: float = 50.0) -> None:
+        self.rate_hz = rate_hz
+        self.block = round(CYCLES / mains_hz * rate_hz)
+        index = np.arange(self.block)
+        window = np.hanning(self.block + 1)[:-1]
+        bins = mains_hz * (1.0 + np.array([0.0, -SIDE, SIDE]) / CYCLES)
+        turns = np.outer(index, bins / rate_hz)
+        waves = np.concatenate([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)], axis=1)
+        self._weights = (waves * (2.0 / window.sum()) * window[:, None]).astype(np.float32)
+        self._rest: npt.NDArray[Any] = np.empty(0)
+        self._parts: list[Array] = []
+
+    def feed(self, chunk: npt.NDArray[Any]) -> None:
+        """Take the next samples."""
+        chunk = np.concatenate([self._rest, chunk]) if len(self._rest) else chunk
+        whole = len(chunk) // (BATCH * self.block) * (BATCH * self.block)
+        self._rest = chunk[whole:].copy()
+        for batch in chunk[:whole].reshape(-1, BATCH, self.block):
+            self._parts.append(self._waves(batch))
+
+    @np.errstate(invalid="ignore")  # blocks with what is no number tell no hum
+    def _waves(self, blocks: npt.NDArray[Any]) -> Array:
+        # The level would cost single precision its last digits; what is left of it has none at these bins.
+        level = np.subtract(blocks, blocks[:, :1], dtype=np.float32)
+        return np.asarray((level @ self._weights).astype(np.float64))
+
+    def spans(self, least: float) -> Spans:
+        """Return the stretches with hum of at least this amplitude, in whole blocks, shape (K, 2)."""
+        whole = len(self._rest) // self.block * self.block
+        parts = np.concatenate([*self._parts, self._waves(self._rest[:whole].reshape(-1, self.block))])
+        if not len(parts):
+            return np.empty((0, 2), dtype=np.int64)
+        amplitude = np.hypot(parts[:, :3], parts[:, 3:])
+        hum, sides = amplitude[:, 0], amplitude[:, 1:].mean(axis=1)
+        usual = float(np.nanmedian(sides))
+        flagged = (hum > least) & (hum > ABOVE_SIDES * np.maximum(sides, usual))
+        blocks = joined([runs(flagged)], gap=2)
+        return blocks[blocks[:, 1] - blocks[:, 0] >= LEAST_BLOCKS] * self.block
+
+
+def without_hum(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: float = 50.0) -> Array:
+    """Return samples, which begin at index `first` and are finite, with the hum taken out of the spans."""
+    flags = marks(spans, first, first + len(samples))
+    if not flags.any():
+        return samples
+    turn = np.exp(2j * np.pi * mains_hz / rate_hz * np.arange(len(samples)))
+    window = np.hanning(round(NOTCH_S * rate_hz) | 1)
+    # Straight on at the ends, so that the level does not look like a jump there.
+    half = len(window) // 2
+    padded = np.pad(samples, half, mode="reflect", reflect_type="odd") if len(samples) > half else samples
+    turned = np.exp(2j * np.pi * mains_hz / rate_hz * (np.arange(len(padded)) - half))
+    envelope = signal.oaconvolve(
+        padded * turned.conj(), window / window.sum(), "valid" if len(samples) > half else "same"
+    )
+    return np.where(flags, samples - 2.0 * np.real(envelope * turn), samples)

@@ -1,0 +1,204 @@
+"""Faults that show in a channel's level: missing samples, a stuck channel, dropouts to zero, clipping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.faults.extremes import BlockExtremes
+from shipfp_rs.spans import Spans, apart_from, joined, runs
+
+Array = npt.NDArray[np.float64]
+Read = Callable[[int, int], Array]
+"""(first, stop) to samples on a channel's own index."""
+
+BLOCK = 128
+"""Samples in a block of the first pass; a stuck channel is found for sure from twice as many on."""
+PIECE = 1 << 19
+"""Samples read again at once."""
+NEARBY = 128
+"""Samples before and after a still stretch that tell whether the channel is otherwise noisy."""
+QUANTA = 3.0
+"""Steps of a float's own resolution below which sample-to-sample changes are rounding, not noise."""
+ROUGH = 0.7
+"""Second over first differences (root mean square): 1.7 for white noise, next to nothing for a smooth signal."""
+ALONE = 0.25
+"""Distance from an extreme to the next highest block, as a share of that to the usual one, above which the
+extreme is a spike's top and no rail that the signal runs into."""
+CROWDED = 0.25
+"""Samples one step below a rail, as a share of those at it, that a signal which runs into it leaves at most."""
+LOOKED_AT = 64
+"""Blocks and stretches at a rail that are looked at closely."""
+NEAR_ZERO = 0.2
+"""Share of the typical level that a channel's lowest tenth must keep, so that a dropout can be told from it."""
+
+
+@dataclass(frozen=True)
+class LevelLimits:
+    """What counts as a fault of level.
+
+    Parameters
+    ----------
+    stuck_s
+        Shortest stretch of one and the same value in an otherwise noisy channel [s].
+    dropout_s
+        Shortest stretch at zero [s].
+    dropout_share
+        Distance from zero up to which a sample is at zero, as a share of the channel's typical level.
+    clipped_samples
+        Samples at the channel's very extreme that make it a rail.
+    spike_s
+        Longest spike [s]; a shorter stretch at a rail that nothing else comes near is one.
+    """
+
+    stuck_s: float = 0.25
+    dropout_s: float = 0.01
+    dropout_share: float = 0.01
+    clipped_samples: int = 8
+    spike_s: float = 0.05
+
+
+def find_level_faults(
+    extremes: BlockExtremes, read: Read, rate_hz: float, limits: LevelLimits | None = None
+) -> dict[str, Spans]:
+    """Return the faults of level of a channel, kind to spans, counted from the first sample fed to `extremes`.
+
+    Stuck and clipped are told from a signal that rests by the noise beside it: a constant signal without any
+    noise, such as a simulated set point, is neither.
+
+    Parameters
+    ----------
+    extremes
+        Of the whole channel, or of the stretch in question.
+    read
+        Samples on the same index; called for blocks that look odd, and a few beside them.
+    rate_hz
+        Sample rate [Hz].
+    limits
+        What counts as a fault.
+    """
+    limits = limits or LevelLimits()
+    suspects = _Suspects(extremes, read)
+    low, high = extremes.low, extremes.high
+    odd = ~(np.isfinite(low) & np.isfinite(high))
+    found = {"gap": suspects.runs_of(odd, lambda x: ~np.isfinite(x))}
+    for block in np.flatnonzero(odd).tolist():
+        present = suspects.samples(block)
+        present = present[np.isfinite(present)]
+        low[block], high[block] = (present.min(), present.max()) if present.size else (np.nan, np.nan)
+
+    known = np.isfinite(low)
+    if not known.any():
+        return found
+    found["dropout"] = _dropouts(suspects, low, high, rate_hz, limits)
+    still = suspects.runs_of(known & (low == high), _repeats, beside=1)
+    still = still[still[:, 1] - still[:, 0] >= max(limits.stuck_s * rate_hz, 2)]
+    # Nothing stands beside a channel that never moves: that is told, whatever it may mean.
+    never_moves = np.nanmin(low) == np.nanmax(high) and len(still)
+    found["stuck"] = apart_from(still if never_moves else suspects.beside_noise(still), found["dropout"])
+    clipped = [
+        _rail(suspects, sign * values, sign, rate_hz, limits)
+        for sign, values in ((1.0, high), (-1.0, low))
+        if np.nanmax(high) > np.nanmin(low)
+    ]
+    found["clipped"] = apart_from(joined(clipped), joined([found["stuck"], found["dropout"]]))
+    return found
+
+
+class _Suspects:
+    """The blocks that need a second look."""
+
+    def __init__(self, extremes: BlockExtremes, read: Read) -> None:
+        self.block, self.count, self.read = extremes.block, extremes.samples, read
+
+    def samples(self, block: int) -> Array:
+        return self.read(block * self.block, min((block + 1) * self.block, self.count))
+
+    def runs_of(
+        self, odd: npt.NDArray[np.bool_], flag: Callable[[Array], npt.NDArray[np.bool_]], beside: int = 0
+    ) -> Spans:
+        """Return the runs of flagged samples in the odd blocks and so many blocks on either side."""
+        stretches = runs(odd) + np.array([-beside, beside])
+        found = [
+            first + runs(flag(self.read(first, stop)))
+            for first, stop in self._pieces(joined([np.clip(stretches, 0, None) * self.block]))
+        ]
+        return joined(found)
+
+    def _pieces(self, stretches: Spans) -> Iterator[tuple[int, int]]:
+        for first, stop in np.minimum(stretches, self.count).tolist():
+            for start in range(first, stop, PIECE):
+                # One sample over: what is told from pairs of samples goes on across the border.
+                yield start, min(start + PIECE + 1, stop)
+
+    def beside_noise(self, spans: Spans) -> Spans:
+        """Return those spans that have noise before or after them."""
+
+        def noisy(start: int, stop: int) -> bool:
+            before = self.read(max(start - NEARBY, 0), start) if start else np.empty(0)
+            after = self.read(stop, min(stop + NEARBY, self.count)) if stop < self.count else np.empty(0)
+            return _is_rough(before) or _is_rough(after)
+
+        return spans[[noisy(start, stop) for start, stop in spans.tolist()]] if len(spans) else spans
+
+
+def _repeats(samples: Array) -> npt.NDArray[np.bool_]:
+    """Whether each sample equals the one before or the one after."""
+    same = np.diff(samples) == 0.0
+    return np.asarray(np.append(same, False) | np.append(False, same))
+
+
+def _is_rough(samples: Array) -> bool:
+    """Whether a signal changes from sample to sample as noise does."""
+    samples = samples[np.isfinite(samples)]
+    if len(samples) < 8:
+        return False
+    first = np.diff(samples.astype(np.float64))
+    size = float(np.sqrt(np.mean(first**2)))
+    quantum = (
+        float(np.spacing(np.abs(samples).max().astype(np.float32))) if samples.dtype.kind == "f" else 0.0
+    )
+    return bool(
+        np.count_nonzero(first) > 0.5 * len(first)
+        and size > QUANTA * quantum
+        and float(np.sqrt(np.mean(np.diff(first) ** 2))) > ROUGH * size
+    )
+
+
+def _dropouts(suspects: _Suspects, low: Array, high: Array, rate_hz: float, limits: LevelLimits) -> Spans:
+    """Stretches at zero of a channel that otherwise stays away from it."""
+    magnitude = np.abs(0.5 * (low + high))
+    typical = float(np.nanmedian(magnitude))
+    near = limits.dropout_share * typical
+    touched = (low <= near) & (high >= -near)
+    away = magnitude[np.isfinite(magnitude) & ~touched]
+    if not away.size or np.quantile(away, 0.1) < NEAR_ZERO * typical:
+        return np.empty((0, 2), dtype=np.int64)
+    zero = suspects.runs_of(touched, lambda x: np.abs(x) <= near)
+    return zero[zero[:, 1] - zero[:, 0] >= limits.dropout_s * rate_hz]
+
+
+def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits: LevelLimits) -> Spans:
+    """Stretches at the greatest sample, where the signal runs into it; with `sign` -1 all is upside down."""
+    top = float(np.nanmax(high))
+    at_top = high == top
+    runs_at_top = suspects.runs_of(at_top, lambda x: sign * x == top)
+    below = high[np.isfinite(high) & ~at_top]
+    alone = below.size > 0 and top - below.max() > ALONE * (top - float(np.median(below)))
+    if alone:
+        length = runs_at_top[:, 1] - runs_at_top[:, 0]
+        runs_at_top = runs_at_top[length > limits.spike_s * rate_hz]
+    at_rail = int((runs_at_top[:, 1] - runs_at_top[:, 0]).sum())
+    # Of a coarsely rounded signal the step below the top one is hit as often.
+    blocks = np.flatnonzero(at_top)[:LOOKED_AT]
+    near = sign * np.concatenate([suspects.samples(block) for block in blocks.tolist()]).astype(np.float64)
+    next_to_it = near[near < top]
+    crowded = next_to_it.size and np.count_nonzero(next_to_it == next_to_it.max()) / np.count_nonzero(
+        near == top
+    )
+    if at_rail < limits.clipped_samples or crowded > CROWDED:
+        return runs_at_top[:0]
+    return runs_at_top if len(suspects.beside_noise(runs_at_top[:LOOKED_AT])) else runs_at_top[:0]

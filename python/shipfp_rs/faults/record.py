@@ -1,0 +1,84 @@
+"""The record of a fault: what was wrong with a channel, at which samples, and what was done about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from shipfp_rs.spans import Spans
+
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        "A": "double crossings",
+        "B": "lost pulses",
+        "C": "torque spikes",
+        "D1": "set-point jumps",
+        "D2": "mains hum on the set point",
+        "D3": "chirp of constant frequency",
+        "gap": "missing samples",
+        "dropout": "dropouts to zero",
+        "stuck": "stuck channel",
+        "clipped": "clipped",
+        "sign": "torque of the other sign",
+        "repeated": "rows recorded twice",
+        "time_gap": "jump of the clock, rows missing",
+        "time_back": "clock set back",
+        "drift": "clock drift between loggers",
+    }
+)
+"""Every kind of fault; A to D3 are those of the thesis's Table 6.10."""
+
+SHOWN = 5
+"""Stretches that a message names."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One kind of fault in one channel.
+
+    Parameters
+    ----------
+    kind
+        Key of `KINDS`.
+    channel
+        Name in the log.
+    method
+        What was done.
+    spans
+        First sample and first sample after on the channel's own index, shape (K, 2), ascending.
+    excluded
+        Whether no fit sees the signals at these times. Samples that were invented or are doubtful are; what was
+        only told, or taken out without touching what was measured, is not.
+    """
+
+    kind: str
+    channel: str
+    method: str
+    spans: Spans
+    excluded: bool = True
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"kind {self.kind!r}, expected one of {', '.join(KINDS)}")
+        object.__setattr__(self, "spans", np.asarray(self.spans, dtype=np.int64).reshape(-1, 2))
+
+    def __str__(self) -> str:
+        spans = self.spans.tolist()
+        shown = ", ".join(f"{start} to {stop - 1}" for start, stop in spans[:SHOWN])
+        rest = f" and {len(spans) - SHOWN} more" if len(spans) > SHOWN else ""
+        return f"channel {self.channel!r}: {KINDS[self.kind]} at samples {shown}{rest}; {self.method}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "kind": self.kind,
+            "channel": self.channel,
+            "method": self.method,
+            "excluded": self.excluded,
+            "count": len(self.spans),
+            "spans": self.spans.tolist(),
+        }

@@ -1,0 +1,112 @@
+"""One pass over a stretch of a channel that finds every fault which shows in the samples as recorded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.faults.extremes import BlockExtremes
+from shipfp_rs.faults.hum import HumScan
+from shipfp_rs.faults.levels import BLOCK, LevelLimits, find_level_faults
+from shipfp_rs.faults.repeats import RepeatScan, repeated_rows
+from shipfp_rs.spans import Spans
+
+if TYPE_CHECKING:
+    from shipfp_rs.log import Channel, Log
+    from shipfp_rs.rows import Rows
+
+Array = npt.NDArray[np.float64]
+
+PIECE = 1 << 18
+"""Samples that are read at once where some are looked at again, and kept for the next ones."""
+
+
+def scan(
+    channel_rows: Rows,
+    first: int,
+    stop: int,
+    limits: LevelLimits | None = None,
+    *,
+    mains_hz: float | None = None,
+    least_hum: float = 1e-3,
+    repeats: bool = False,
+) -> dict[str, Spans]:
+    """Return the faults in samples [first, stop) of a channel, kind to spans on its own index.
+
+    Parameters
+    ----------
+    channel_rows
+        An analogue channel; pulse trains have faults of their own, see `shipfp_rs.tacho`.
+    first, stop
+        Samples to look at.
+    limits
+        What counts as a fault of level.
+    mains_hz
+        Look for hum of this frequency [Hz]; None: don't.
+    least_hum
+        Amplitude that counts as hum, as a share of the channel's typical magnitude.
+    repeats
+        Look for rows that stand in the log twice, in all channels of the same rate.
+    """
+    log, about = channel_rows.log, channel_rows.channel
+    extremes = BlockExtremes(BLOCK)
+    hum = None if mains_hz is None else HumScan(about.rate_hz, mains_hz)
+    prints = RepeatScan() if repeats else None
+    for chunk in channel_rows.pieces(first, stop):
+        extremes.feed(chunk)
+        if hum is not None:
+            hum.feed(chunk)
+        if prints is not None:
+            prints.feed(chunk)
+    reader = _Reader(log, about.name)
+    found = find_level_faults(
+        extremes, lambda start, end: reader(first + start, first + end), about.rate_hz, limits
+    )
+    if hum is not None:
+        found["D2"] = hum.spans(least_hum * extremes.typical)
+    if prints is not None:
+        found["repeated"] = _repeated(log, log.channel(about.name), first, stop, prints)
+    return {kind: spans + first for kind, spans in found.items() if len(spans)}
+
+
+def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
+    """Rows that stand twice in every channel of the same rate and length."""
+    readers = [
+        _Reader(log, other.name)
+        for other in log.channels.values()
+        if (other.rate_hz, other.samples, other.start_s) == (about.rate_hz, about.samples, about.start_s)
+    ]
+
+    def equal(start: int, end: int, lag: int) -> npt.NDArray[np.bool_]:
+        same = np.ones(end - start, dtype=np.bool_)
+        for read in readers:
+            one, other = (read(first + start + shift, first + end + shift) for shift in (0, lag))
+            same &= (one == other) | (np.isnan(one) & np.isnan(other))
+        return same
+
+    return repeated_rows(prints.candidates(), equal, stop - first)
+
+
+class _Reader:
+    """Samples by index, some more than asked for at a time, for the next ones mostly stand nearby."""
+
+    def __init__(self, log: Log, channel: str) -> None:
+        self.log, self.channel = log, log.channel(channel)
+        self._first, self._held = 0, np.empty(0)
+
+    def __call__(self, first: int, stop: int) -> Array:
+        if not stop > first:
+            return np.empty(0)
+        if not self._first <= first < stop <= self._first + len(self._held):
+            begin = first // PIECE * PIECE
+            end = min(max(begin + PIECE, stop), self.channel.samples)
+            self._held = self.log.read(self.channel.name, *_seconds(self.log, self.channel.name, begin, end))
+            self._first = begin
+        return np.asarray(self._held[first - self._first : stop - self._first])
+
+
+def _seconds(log: Log, channel: str, first: int, stop: int) -> tuple[float, float]:
+    about = log.channel(channel)
+    return about.start_s + first / about.rate_hz, about.start_s + stop / about.rate_hz

@@ -1,0 +1,52 @@
+"""Stretches of samples: found from flags, joined, cut, and made flags again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+Spans = npt.NDArray[np.int64]
+"""First sample and first sample after, shape (K, 2)."""
+
+
+def runs(flags: npt.NDArray[np.bool_]) -> Spans:
+    """Return the stretches of True, shape (K, 2)."""
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    return edges.reshape(-1, 2).astype(np.int64)
+
+
+def joined(spans: Iterable[Spans], gap: int = 0) -> Spans:
+    """Return spans in order, those that overlap or stand no more than `gap` samples apart as one, shape (K, 2)."""
+    every = np.concatenate([np.empty((0, 2), dtype=np.int64), *spans])
+    every = every[np.argsort(every[:, 0], kind="stable")]
+    if len(every) < 2:
+        return every
+    reach = np.maximum.accumulate(every[:, 1])
+    apart = every[1:, 0] - reach[:-1] > gap
+    return np.column_stack([every[np.r_[True, apart], 0], reach[np.r_[apart, True]]])
+
+
+def apart_from(spans: Spans, others: Spans) -> Spans:
+    """Return those spans that touch none of the others, which are in order and do not overlap."""
+    if not (len(spans) and len(others)):
+        return spans
+    next_one = np.searchsorted(others[:, 1], spans[:, 0], side="right")
+    begins = np.append(others[:, 0], np.iinfo(np.int64).max)[next_one]
+    return spans[begins >= spans[:, 1]]
+
+
+def clipped_to(spans: Spans, first: int, stop: int) -> Spans:
+    """Return what lies of spans within [first, stop)."""
+    cut = np.clip(spans, first, stop)
+    return cut[cut[:, 1] > cut[:, 0]]
+
+
+def marks(spans: Spans, first: int, stop: int) -> npt.NDArray[np.bool_]:
+    """Return a flag for each sample of [first, stop) that tells whether a span holds it."""
+    change = np.zeros(stop - first + 1, dtype=np.int64)
+    cut = np.clip(spans, first, stop) - first
+    np.add.at(change, cut[:, 0], 1)
+    np.add.at(change, cut[:, 1], -1)
+    return np.asarray(np.cumsum(change[:-1]) > 0)
