@@ -1,6 +1,7 @@
 """Do 95 % intervals hold the truth in 95 of 100 cases? White and coloured noise on the virtual launch.
 
-The study (`pytest -m study -k coverage -s`) prints a table; COVERAGE_DRAWS sets another number of draws than 300.
+The study (`pytest -m study -k coverage -s`) prints a table; COVERAGE_DRAWS sets another number of draws than 300,
+COVERAGE_CELL=0.20,0.9 picks one noise level and correlation.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ def _draw(job: tuple[float, float, int]) -> list[bool]:
 def test_coverage_of_the_intervals_in_every_noise(monkeypatch):
     draws = int(os.environ.get("COVERAGE_DRAWS", "300"))
     cells = [(level, correlation) for level in LEVELS for correlation in CORRELATIONS]
+    if picked := os.environ.get("COVERAGE_CELL"):
+        cells = [tuple(float(figure) for figure in picked.split(","))]
     jobs = [(*cell, draw) for cell in cells for draw in range(draws)]
     # One thread a process: the matrices are too small for more.
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")

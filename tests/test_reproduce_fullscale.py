@@ -56,7 +56,7 @@ def test_weighing_each_point_supports_two_dead_times_and_an_exponent_of_2_17(rep
         if name.startswith("ii, weighted")
     }
     chi = [fingerprint.fit["overall"]["chi_squared"] for fingerprint in weighted.values()]
-    none, loop, set_point, both = chi
+    *_, none, loop, set_point, both = chi
     assert none > loop > set_point > both
     best = list(weighted.values())[-1]
     assert best["p"].value == pytest.approx(2.17, abs=0.02)
@@ -83,3 +83,13 @@ def test_every_row_is_plain_json(reproduction):
     content = json.loads(json.dumps(reproduction.to_dict(), allow_nan=False))
     assert {row["way"] for row in content["rows"]} == {"printed", "thesis", "ours"}
     assert all(row["table"] == "7.1" for row in content["rows"])
+
+
+def test_the_ladder_from_the_thesis_structure_ends_with_both_dead_times(reproduction):
+    (line,) = [line for line in reproduction.verdict if "*" in line and "deviance" in line]
+    assert "extended, T_d and T_set" in line
+    assert chi_squared(reproduction, "thesis") > 20 * chi_squared(reproduction, "extended, T_d and T_set")
+
+
+def chi_squared(reproduction, structure: str) -> float:
+    return reproduction.fingerprints[f"ii, weighted: {structure}"].fit["overall"]["chi_squared"]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from shipfp_rs.identification import identify
     from shipfp_rs.linear_model import linearise
     from shipfp_rs.log import Log
+    from shipfp_rs.model_ladder import ladder
     from shipfp_rs.processing import process
     from shipfp_rs.simulation import simulate
     from shipfp_rs.structure import Structure
@@ -41,6 +42,7 @@ _WHERE = {
     "compare": "comparison",
     "cross_validation": "validation",
     "identify": "identification",
+    "ladder": "model_ladder",
     "linearise": "linear_model",
     "process": "processing",
     "simulate": "simulation",
@@ -68,6 +70,7 @@ __all__ = [
     "cross_validation",
     "frequency",
     "identify",
+    "ladder",
     "linearise",
     "plot",
     "process",

@@ -30,7 +30,7 @@ def nrmse_pct(measured: npt.ArrayLike, residual: npt.ArrayLike) -> float:
 
 
 def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[str, float | None]:
-    """Return MSE, FPE (eq. 4.11), AIC, AICc, BIC and CAIC of a fit with a determinant-form Gaussian likelihood.
+    """Return MSE, deviance (-2 ln L), FPE (eq. 4.11), AIC, AICc, BIC and CAIC of a fit, Gaussian with a free covariance.
 
     Parameters
     ----------
@@ -48,13 +48,14 @@ def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[
     """
     sign, log_determinant = np.linalg.slogdet(scatter)
     outputs = scatter.shape[0]
-    figures: dict[str, float | None] = {"mse": float(np.trace(scatter))}
+    figures: dict[str, float | None] = {"mse": float(np.trace(scatter)), "samples": float(samples)}
     if sign <= 0 or not np.isfinite(log_determinant) or samples <= parameters:
-        return figures | dict.fromkeys(("fpe", "aic", "aicc", "bic", "caic"))
+        return figures | dict.fromkeys(("deviance", "fpe", "aic", "aicc", "bic", "caic"))
     likelihood = samples * (log_determinant + outputs * (np.log(2.0 * np.pi) + 1.0))
     aic = likelihood + 2.0 * parameters
     rest = samples * outputs - parameters - 1
     return figures | {
+        "deviance": float(likelihood),
         "fpe": float(np.exp(log_determinant) * (1 + parameters / samples) / (1 - parameters / samples)),
         "aic": float(aic),
         "aicc": float(aic + 2.0 * parameters * (parameters + 1) / rest) if rest > 0 else None,

@@ -11,6 +11,7 @@ from shipfp_rs import published
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification import Weighting, identify
+from shipfp_rs.model_ladder import climb
 from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
 from shipfp_rs.structure import Structure
 
@@ -107,6 +108,17 @@ def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structur
     )
 
 
+def rungs() -> tuple[Structure, ...]:
+    """Return structures from the thesis's to the richest that the sine fits may carry."""
+    gauge = Structure.linear(torque="gauge", name="gauge-side torque")
+    times = ((False, False), (True, False), (False, True), (True, True))
+    return (
+        thesis_structure(),
+        gauge,
+        *(extended_structure(loop=loop, set_point=set_point) for loop, set_point in times),
+    )
+
+
 def _jobs() -> tuple[_Job, ...]:
     everything = measured_response()
     usable = measured_response(1.637)
@@ -133,17 +145,7 @@ def _jobs() -> tuple[_Job, ...]:
         ),
         _Job("ii, ten points", sound, thesis_structure(), "none", "thesis", ten),
         _Job("ii, ten points", sound, extended_structure(), "none", "ours", ten),
-        *(
-            _Job(
-                "ii, weighted",
-                usable,
-                extended_structure(loop=loop, set_point=set_point),
-                "std",
-                "ours",
-                weighted,
-            )
-            for loop, set_point in ((False, False), (True, False), (False, True), (True, True))
-        ),
+        *(_Job("ii, weighted", usable, structure, "std", "ours", weighted) for structure in rungs()),
     )
 
 
@@ -202,4 +204,10 @@ def _verdict(fingerprints: dict[str, Fingerprint]) -> tuple[str, ...]:
         *(f"  {line}" for line in fingerprints[f"ii: {extended}"].verdict),
         "The same, each point weighted by how well its amplitude and phase are known:",
         *(f"  {line}" for line in fingerprints[f"ii, weighted: {extended}"].verdict),
+        "From the thesis's structure to that one, each point weighted; what the data support has a star:",
+        *(f"  {line}" for line in str(climb(_weighted(fingerprints))).splitlines()),
     )
+
+
+def _weighted(fingerprints: dict[str, Fingerprint]) -> list[Fingerprint]:
+    return [fingerprint for name, fingerprint in fingerprints.items() if name.startswith("ii, weighted")]
