@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -21,7 +23,8 @@ import shipfp_rs  # noqa: E402
 project = "shipfp_rs"
 author = copyright = "shipfp_rs developers"
 version = release = shipfp_rs.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "made"]
@@ -29,7 +32,7 @@ html_theme = "furo"
 html_title = f"shipfp_rs {release}"
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = False
 default_role = "code"
 
@@ -64,7 +67,14 @@ def _escape(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
         lines[index] = "".join(parts)
 
 
+def _formula(translator: Any, node: Any) -> None:
+    """Write a formula as MathML, which every browser shows without a script from elsewhere."""
+    translator.body.append(tex2mathml(node.astext(), as_block=isinstance(node, nodes.math_block)))
+    raise nodes.SkipNode
+
+
 def setup(app: Any) -> None:
-    """Hook the two steps in."""
+    """Hook the three steps in."""
+    app.add_html_math_renderer("mathml", (_formula, None), (_formula, None))
     app.connect("builder-inited", _run_pages)
     app.connect("autodoc-process-docstring", _escape, priority=100)

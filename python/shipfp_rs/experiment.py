@@ -121,7 +121,7 @@ class Experiment(Tabular):
         return f"Experiment({self.name!r}, {len(self)} samples at {self.rate_hz:g} Hz: {signals})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.markup import shown
+        from shipfp_rs.notebook import shown
 
         rows = []
         for name, samples in self.signals.items():

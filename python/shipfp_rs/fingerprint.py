@@ -124,7 +124,7 @@ class Fingerprint:
 
     def _repr_html_(self) -> str:
         from shipfp_rs import wording
-        from shipfp_rs.markup import shown
+        from shipfp_rs.notebook import shown
 
         return shown(
             f"Fingerprint of {self.vessel or 'a ship not named'}",

@@ -309,7 +309,7 @@ class Vessel(Section):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.markup import shown
+        from shipfp_rs.notebook import shown
 
         rows = []
         for section, content in self.model_dump().items():

@@ -126,7 +126,7 @@ class FrequencyResponse(Tabular):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.markup import shown
+        from shipfp_rs.notebook import shown
 
         head = ["frequency [Hz]"]
         for name in self.response:
