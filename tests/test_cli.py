@@ -65,6 +65,7 @@ class TestFrame:
             ["init"],
             ["inspect"],
             ["simulate"],
+            ["design"],
             ["sweep"],
             ["reproduce"],
             ["reproduce", "fullscale"],

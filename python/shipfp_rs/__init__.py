@@ -16,6 +16,7 @@ from shipfp_rs.errors import IdentificationError, InputError, InternalError, Shi
 if TYPE_CHECKING:
     from shipfp_rs import frequency, plot, published, signals, tacho
     from shipfp_rs.comparison import compare, trend
+    from shipfp_rs.designs import design
     from shipfp_rs.experiment import Experiment
     from shipfp_rs.fingerprint import Fingerprint
     from shipfp_rs.frequency import FrequencyResponse
@@ -41,6 +42,7 @@ _WHERE = {
     "Vessel": "vessel",
     "compare": "comparison",
     "cross_validation": "validation",
+    "design": "designs",
     "identify": "identification",
     "ladder": "model_ladder",
     "linearise": "linear_model",
@@ -68,6 +70,7 @@ __all__ = [
     "__version__",
     "compare",
     "cross_validation",
+    "design",
     "frequency",
     "identify",
     "ladder",

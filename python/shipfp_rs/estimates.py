@@ -63,7 +63,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
             values[search.names[index]] = bound
     # A value that the search drove towards zero is no measure of its own size.
     scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
-    own = _without_nuisance(jacobian, count)
+    own = without_nuisance(jacobian, count)
     everything = Sensitivity.of(own, search.names, scale)
     on_bound = everything.held_by_bounds(np.array([_inward(search, values, index) for index in range(count)]))
 
@@ -99,7 +99,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
             continue
         place = inner.names.index(name)
         # Bounds that cut a null direction leave an interval to the parameter that stands on one.
-        reason = "" if on_bound[index] else _why_unknown(search, everything, index)
+        reason = "" if on_bound[index] else why_unknown(everything, index)
         if not reason and not np.isfinite(covariance[place, place]):
             reason = "too few samples for an uncertainty"
         if not reason:
@@ -156,7 +156,7 @@ def _inward(search: Search, values: Mapping[str, float], index: int) -> int:
     return int(values[parameter.name] == parameter.lower) - int(values[parameter.name] == parameter.upper)
 
 
-def _without_nuisance(jacobian: Array, count: int) -> Array:
+def without_nuisance(jacobian: Array, count: int) -> Array:
     """Parts of the parameters' columns that the blocks' own unknowns can't imitate, shape (R, P)."""
     columns, nuisance = jacobian[:, :count], jacobian[:, count:]
     if not nuisance.shape[1]:
@@ -220,7 +220,8 @@ def _side(parameter: Parameter, values: Mapping[str, float]) -> str:
     return "lower" if values[parameter.name] == parameter.lower else "upper"
 
 
-def _why_unknown(search: Search, everything: Sensitivity, index: int) -> str:
+def why_unknown(everything: Sensitivity, index: int) -> str:
+    """Say why the data do not tell a parameter, empty where they do."""
     null_part = float(np.linalg.norm(everything.null[:, index])) if len(everything.null) else 0.0
     if null_part <= NULL_PART:
         return ""
@@ -229,8 +230,8 @@ def _why_unknown(search: Search, everything: Sensitivity, index: int) -> str:
             other
             for row in everything.null
             if abs(row[index]) > NULL_PART
-            for other, part in zip(search.names, row, strict=True)
-            if abs(part) > NULL_PART and other != search.names[index]
+            for other, part in zip(everything.names, row, strict=True)
+            if abs(part) > NULL_PART and other != everything.names[index]
         }
     )
     return "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from shipfp_rs import slips
+from shipfp_rs.calibration import Calibration
 from shipfp_rs.errors import InputError
 from shipfp_rs.toml_files import Section, read_toml, unexpected, validated
 
@@ -156,6 +157,24 @@ class NominalPoint(Section):
         return self
 
 
+class SetPointLine(Section):
+    """What a voltage on the set-point line makes of the engine speed: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
+
+    rpm_per_V: float
+    rpm_at_0_V: float
+
+    @model_validator(mode="after")
+    def _can_be_inverted(self) -> Self:
+        if self.rpm_per_V == 0.0:
+            raise unexpected("rpm_per_V", "0", "a slope not zero")
+        return self
+
+    @property
+    def calibration(self) -> Calibration:
+        """The line, from volts to rpm."""
+        return Calibration(self.rpm_per_V, self.rpm_at_0_V, "rpm")
+
+
 class Vessel(Section):
     """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11).
 
@@ -178,6 +197,8 @@ class Vessel(Section):
     propeller: Propeller
     governor: Governor
     operating_point: NominalPoint
+    set_point: SetPointLine | None = None
+    """None: not known."""
 
     @model_validator(mode="after")
     def _can_run_at_its_operating_point(self) -> Self:

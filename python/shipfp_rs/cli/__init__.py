@@ -15,6 +15,7 @@ import typer
 from shipfp_rs.cli.compare import compare
 from shipfp_rs.cli.convert import convert
 from shipfp_rs.cli.demo import demo
+from shipfp_rs.cli.design import design
 from shipfp_rs.cli.init import init
 from shipfp_rs.cli.inspect import inspect
 from shipfp_rs.cli.reproduce import reproduce
@@ -32,7 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (demo, run, init, inspect, simulate, sweep, convert, compare):
+for command in (demo, run, init, inspect, simulate, design, sweep, convert, compare):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 

@@ -91,13 +91,14 @@ def multisine(
     period_s: float,
     amplitude_rpm: float,
     *,
+    weights: npt.ArrayLike | None = None,
     periods: int = 1,
     avoid_hz: Bands = (),
     rate_hz: float = 100.0,
     iterations: int = 300,
     name: str = "multisine",
 ) -> Excitation:
-    """Return all frequencies at once, of equal amplitude, with phases that keep the crest factor low.
+    """Return all frequencies at once, with phases that keep the crest factor low.
 
     Parameters
     ----------
@@ -107,6 +108,8 @@ def multisine(
         Period [s], a whole number of samples.
     amplitude_rpm
         Largest deviation [rpm].
+    weights
+        Relative amplitude of each frequency; None: all equal.
     periods
         Number of periods; the first one lets the ship settle.
     avoid_hz
@@ -143,7 +146,14 @@ def multisine(
     positive("amplitude_rpm", amplitude_rpm)
     if periods < 1:
         raise InputError(f"periods is {periods}, expected 1 or more")
-    frequencies = outside(numbers("frequencies_hz", frequencies_hz), avoid_hz)
+    wanted = numbers("frequencies_hz", frequencies_hz)
+    sizes = np.ones(len(wanted)) if weights is None else np.array(numbers("weights", weights))
+    if len(sizes) != len(wanted) or sizes.min() <= 0.0:
+        raise InputError(f"weights are {weights!r}, expected {len(wanted)} positive numbers, one a frequency")
+    frequencies = outside(wanted, avoid_hz)
+    sizes = np.array(
+        [size for size, frequency in zip(sizes, wanted, strict=True) if frequency in frequencies]
+    )
     samples = len(sample_times(period_s, rate_hz))
     if not math.isclose(samples, period_s * rate_hz, rel_tol=1e-9):
         raise InputError(
@@ -157,24 +167,26 @@ def multisine(
                 f"frequencies_hz[{index}] is {frequency:g}, nearest multiple {line / period_s:g} of "
                 "1/period_s, expected one of its own between zero and half of rate_hz; take a longer period"
             )
-    lines.sort()
-    one_period = _flattened(np.array(lines), samples, iterations)
+    order = np.argsort(lines)
+    one_period = _flattened(np.array(lines)[order], sizes[order], samples, iterations)
     tones = np.tile(amplitude_rpm / np.abs(one_period).max() * one_period, periods)
     segments = tuple(Segment(f"period {k + 1}", k * period_s, (k + 1) * period_s) for k in range(periods))
     return Excitation(name, "multisine", rate_hz, tones, segments=segments)
 
 
-def _flattened(lines: npt.NDArray[np.int64], samples: int, iterations: int) -> Array:
-    """One period of equal cosines on the given lines, with the lowest crest factor that clipping found."""
-    order = np.arange(len(lines))
+def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:
+    """One period of cosines of these sizes on the given lines, with the lowest crest factor that clipping found."""
+    # Schroeder's phases, from the power of the lines before; k (k + 1) / F half turns for F equal ones, but for a shift.
+    power = np.cumsum(sizes**2) / np.sum(sizes**2)
+    phase = 2.0 * math.pi * (np.cumsum(power) - power[0])
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
-    spectrum[lines] = np.exp(-1j * math.pi * order * (order + 1) / len(lines))
+    spectrum[lines] = sizes * np.exp(-1j * phase)
     best = trial = np.fft.irfft(spectrum, samples)
     for round_ in range(iterations):
         # Cutting more at first leaves the start's local minimum, cutting less at last refines.
         ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
         clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
-        spectrum[lines] = np.exp(1j * np.angle(clipped))
+        spectrum[lines] = sizes * np.exp(1j * np.angle(clipped))
         trial = np.fft.irfft(spectrum, samples)
         # All trials have the same power, so the lowest peak is the lowest crest factor.
         if np.abs(trial).max() < np.abs(best).max():

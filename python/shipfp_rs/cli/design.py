@@ -1,0 +1,175 @@
+"""`shipfp design`: a trial's plan: time series, run sheet, generator files, predicted standard deviations."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from shipfp_rs.cli.options import Force, Json, OutFolder
+from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.errors import InputError
+
+if TYPE_CHECKING:
+    from shipfp_rs.designs import Generator, Noise, Plan
+
+
+class Kind(StrEnum):
+    """Kinds of plan."""
+
+    mix = "mix"
+    sines = "sines"
+    multisine = "multisine"
+    chirp = "chirp"
+
+
+class Criterion(StrEnum):
+    """What is made small."""
+
+    D = "D"
+    A = "A"
+
+
+def design(
+    expected: Annotated[
+        str,
+        typer.Argument(
+            metavar="VESSEL", help="Built-in ship, vessel file, or the fingerprint.json of an earlier trial."
+        ),
+    ],
+    duration: Annotated[
+        float | None, typer.Option(help="Length of the whole trial, s; without it what --accuracy takes.")
+    ] = None,
+    amplitude: Annotated[
+        float | None, typer.Option(help="Largest deviation, engine rpm; default 3 % of the operating speed.")
+    ] = None,
+    accuracy: Annotated[
+        float | None, typer.Option(help="Wanted standard deviation of each parameter over its value, %.")
+    ] = None,
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Parameter that --accuracy is for, may be repeated; default all identifiable ones."
+        ),
+    ] = None,
+    kind: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.mix,
+    criterion: Annotated[
+        Criterion, typer.Option(help="Small volume of the ellipsoid (D) or small sum of variances (A).")
+    ] = Criterion.D,
+    rate_limit: Annotated[float | None, typer.Option(help="Largest rate of change, rpm/s.")] = None,
+    avoid: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LOW:HIGH", help="Band to stay out of, Hz, may be repeated: 2.4:2.8"),
+    ] = None,
+    lowest: Annotated[float | None, typer.Option(help="Lowest frequency, Hz.")] = None,
+    highest: Annotated[float | None, typer.Option(help="Highest frequency, Hz.")] = None,
+    longest: Annotated[
+        int | None, typer.Option(min=1, help="Longest waveform of the signal generator, samples.")
+    ] = None,
+    volts: Annotated[
+        str, typer.Option(metavar="LOW:HIGH", help="Range of the signal generator, V.")
+    ] = "-10:10",
+    trial: Annotated[
+        Path | None,
+        typer.Option(metavar="TRIAL.toml", help="Trial whose set-point calibration the generator has."),
+    ] = None,
+    speed_noise: Annotated[
+        float | None, typer.Option(help="Noise of the speed over the operating speed, %.")
+    ] = None,
+    torque_noise: Annotated[
+        float | None, typer.Option(help="Noise of the torque over the operating torque, %.")
+    ] = None,
+    noise_corner: Annotated[float, typer.Option(help="Frequency above which both fall, Hz.")] = 10.0,
+    out: OutFolder = Path("shipfp-design"),
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Plan a trial: what to put on the set point, what it will tell, files for crew and signal generator."""
+    from shipfp_rs.designs import design as plan_of
+
+    bands = [_pair("--avoid", text) for text in avoid or ()]
+    with progress() as notify:
+        notify("designing")
+        plan = plan_of(
+            expected,
+            amplitude_rpm=amplitude,
+            duration_s=duration,
+            accuracy_pct=accuracy,
+            parameters=parameter,
+            kind=kind.value,
+            criterion=criterion.value,
+            sensors=_sensors(speed_noise, torque_noise, noise_corner),
+            rate_rpm_s=rate_limit,
+            avoid_hz=bands,
+            lowest_hz=lowest,
+            highest_hz=highest,
+            longest_samples=longest,
+            generator=_generator(trial, expected, _pair("--volts", volts)),
+        )
+        plan.save(out, force=force)
+    if json:
+        print_json({"folder": str(out), **plan.to_dict()})
+    else:
+        _print(plan)
+        print_text(f"wrote {out}")
+
+
+def _print(plan: Plan) -> None:
+    estimates = {**plan.prediction.parameters, **plan.prediction.derived}
+    print_text(f"{plan.subject}: {plan.kind}, {plan.criterion}-optimal", *plan.heading())
+    print_table(
+        "Predicted standard deviations",
+        ["parameter", "expected", "std", "% of value", "unit", ""],
+        [
+            [
+                name,
+                f"{row.value:.4g}" if row.value is not None else "",
+                f"{row.std:.2g}" if row.std is not None else "",
+                f"{plan.prediction.relative_pct[name]:.2f}" if name in plan.prediction.relative_pct else "",
+                row.unit,
+                row.reason,
+            ]
+            for name, row in estimates.items()
+        ],
+    )
+    if plan.needed is not None:
+        met = "is met" if plan.needed.met else "is not met"
+        print_text(
+            f"A standard deviation of {plan.needed.accuracy_pct:g} % {met}; it takes about "
+            f"{plan.needed.duration_s:.0f} s, set by {plan.needed.limited_by}."
+        )
+
+
+def _pair(option: str, text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(f"{option}: found {text!r}, expected LOW:HIGH, two numbers") from None
+    return low, high
+
+
+def _sensors(speed: float | None, torque: float | None, corner_hz: float) -> dict[str, Noise] | None:
+    from shipfp_rs.designs import Noise
+    from shipfp_rs.designs.noise import USUAL
+
+    levels = {"n_e": speed, "M_g": torque}
+    return {
+        signal: Noise(USUAL[signal].level if level is None else 0.01 * level, corner_hz)
+        for signal, level in levels.items()
+    }
+
+
+def _generator(trial: Path | None, expected: str, volts: tuple[float, float]) -> Generator | None:
+    from shipfp_rs.designs import Generator
+    from shipfp_rs.vessel import Vessel
+
+    if trial is not None:
+        from shipfp_rs.trial import Trial
+
+        return Generator(Trial.load(trial).channels.set_point.calibration.calibration("rpm"), *volts)
+    if expected.endswith(".json"):
+        return None
+    line = Vessel.load(expected).set_point
+    return None if line is None else Generator(line.calibration, *volts)

@@ -1,0 +1,315 @@
+"""Design of a trial: which set point tells most within the limits, what it will tell, and how long it must last."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from shipfp_rs.designs.limits import TOP_HZ, Generator, Limits
+from shipfp_rs.designs.noise import Noise, sensors_of
+from shipfp_rs.designs.plan import Needed, Plan, needed_for
+from shipfp_rs.designs.prediction import Prediction, predict
+from shipfp_rs.designs.run_sheet import Stretch, run_sheet
+from shipfp_rs.designs.spectrum import Criterion, candidates, support
+from shipfp_rs.designs.subject import Subject
+from shipfp_rs.designs.waveforms import Kind, Setting, waveform
+from shipfp_rs.errors import InputError
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.signals.checks import positive
+from shipfp_rs.structure import Structure
+from shipfp_rs.vessel import Vessel
+
+__all__ = [
+    "Criterion",
+    "Generator",
+    "Kind",
+    "Limits",
+    "Needed",
+    "Noise",
+    "Plan",
+    "Prediction",
+    "Stretch",
+    "Subject",
+    "design",
+    "predict",
+]
+
+CANDIDATES = 120
+"""Frequencies that the optimal spectrum is chosen from, evenly spaced by their logarithm."""
+FIRST_S = 300.0
+"""Duration that the search for the time needed begins with."""
+LONGEST_S = 6.0 * 3600.0
+"""Longer than this is no trial; a wanted accuracy that takes more is refused."""
+SHORTEST_S = 60.0
+ROUNDS = 8
+
+
+def design(
+    expected: Vessel | Fingerprint | str | Path,
+    *,
+    amplitude_rpm: float | None = None,
+    duration_s: float | None = None,
+    accuracy_pct: float | None = None,
+    parameters: Sequence[str] | None = None,
+    kind: Kind = "mix",
+    criterion: Criterion = "D",
+    structure: Structure | None = None,
+    sensors: Mapping[str, Noise] | None = None,
+    n_e_rpm: float | None = None,
+    rate_rpm_s: float | None = None,
+    avoid_hz: Sequence[tuple[float, float]] = (),
+    lowest_hz: float | None = None,
+    highest_hz: float | None = None,
+    longest_samples: int | None = None,
+    generator: Generator | None = None,
+    settle_s: float = 10.0,
+) -> Plan:
+    """Plan a trial: the set point that tells most within the limits, and what it will tell.
+
+    Parameters
+    ----------
+    expected
+        What the ship is thought to be: a `Vessel`, its name or file, or an earlier `Fingerprint` or its file. A design is
+        optimal for these values and good near them.
+    amplitude_rpm
+        Largest deviation of the set point [rpm of the engine]; None: 3 % of the operating speed.
+    duration_s
+        Length of the whole time series [s]; None: what `accuracy_pct` takes.
+    accuracy_pct
+        Wanted standard deviation of every one of `parameters` over its value [%].
+    parameters
+        Names of parameters or combinations that `accuracy_pct` is for; None: all that is identifiable.
+    kind
+        "sines" (one after the other, the most powerful under a limit of amplitude), "multisine" (all at once, with a low
+        crest factor), "chirp" (over the range that tells most) or "mix" (sines, a chirp, and steps for validation).
+    criterion
+        "D": the smallest volume of the confidence ellipsoid; "A": the smallest sum of the relative variances of all that
+        is identifiable.
+    structure
+        What will be identified; None: speed and gauge torque with vK_p, vK_i and a free exponent, or the fingerprint's.
+    sensors
+        Signal to its `Noise`; None or left out: 0.3 % of the operating speed and 1 % of the torque, flat up to 10 Hz.
+    n_e_rpm
+        Operating point of a vessel [rpm]; None: its own.
+    rate_rpm_s
+        Largest rate of change of the set point [rpm/s]; None: any.
+    avoid_hz
+        Bands (low, high) around resonances [Hz].
+    lowest_hz, highest_hz
+        Range of frequencies; None: from two periods in the time there is to 5 Hz.
+    longest_samples
+        Longest waveform that the signal generator holds.
+    generator
+        Its calibration and range; None: the vessel's set-point line if it declares one.
+    settle_s
+        Time at the operating point before, between and after the parts [s].
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        For arguments out of range, or a trial that can't be made within the limits.
+
+    Notes
+    -----
+    Information of a line: L. Ljung, System Identification, 2nd ed., section 13.3; optimal shares by the multiplicative
+    algorithm, see `spectrum.optimal_shares`. Standard deviations are those of the whole time series, transients,
+    offsets and initial state included; they hold for small deviations, where the ship is linear.
+
+    Examples
+    --------
+    >>> plan = design("stan-launch-804", amplitude_rpm=13.0, duration_s=120.0, kind="sines")
+    >>> plan.excitation.amplitude_rpm <= 13.0
+    True
+    """
+    if kind not in get_args(Kind):
+        raise InputError(f"kind is {kind!r}, expected one of {', '.join(get_args(Kind))}")
+    if criterion not in get_args(Criterion):
+        raise InputError(f"criterion is {criterion!r}, expected one of {', '.join(get_args(Criterion))}")
+    if duration_s is None and accuracy_pct is None:
+        raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
+    for name, value in (("duration_s", duration_s), ("accuracy_pct", accuracy_pct)):
+        if value is not None:
+            positive(name, value)
+    if not (math.isfinite(settle_s) and settle_s >= 0.0):
+        raise InputError(f"settle_s is {settle_s}, expected zero or more")
+    subject = Subject.of(expected, structure, n_e_rpm)
+    set_point = subject.operating_point["n_set"]
+    limits = Limits(
+        0.03 * set_point if amplitude_rpm is None else amplitude_rpm,
+        rate_rpm_s,
+        tuple(avoid_hz),
+        lowest_hz,
+        highest_hz,
+        longest_samples,
+    )
+    if limits.amplitude_rpm >= set_point:
+        raise InputError(
+            f"amplitude_rpm is {limits.amplitude_rpm:g}, expected less than the operating speed {set_point:g}"
+        )
+    noises = sensors_of(sensors, subject.signals)
+    if generator is None and subject.vessel is not None and subject.vessel.set_point is not None:
+        generator = Generator(subject.vessel.set_point.calibration)
+    if generator is not None:
+        # Before the work: a set point that the generator can't reach is no plan.
+        generator.volts(set_point + limits.amplitude_rpm * np.array([-1.0, 1.0]))
+
+    def made(duration: float) -> Plan:
+        return _plan(subject, kind, criterion, limits, noises, generator, duration, settle_s)
+
+    if duration_s is not None:
+        plan = made(duration_s)
+        return plan if accuracy_pct is None else _judged(plan, accuracy_pct, parameters)
+    assert accuracy_pct is not None
+    return _long_enough(made, accuracy_pct, parameters)
+
+
+def _plan(
+    subject: Subject,
+    kind: Kind,
+    criterion: Criterion,
+    limits: Limits,
+    sensors: Mapping[str, Noise],
+    generator: Generator | None,
+    duration_s: float,
+    settle_s: float,
+) -> Plan:
+    rate = limits.sample_rate(duration_s)
+    frequency = np.geomspace(*limits.span(duration_s, rate), CANDIDATES)
+    frequency = frequency[limits.outside(frequency)]
+    fewest = max(len(subject.free), 3)
+    if len(frequency) < fewest:
+        raise InputError(
+            f"the bands of avoid_hz {list(limits.avoid_hz)} leave {len(frequency)} of {CANDIDATES} candidate frequencies, "
+            f"expected at least {fewest}; leave more outside"
+        )
+    lines = candidates(subject, sensors, frequency, limits.amplitude_at(frequency), rate)
+    setting, efficiency = Setting.of(lines, limits, criterion, rate)
+    excitation = waveform(kind, setting, duration_s, settle_s)
+    prediction = predict(subject, excitation, sensors)
+    return Plan(
+        subject.name,
+        kind,
+        criterion,
+        excitation,
+        tuple(
+            (float(line), float(share)) for line, share in zip(*support(lines, setting.shares), strict=True)
+        ),
+        efficiency,
+        prediction,
+        None,
+        run_sheet(excitation, prediction.experiment),
+        subject.operating_point["n_set"],
+        sensors,
+        limits,
+        generator,
+        _notes(subject, limits, rate, prediction),
+    )
+
+
+def _notes(subject: Subject, limits: Limits, rate_hz: float, prediction: Prediction) -> tuple[str, ...]:
+    notes = []
+    found = prediction.identifiability
+    if found.rank < found.free:
+        unknown = ", ".join(
+            name for name, row in prediction.parameters.items() if row.status == "unidentifiable"
+        )
+        closing = f" Knowing {' or '.join(found.closes_gap)} would close the gap." if found.closes_gap else ""
+        notes.append(
+            f"No excitation tells {unknown} apart ({found.rank} of {found.free} directions are told); the design is for "
+            f"{', '.join(prediction.derived) or 'the rest'}.{closing}"
+        )
+    weak = [f"{name} ({value:.0f} %)" for name, value in prediction.relative_pct.items() if value > 50.0]
+    if weak:
+        notes.append(
+            f"Hardly told, with the standard deviation over the value: {', '.join(weak)}; intervals will be skewed."
+        )
+    if limits.longest_samples is not None and limits.highest_hz is None and rate_hz < 10.0 * TOP_HZ:
+        notes.append(
+            f"The generator's {limits.longest_samples} samples allow {rate_hz:g} Hz, and so nothing above "
+            f"{rate_hz / 10.0:g} Hz."
+        )
+    limit = _torque_limit(subject, prediction)
+    if limit:
+        notes.append(limit)
+    return tuple(notes)
+
+
+def _torque_limit(subject: Subject, prediction: Prediction) -> str:
+    """Say where the linear answer would leave the engine's torque envelope; no limit is known of a fingerprint."""
+    vessel = subject.vessel
+    if vessel is None or "g" not in subject.values or not len(vessel.envelope()[0]):
+        return ""
+    speeds, torques = vessel.envelope()
+    from shipfp_rs import _core
+    from shipfp_rs.linear_model import linearise
+
+    experiment = prediction.experiment
+    model = linearise(vessel, subject.operating_point["n_set"])
+    dn, brake = _core.simulate_linear(
+        model.kernel_parameters(),
+        experiment.dn_set,
+        1.0 / experiment.rate_hz,
+        experiment.hold,
+        np.zeros(2),
+        [_core.LINEAR_OUTPUTS.index(name) for name in ("dn", "dM_b")],
+    )
+    speed = subject.operating_point["n_e"] / 60.0 * (1.0 + dn)
+    excess = subject.operating_point["M_b"] * (1.0 + brake) / np.interp(speed, speeds, torques)
+    if excess.max() <= 1.0:
+        return ""
+    return (
+        f"The engine's torque limit would be passed by {100.0 * (excess.max() - 1.0):.0f} %: there the ship is not linear "
+        "and the figures do not hold; lower the amplitude or the rate of change."
+    )
+
+
+def _wanted(plan: Plan, parameters: Sequence[str] | None) -> tuple[str, ...]:
+    known = tuple(plan.prediction.relative_pct)
+    for name in parameters or ():
+        if name not in known:
+            raise InputError(
+                f"parameters: {name!r} is not identifiable here, expected some of {', '.join(known)}"
+            )
+    return tuple(parameters or known)
+
+
+def _judged(plan: Plan, accuracy_pct: float, parameters: Sequence[str] | None) -> Plan:
+    needed = needed_for(
+        accuracy_pct, plan.prediction.relative_pct, _wanted(plan, parameters), plan.excitation.duration
+    )
+    return dataclasses.replace(plan, needed=needed)
+
+
+def _long_enough(
+    made: Callable[[float], Plan], accuracy_pct: float, parameters: Sequence[str] | None
+) -> Plan:
+    """Search the shortest plan that meets the accuracy, to about 5 %."""
+    duration, best = FIRST_S, None
+    for _ in range(ROUNDS):
+        plan = _judged(made(duration), accuracy_pct, parameters)
+        assert plan.needed is not None
+        if plan.needed.met:
+            best = plan if best is None or plan.excitation.duration < best.excitation.duration else best
+            if plan.needed.duration_s > 0.9 * duration or duration <= SHORTEST_S:
+                break
+        # The time to settle tells nothing, so what is proportional to all of the time falls a little short or long.
+        duration = max(1.03 * plan.needed.duration_s, SHORTEST_S)
+        if duration > LONGEST_S:
+            raise InputError(
+                f"accuracy_pct is {accuracy_pct:g}, {plan.needed.limited_by} would take about {duration / 3600.0:.3g} h; "
+                "raise the amplitude, or name the parameters that matter"
+            )
+    if best is None:
+        raise InputError(
+            f"accuracy_pct is {accuracy_pct:g}: no duration found that meets it; give duration_s"
+        )
+    return best

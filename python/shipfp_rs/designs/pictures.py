@@ -1,0 +1,64 @@
+"""The figure of a plan: the set point over time, and its spectrum with the bands to stay out of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shipfp_rs.plot import BLUE, ORANGE, RED, dress, envelope
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from shipfp_rs.designs.plan import Plan
+
+
+def figure(plan: Plan) -> Figure:
+    """Draw the set point [rpm] over time [s], the amplitude of its Fourier lines [rpm], and the optimal shares."""
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=(9.0, 6.0), layout="constrained")
+    time, spectrum = made.subplots(2, 1)
+    signal = plan.excitation
+    at, samples = envelope(signal.time, signal.samples, 4000)
+    time.plot(at, plan.set_point_rpm + samples, color=BLUE, lw=0.7, label="set point")
+    for side in (-1.0, 1.0):
+        time.axhline(
+            plan.set_point_rpm + side * plan.limits.amplitude_rpm,
+            color=RED,
+            lw=0.8,
+            ls="--",
+            label="limit of amplitude" if side > 0.0 else None,
+        )
+    time.set_xlabel("time [s]")
+    time.set_title(f"{plan.subject}: {plan.kind}, {plan.criterion}-optimal", loc="left", fontsize="medium")
+    dress(time, "set point [rpm]")
+
+    frequency, amplitude = signal.spectrum()
+    low = min(line for line, _ in plan.spectrum)
+    high = max(line for line, _ in plan.spectrum)
+    shown = (frequency >= 0.3 * low) & (frequency <= min(10.0 * high, 0.5 * signal.rate_hz))
+    spectrum.loglog(frequency[shown], amplitude[shown], color=BLUE, lw=0.7, label="Fourier lines")
+    top = amplitude[shown].max()
+    spectrum.set_ylim(1e-4 * top, 2.0 * top)
+    for index, (lower, upper) in enumerate(plan.limits.avoid_hz):
+        spectrum.axvspan(
+            max(lower, 0.3 * low),
+            upper,
+            color=RED,
+            alpha=0.2,
+            lw=0.0,
+            label="to stay out of" if not index else None,
+        )
+    shares = spectrum.twinx()
+    lines, parts = np.array(plan.spectrum).T
+    shares.vlines(lines, 0.0, 100.0 * parts, color=ORANGE, lw=1.5)
+    shares.plot(lines, 100.0 * parts, "o", color=ORANGE, ms=4, label="optimal share")
+    shares.set_ylim(bottom=0.0)
+    shares.set_ylabel("optimal share [%]", color=ORANGE)
+    shares.spines[["top"]].set_visible(False)
+    spectrum.plot([], [], "o", color=ORANGE, ms=4, label="optimal share")
+    spectrum.set_xlabel("frequency [Hz]")
+    dress(spectrum, "amplitude [rpm]")
+    return made

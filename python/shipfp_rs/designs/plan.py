@@ -1,0 +1,206 @@
+"""A plan: what to put on the set point, what it will tell, and the files for crew and signal generator."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.designs.limits import Generator, Limits, steepest_rpm_s
+from shipfp_rs.designs.noise import Noise
+from shipfp_rs.designs.prediction import Prediction
+from shipfp_rs.designs.run_sheet import Stretch, as_html, as_text
+from shipfp_rs.designs.spectrum import Criterion
+from shipfp_rs.designs.waveforms import Kind
+from shipfp_rs.files import replacing_folder
+from shipfp_rs.signals import Excitation
+
+Array = npt.NDArray[np.float64]
+
+FILES = (
+    "plan.json",
+    "excitation.csv",
+    "volts.csv",
+    "volts_points.csv",
+    "run_sheet.txt",
+    "run_sheet.html",
+    "plan.png",
+)
+
+
+@dataclass(frozen=True)
+class Needed:
+    """Time that a wanted accuracy takes: all named standard deviations within `accuracy_pct` of their values.
+
+    `duration_s` is the plan's own where it was searched for, else it is estimated: information grows with time.
+    """
+
+    accuracy_pct: float
+    duration_s: float
+    limited_by: str
+    met: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What `design` returns.
+
+    Parameters
+    ----------
+    subject
+        Ship or fingerprint that it is for.
+    kind, criterion
+        As given to `design`.
+    excitation
+        Deviations of the set point, one time series.
+    spectrum
+        Frequency [Hz] and share of time or power of each line of the optimal design.
+    efficiency
+        Lower bound on how near the shares are to the optimum [-], by the equivalence theorem.
+    prediction
+        Standard deviations, and what will stay unknown.
+    needed
+        Time for the wanted accuracy, where one was given.
+    sheet
+        The crew's run sheet.
+    set_point_rpm
+        Operating point [rpm of the engine].
+    sensors
+        Noise assumed, by output.
+    limits, generator
+        As given to `design`.
+    notes
+        What the user should know, in sentences.
+    """
+
+    subject: str
+    kind: Kind
+    criterion: Criterion
+    excitation: Excitation
+    spectrum: tuple[tuple[float, float], ...]
+    efficiency: float
+    prediction: Prediction
+    needed: Needed | None
+    sheet: tuple[Stretch, ...]
+    set_point_rpm: float
+    sensors: Mapping[str, Noise]
+    limits: Limits
+    generator: Generator | None
+    notes: tuple[str, ...]
+
+    def volts(self) -> Array | None:
+        """Return the generator's output [V], shape (N,); None without a generator."""
+        return (
+            None
+            if self.generator is None
+            else self.generator.volts(self.set_point_rpm + self.excitation.samples)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form, without the time series."""
+        signal = self.excitation
+        return {
+            "subject": self.subject,
+            "kind": self.kind,
+            "criterion": self.criterion,
+            "set_point_rpm": self.set_point_rpm,
+            "excitation": {
+                "duration_s": signal.duration,
+                "rate_hz": signal.rate_hz,
+                "samples": len(signal),
+                "amplitude_rpm": signal.amplitude_rpm,
+                "rms_rpm": signal.rms_rpm,
+                "crest_factor": signal.crest_factor,
+                "steepest_rpm_s": steepest_rpm_s(signal),
+                "power_in_avoided_bands": sum(signal.power_in(*band) for band in self.limits.avoid_hz),
+            },
+            "spectrum": [{"frequency_hz": line, "share": share} for line, share in self.spectrum],
+            "efficiency": self.efficiency,
+            "parameters": {name: row.to_dict() for name, row in self.prediction.parameters.items()},
+            "derived": {name: row.to_dict() for name, row in self.prediction.derived.items()},
+            "relative_std_pct": dict(self.prediction.relative_pct),
+            "identifiability": self.prediction.identifiability.to_dict(),
+            "needed": None if self.needed is None else asdict(self.needed),
+            "run_sheet": [asdict(stretch) for stretch in self.sheet],
+            "sensors": {output: asdict(noise) for output, noise in self.sensors.items()},
+            "limits": asdict(self.limits),
+            "generator": None
+            if self.generator is None
+            else {
+                "rpm_per_V": self.generator.calibration.scale,
+                "rpm_at_0_V": self.generator.calibration.offset,
+                "lowest_V": self.generator.lowest_V,
+                "highest_V": self.generator.highest_V,
+            },
+            "notes": list(self.notes),
+        }
+
+    def save(self, folder: str | Path, *, force: bool = False) -> Path:
+        """Write plan.json, the time series in rpm and in volts, the run sheet and a figure; all or nothing.
+
+        `volts.csv` holds time and volts, `volts_points.csv` the volts alone, one a line, for generators that take points
+        and a sample rate.
+
+        Raises
+        ------
+        InputError
+            Where the folder holds other files and `force` is not given, or can't be written.
+        """
+        from shipfp_rs.designs.pictures import figure
+
+        folder, volts = Path(folder), self.volts()
+        title = f"Run sheet: {self.subject}, {self.set_point_rpm:g} rpm"
+        with replacing_folder(folder, marker="plan.json", others=FILES, force=force) as made:
+            (made / "plan.json").write_text(
+                json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+            )
+            self.excitation.to_csv(made / "excitation.csv")
+            if volts is not None:
+                head = "time_s,volts\n"
+                (made / "volts.csv").write_text(
+                    head + _columns(self.excitation.time, volts), encoding="ascii"
+                )
+                (made / "volts_points.csv").write_text(_columns(volts), encoding="ascii")
+            (made / "run_sheet.txt").write_text(as_text(title, self.heading(), self.sheet), encoding="utf-8")
+            (made / "run_sheet.html").write_text(as_html(title, self.heading(), self.sheet), encoding="utf-8")
+            figure(self).savefig(made / "plan.png", dpi=110)
+        return folder
+
+    def heading(self) -> tuple[str, ...]:
+        """What stands above the run sheet's table: length, limits, samples and volts, then the notes."""
+        signal, volts = self.excitation, self.volts()
+        minutes = f"{int(signal.duration // 60)} min {signal.duration % 60:.0f} s"
+        lines = [
+            f"{minutes}, at most {signal.amplitude_rpm:.4g} rpm from {self.set_point_rpm:g} rpm and "
+            f"{steepest_rpm_s(signal):.4g} rpm/s; swings are half of peak to peak."
+        ]
+        if volts is not None:
+            lines.append(
+                f"Signal generator: {len(signal)} samples at {signal.rate_hz:g} Hz, {volts.min():.4f} to "
+                f"{volts.max():.4f} V."
+            )
+        return (*lines, *self.notes)
+
+
+def _columns(*columns: Array) -> str:
+    text = io.StringIO()
+    # A tenth of a millivolt is far below what any governor's input resolves.
+    np.savetxt(text, np.column_stack(columns), fmt="%.6f", delimiter=",")
+    return text.getvalue()
+
+
+def needed_for(
+    accuracy_pct: float, relative_pct: Mapping[str, float], names: tuple[str, ...], duration_s: float
+) -> Needed:
+    """Estimate the time for an accuracy of all `names` from the standard deviations that a duration gives."""
+    worst = max(names, key=lambda name: relative_pct[name])
+    ratio = relative_pct[worst] / accuracy_pct
+    duration = duration_s * max(ratio, 1.0) ** 2 if ratio > 1.0 else duration_s * ratio**2
+    return Needed(accuracy_pct, float(duration) if math.isfinite(duration) else math.inf, worst, ratio <= 1.0)

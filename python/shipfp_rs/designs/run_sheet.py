@@ -1,0 +1,121 @@
+"""The run sheet: what the crew will see, when, and how large; plain text and HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs.signals import Excitation, Segment
+
+Array = npt.NDArray[np.float64]
+
+HEAD = ("start", "what", "set point ± rpm", "frequency Hz", "speed ± rpm", "torque ± Nm")
+TORQUES = ("M_g", "M_s", "M_b")
+LEAST_REST_S = 1.0
+"""Shorter stretches between two parts are not listed."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One line of the run sheet; swings are half of peak to peak, None where the quantity is not an output."""
+
+    start_s: float
+    stop_s: float
+    what: str
+    amplitude_rpm: float
+    frequency_hz: float | None
+    speed_rpm: float | None
+    torque_Nm: float | None
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the line as text, one a column of `HEAD`."""
+        minutes, seconds = divmod(self.start_s, 60.0)
+        return (
+            f"{int(minutes):02d}:{seconds:04.1f}",
+            self.what,
+            f"{self.amplitude_rpm:.1f}",
+            "" if self.frequency_hz is None else f"{self.frequency_hz:.4g}",
+            "" if self.speed_rpm is None else f"{self.speed_rpm:.1f}",
+            "" if self.torque_Nm is None else f"{self.torque_Nm:.0f}",
+        )
+
+
+def run_sheet(excitation: Excitation, expected: Experiment) -> tuple[Stretch, ...]:
+    """List the parts of an excitation and the rests between them, with the swings that the expected ship shows."""
+    segments, at = [], 0.0
+    for segment in (*excitation.segments, Segment("", excitation.duration, excitation.duration)):
+        if segment.start_s - at > LEAST_REST_S:
+            segments.append(Segment("hold the operating point", at, segment.start_s))
+        segments.append(segment)
+        at = segment.stop_s
+    return tuple(_stretch(segment, excitation, expected) for segment in segments[:-1])
+
+
+def as_text(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
+    """Return the sheet as plain text."""
+    rows = [HEAD, *(stretch.cells() for stretch in stretches)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if column == 1 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+    rule = "-" * max(map(len, lines))
+    return "\n".join([title, "", *notes, "", lines[0], rule, *lines[1:], ""])
+
+
+def as_html(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
+    """Return the sheet as a page of its own that prints."""
+    body = "\n".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in stretch.cells()) + "</tr>"
+        for stretch in stretches
+    )
+    return f"""<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>
+<style>
+body {{ font: 11pt system-ui, sans-serif; margin: 2em; color: #111; background: #fff }}
+table {{ border-collapse: collapse }}
+th, td {{ border-bottom: 1px solid #bbb; padding: .25em .8em; text-align: right }}
+th:nth-child(2), td:nth-child(2) {{ text-align: left }}
+</style>
+<h1>{escape(title)}</h1>
+{"".join(f"<p>{escape(note)}</p>" for note in notes)}
+<table><thead><tr>{"".join(f"<th>{escape(name)}</th>" for name in HEAD)}</tr></thead>
+<tbody>
+{body}
+</tbody></table>
+</html>
+"""
+
+
+def _stretch(segment: Segment, excitation: Excitation, expected: Experiment) -> Stretch:
+    rate = excitation.rate_hz
+    part = slice(
+        round(segment.start_s * rate), max(round(segment.stop_s * rate), round(segment.start_s * rate) + 1)
+    )
+    torque = next((name for name in TORQUES if name in expected.signals), None)
+    # A shaft's speed is shown in rpm of the engine, as the set point is.
+    speed = next((name for name in expected.signals if name in ("n_e", "n_s")), None)
+    in_rpm = 1.0
+    if speed is not None and UNITS[speed] != "rpm":
+        in_rpm = expected.operating_point["n_set"] / expected.operating_point[speed]
+    return Stretch(
+        segment.start_s,
+        segment.stop_s,
+        segment.label,
+        float(np.abs(excitation.samples[part]).max()),
+        segment.frequency_hz,
+        None if speed is None else in_rpm * _swing(expected.signals[speed][part]),
+        None if torque is None else _swing(expected.signals[torque][part]),
+    )
+
+
+def _swing(samples: Array) -> float:
+    return float(np.ptp(samples)) / 2.0

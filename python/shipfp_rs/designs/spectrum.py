@@ -1,0 +1,176 @@
+"""Optimal spectra: how much of the time, or of the power, each frequency should have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.designs.noise import Noise
+from shipfp_rs.designs.quantities import quantities
+from shipfp_rs.designs.subject import Subject
+from shipfp_rs.errors import InputError
+from shipfp_rs.identifiability import Sensitivity
+from shipfp_rs.signals import Law
+
+Array = npt.NDArray[np.float64]
+Criterion = Literal["D", "A"]
+
+ITERATIONS = 20_000
+TOLERANCE = 1e-3
+"""A design is taken for optimal when its efficiency is within this part of one."""
+SUPPORT = 1e-3
+"""Share of the largest line below which a line is left out."""
+NEIGHBOURS = 1.001
+"""Candidates further apart than this times the closest two are no neighbours."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Candidate frequencies [Hz], shape (F,), with the information that each gives in a second.
+
+    `information` (F, r, r) is per unit of share at the line's full amplitude, in the r directions that the data tell;
+    `goal` (r, r) makes trace(goal covariance) the sum of relative variances of all that is identifiable.
+    """
+
+    frequency_hz: Array
+    amplitude_rpm: Array
+    information: Array
+    goal: Array
+    sensitivity: Sensitivity
+
+    def total(self, shares: Array) -> Array:
+        """Information a second of shares (F,) or (..., F), shape (..., r, r)."""
+        return np.tensordot(shares, self.information, axes=1)
+
+    def cost(self, shares: Array, criterion: Criterion) -> Array:
+        """Factor on all relative variances: det(information)^(-1/r) ("D") or the sum of the variances ("A")."""
+        total = self.total(shares)
+        if criterion == "D":
+            sign, logarithm = np.linalg.slogdet(total)
+            return np.where(sign > 0, np.exp(-logarithm / total.shape[-1]), np.inf)
+        # Where a design leaves a direction open the inverse is rounding; the pseudo-inverse would call that perfect.
+        smallest = np.linalg.eigvalsh(total)
+        solvable = smallest[..., 0] > 1e-14 * smallest[..., -1]
+        safe = np.where(solvable[..., None, None], total, np.eye(total.shape[-1]))
+        return np.where(solvable, np.trace(np.linalg.solve(safe, self.goal), axis1=-2, axis2=-1), np.inf)
+
+
+def candidates(
+    subject: Subject,
+    sensors: Mapping[str, Noise],
+    frequency_hz: Array,
+    amplitude_rpm: Array,
+    rate_hz: float,
+) -> Lines:
+    """Return what a sine of each frequency at its largest amplitude tells of the subject.
+
+    With S the derivatives of the responses with respect to the parameters, the information of T seconds is
+    T a^2 Re(S^H G^-1 S) for a set point of relative amplitude a and noise of one-sided density G.
+
+    Raises
+    ------
+    InputError
+        Where the structure has no frequency response, or the data tell nothing.
+    """
+    _, slopes = subject.structure.equations.response(subject.values, frequency_hz, subject.free)
+    density = np.array(
+        [sensors[output].density(frequency_hz, rate_hz) for output in subject.structure.outputs]
+    )
+    whitened = slopes * amplitude_rpm / subject.operating_point["n_set"] / np.sqrt(density)
+    rows = np.concatenate([whitened.real, whitened.imag], axis=1)  # (W, 2 O, F)
+    sensitivity = Sensitivity.of(rows.reshape(len(rows), -1).T, subject.free, subject.scale)
+    if not sensitivity.rank:
+        raise InputError(
+            f"{subject.name}: the outputs do not depend on any free parameter; nothing to design for"
+        )
+    told = sensitivity.right[: sensitivity.rank]
+    reduced = np.einsum("rw,wof->fro", told * subject.scale, rows)
+    return Lines(
+        frequency_hz,
+        amplitude_rpm,
+        np.einsum("fro,fso->frs", reduced, reduced),
+        _goal(subject, sensitivity),
+        sensitivity,
+    )
+
+
+def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
+    """Return the shares (F,) of the optimal design, and its efficiency, at least (1 for the optimum).
+
+    Multiplicative algorithm: each share is multiplied by what its line would gain, to the power 1 ("D") or 1/2 ("A"),
+    which improves the criterion monotonically: Y. Yu, Annals of Statistics 38 (2010) 1593, doi:10.1214/09-AOS761.
+    The bound on the efficiency is the equivalence theorem's (Kiefer and Wolfowitz, doi:10.4153/CJM-1960-030-4).
+    """
+    shares = np.full(len(lines.frequency_hz), 1.0 / len(lines.frequency_hz))
+    efficiency = 0.0
+    for _ in range(ITERATIONS):
+        gain = _gain(lines, shares, criterion)
+        efficiency = 1.0 / float(gain.max())
+        if efficiency > 1.0 - TOLERANCE:
+            break
+        shares = shares * gain ** (1.0 if criterion == "D" else 0.5)
+        shares /= shares.sum()
+    return shares, efficiency
+
+
+def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and shares of a design, neighbouring candidates brought together.
+
+    An optimum between two candidates shows as both of them; as one line they have less of a peak.
+    """
+    runs: list[list[int]] = []
+    frequency = lines.frequency_hz
+    # Across a band that is left out candidates are no neighbours.
+    beside = NEIGHBOURS * np.min(frequency[1:] / frequency[:-1])
+    for index in np.flatnonzero(shares > SUPPORT * shares.max()):
+        if runs and runs[-1][-1] == index - 1 and frequency[index] < beside * frequency[index - 1]:
+            runs[-1].append(int(index))
+        else:
+            runs.append([int(index)])
+    weight = np.array([shares[run].sum() for run in runs])
+    middle = [np.average(np.log(frequency[run]), weights=shares[run]) for run in runs]
+    return np.exp(middle), weight / weight.sum()
+
+
+def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
+    """Return start, stop [Hz] and law of the chirp that tells most, among those from candidate to candidate."""
+    width = np.gradient(lines.frequency_hz)
+    laws: tuple[tuple[Law, Array], ...] = (("logarithmic", width / lines.frequency_hz), ("linear", width))
+    found: list[tuple[float, float, float, Law]] = []
+    for law, dwell in laws:
+        for stop in range(3, len(width) + 1):
+            # A chirp has one amplitude, its highest frequency's; candidates are scaled by their own.
+            part = dwell[:stop] * (lines.amplitude_rpm[stop - 1] / lines.amplitude_rpm[:stop]) ** 2
+            starts = np.triu(np.ones((stop, stop)))[: stop - 2]
+            shares = np.zeros((len(starts), len(width)))
+            shares[:, :stop] = starts * part / (starts * dwell[:stop]).sum(axis=1, keepdims=True)
+            cost = lines.cost(shares, criterion)
+            start = int(np.argmin(cost))
+            ends = float(lines.frequency_hz[start]), float(lines.frequency_hz[stop - 1])
+            found.append((float(cost[start]), *ends, law))
+    return min(found)[1:]
+
+
+def _gain(lines: Lines, shares: Array, criterion: Criterion) -> Array:
+    """What a share of each line adds to the criterion, relative to the design's own mean: at most 1 at the optimum."""
+    total = lines.total(shares)
+    inverse = np.linalg.inv(total)
+    weight = inverse if criterion == "D" else inverse @ lines.goal @ inverse
+    gain = np.einsum("fij,ji->f", lines.information, weight)
+    return np.asarray(gain / np.sum(total * weight))
+
+
+def _goal(subject: Subject, sensitivity: Sensitivity) -> Array:
+    """Sum over all that is identifiable, parameters and combinations of others, of its relative gradient squared."""
+    told = sensitivity.right[: sensitivity.rank]
+    relative = [
+        quantity.gradient * subject.scale / (quantity.value or 1.0)
+        for quantity in quantities(subject, sensitivity).values()
+    ]
+    rows = np.array(relative).reshape(-1, len(subject.free)) @ told.T
+    # A structure of one's own may have combinations that have no name.
+    return np.asarray(rows.T @ rows) if len(rows) >= sensitivity.rank else np.eye(sensitivity.rank)

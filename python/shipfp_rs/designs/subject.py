@@ -1,0 +1,135 @@
+"""What a trial is designed for: a structure at the values it is expected to have, about an operating point."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.linear_model import linearise
+from shipfp_rs.operating_point import steady_state
+from shipfp_rs.prediction import structure_of
+from shipfp_rs.signals import Excitation
+from shipfp_rs.structure import Structure
+from shipfp_rs.truth import true_values
+from shipfp_rs.vessel import Vessel
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A structure, its expected values by name, and the operating point of each of its signals.
+
+    `vessel` is None where the expectation is a fingerprint.
+    """
+
+    name: str
+    structure: Structure
+    values: Mapping[str, float]
+    operating_point: Mapping[str, float]
+    vessel: Vessel | None = None
+
+    @classmethod
+    def of(
+        cls,
+        source: Vessel | Fingerprint | str | Path,
+        structure: Structure | None,
+        n_e_rpm: float | None,
+    ) -> Self:
+        """Take the expectation from a ship (or its name or file) or from an earlier fingerprint (or its file)."""
+        if isinstance(source, str | Path):
+            is_result = str(source).endswith(".json")
+            source = Fingerprint.load(source) if is_result else Vessel.load(source)
+        if isinstance(source, Fingerprint):
+            if n_e_rpm is not None:
+                raise InputError(
+                    f"n_e_rpm is {n_e_rpm:g}, expected none with a fingerprint: it has its own point"
+                )
+            return cls._of_fingerprint(source, structure or structure_of(source))
+        return cls._of_vessel(source, structure or usual_structure(), n_e_rpm)
+
+    @classmethod
+    def _of_vessel(cls, vessel: Vessel, structure: Structure, n_e_rpm: float | None) -> Self:
+        point = steady_state(vessel, n_e_rpm)
+        known = true_values(dataclasses.asdict(linearise(vessel, n_e_rpm)))
+        levels = {
+            "n_set": point.n_e_rpm,
+            "n_e": point.n_e_rpm,
+            "n_s": point.n_s,
+            "M_b": point.M_b,
+            "M_s": point.M_s,
+            "M_g": point.M_s,
+            "X_f": point.X_f,
+            "E_n": point.n_e,
+        }
+        return cls(vessel.name, structure, _expected(structure, known), levels, vessel)
+
+    @classmethod
+    def _of_fingerprint(cls, fingerprint: Fingerprint, structure: Structure) -> Self:
+        point = dict(fingerprint.data[0]["operating_point"]) if fingerprint.data else {}
+        for signal in ("n_set", *(candidates[0] for candidates in structure.signals.values())):
+            if signal not in point:
+                found = ", ".join(point) or "none"
+                raise InputError(
+                    f"the fingerprint's data have no operating point of {signal!r} (found {found}); "
+                    "expected one fitted to an experiment"
+                )
+        known = fingerprint.settings.get("optimum", {})
+        name = f"fingerprint of {fingerprint.vessel or 'a ship not named'}"
+        return cls(name, structure, _expected(structure, known), point)
+
+    @property
+    def signals(self) -> dict[str, str]:
+        """The measured signal that stands for each output."""
+        return {output: candidates[0] for output, candidates in self.structure.signals.items()}
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that are estimated."""
+        return tuple(parameter.name for parameter in self.structure.free)
+
+    @property
+    def scale(self) -> np.typing.NDArray[np.float64]:
+        """Size of each free parameter, by which its deviations are made relative, shape (P,)."""
+        return np.array(
+            [abs(self.values[parameter.name]) or parameter.scale for parameter in self.structure.free]
+        )
+
+    def respond(self, excitation: Excitation) -> Experiment:
+        """Return what noise-free sensors would record of the expected ship from rest."""
+        set_point = {"n_set": self.operating_point["n_set"] + excitation.samples}
+        bare = Experiment(
+            excitation.name,
+            excitation.rate_hz,
+            set_point,
+            self.operating_point,
+            hold=excitation.hold,
+            kind=excitation.kind,
+        )
+        rows = self.structure.equations.simulate(self.values, bare)
+        measured = {
+            signal: self.operating_point[signal] * (row if signal == "E_n" else 1.0 + row)
+            for signal, row in zip(self.signals.values(), rows, strict=True)
+        }
+        return dataclasses.replace(bare, signals=set_point | measured)
+
+
+def usual_structure() -> Structure:
+    """What speed and a torque gauge between the inertias tell of a ship whose propeller exponent is not known."""
+    return Structure.linear(torque="gauge", products=True, free_exponent=True)
+
+
+def _expected(structure: Structure, known: Mapping[str, float]) -> dict[str, float]:
+    """Known values; the structure's own where it holds one fixed, none is known, or a dead time is zero."""
+    return {
+        parameter.name: parameter.start
+        if parameter.fixed
+        else known.get(parameter.name, 0.0) or parameter.start
+        for parameter in structure.parameters
+    }

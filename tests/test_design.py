@@ -1,0 +1,243 @@
+"""Plans of trials: optimal spectra, limits kept, null directions named, files for crew and signal generator."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs import _core, cli
+from shipfp_rs.calibration import Calibration
+from shipfp_rs.designs import Generator, Noise, Subject
+from shipfp_rs.designs.limits import steepest_rpm_s
+from shipfp_rs.designs.noise import sensors_of
+from shipfp_rs.designs.spectrum import Lines, candidates, optimal_shares
+from shipfp_rs.identifiability import Sensitivity
+from shipfp_rs.structure import Structure
+
+TUG = "stan-tug-1205"
+CALIBRATION = Calibration(-251.38, -85.29, "rpm")  # eq. 6.7
+
+
+def tug_lines(frequency: np.ndarray) -> Lines:
+    subject = Subject.of(TUG, None, None)
+    noises = sensors_of(None, subject.signals)
+    return candidates(subject, noises, frequency, np.full(len(frequency), 76.0), 100.0)
+
+
+class TestOptimalShares:
+    def test_a_straight_line_is_measured_at_its_ends(self) -> None:
+        # The textbook D-optimal design for a straight line: half of the measurements at each end.
+        places = np.linspace(-1.0, 1.0, 21)
+        rows = np.stack([np.ones(21), places], axis=1)
+        lines = Lines(
+            np.arange(1.0, 22.0),
+            np.ones(21),
+            rows[:, :, None] * rows[:, None, :],
+            np.eye(2),
+            Sensitivity.of(rows, ("a", "b"), np.ones(2)),
+        )
+        shares, efficiency = optimal_shares(lines, "D")
+        assert efficiency > 0.999
+        assert shares[[0, -1]] == pytest.approx(0.5, abs=0.01)
+
+    @pytest.mark.parametrize("criterion", ["D", "A"])
+    def test_no_other_shares_are_better(self, criterion) -> None:
+        lines = tug_lines(np.geomspace(0.005, 5.0, 60))
+        shares, _ = optimal_shares(lines, criterion)
+        others = np.random.default_rng(1).dirichlet(np.full(60, 0.1), 300)
+        best = lines.cost(shares, criterion)
+        assert best <= 1.001 * lines.cost(others, criterion).min()
+        mixed = 0.9 * shares + 0.1 * others
+        assert best <= 1.001 * lines.cost(mixed, criterion).min()
+
+    def test_information_of_a_line_is_that_of_a_long_sine(self) -> None:
+        # The frequency formula against the kernel's sensitivities in time, once the transient has died away.
+        frequency, rate, seconds = 0.5, 100.0, 200.0
+        subject = Subject.of(TUG, None, None)
+        noises = sensors_of(None, subject.signals)
+        lines = tug_lines(np.array([frequency]))
+        sine = fp.signals.sine_sequence([frequency], 2 * seconds * frequency, 76.0, rate_hz=rate)
+        prediction_of = subject.structure.equations.sensitivities(
+            subject.values, subject.respond(sine), subject.free
+        )[1][:, :, -round(seconds * rate) :]
+        total = 0.0
+        for index, output in enumerate(subject.structure.outputs):
+            correlation = noises[output].correlation(rate)
+            part = prediction_of[:, index, 1:] - correlation * prediction_of[:, index, :-1]
+            total = total + part @ part.T / noises[output].innovation(rate) ** 2
+        told = lines.sensitivity.right[: lines.sensitivity.rank] * subject.scale
+        expected = lines.information[0]
+        assert told @ total @ told.T / seconds == pytest.approx(expected, abs=1e-3 * expected.max())
+
+
+class TestPlan:
+    @pytest.mark.parametrize("kind", ["sines", "multisine", "chirp", "mix"])
+    def test_the_waveform_keeps_to_amplitude_rate_of_change_and_time(self, kind) -> None:
+        plan = fp.design(TUG, duration_s=240.0, amplitude_rpm=50.0, rate_rpm_s=60.0, kind=kind)
+        assert plan.excitation.amplitude_rpm <= 50.0 * (1.0 + 1e-9)
+        assert steepest_rpm_s(plan.excitation) <= 60.0 * (1.0 + 1e-9)
+        assert plan.excitation.duration <= 240.0
+        assert plan.excitation.samples[0] == plan.excitation.samples[-1] == 0.0
+
+    @pytest.mark.parametrize("kind", ["sines", "multisine", "chirp", "mix"])
+    def test_bands_around_resonances_are_left_out(self, kind) -> None:
+        free = fp.design(TUG, duration_s=400.0, amplitude_rpm=50.0, kind=kind)
+        # Around a line that the plan would use.
+        line = max(free.spectrum)[0]
+        band = (0.8 * line, 1.25 * line)
+        plan = fp.design(TUG, duration_s=400.0, amplitude_rpm=50.0, kind=kind, avoid_hz=[band])
+        assert not any(band[0] <= frequency <= band[1] for frequency, _ in plan.spectrum)
+        # What begins and ends has side lobes: some of a line beside the band, or of a step, leaks in.
+        assert plan.excitation.power_in(*band) < 0.06
+        assert plan.excitation.power_in(*band) < 0.2 * free.excitation.power_in(*band)
+
+    def test_a_short_waveform_lowers_the_sample_rate(self) -> None:
+        plan = fp.design(TUG, duration_s=300.0, amplitude_rpm=50.0, longest_samples=8192)
+        assert len(plan.excitation) <= 8192
+        assert plan.excitation.rate_hz == 20.0
+        assert any("nothing above 2 Hz" in note for note in plan.notes)
+
+    def test_null_directions_are_named_and_combinations_designed_for(self) -> None:
+        plan = fp.design(TUG, duration_s=200.0, amplitude_rpm=76.0)
+        assert plan.prediction.parameters["tau_n"].status == "unidentifiable"
+        assert plan.prediction.identifiability.rank == 5
+        assert {"p", "tau_prop", "vK_p/tau_n"} <= set(plan.prediction.relative_pct)
+        assert any("tau_n, g, vK_p, vK_i" in note for note in plan.notes)
+
+    def test_a_known_parameter_closes_the_gap(self) -> None:
+        structure = Structure.linear(torque="gauge", products=True, free_exponent=True).with_fixed(tau_n=1.17)
+        plan = fp.design(TUG, duration_s=200.0, amplitude_rpm=76.0, structure=structure)
+        assert plan.prediction.identifiability.rank == plan.prediction.identifiability.free
+        assert "vK_p" in plan.prediction.relative_pct
+
+    def test_twice_the_noise_is_twice_the_deviation(self) -> None:
+        quiet, loud = (
+            fp.design(
+                TUG,
+                duration_s=200.0,
+                amplitude_rpm=76.0,
+                sensors={"n_e": Noise(factor * 0.002, 5.0), "M_g": Noise(factor * 0.01, 5.0)},
+            ).prediction.relative_pct
+            for factor in (1.0, 2.0)
+        )
+        for name, value in quiet.items():
+            assert loud[name] == pytest.approx(2.0 * value, rel=1e-6)
+
+    def test_the_time_for_an_accuracy_is_found_and_kept(self) -> None:
+        plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines")
+        assert max(plan.prediction.relative_pct.values()) <= 3.0
+        assert plan.needed.met
+        shorter = fp.design(
+            TUG, amplitude_rpm=76.0, accuracy_pct=3.0, duration_s=0.8 * plan.excitation.duration, kind="sines"
+        )
+        assert not shorter.needed.met
+        assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.2)
+
+    def test_a_fingerprint_can_be_what_is_expected(self, tmp_path) -> None:
+        excitation = fp.signals.chirp(0.01, 2.0, 60.0, 39.0, rate_hz=20.0)
+        experiment = fp.simulate(
+            fp.Vessel.load("stan-launch-804"), excitation, noise={"n_e": 0.01, "M_b": 0.01}, seed=1
+        )
+        path = fp.identify(experiment, Structure.linear(products=True)).save(tmp_path / "f.json")
+        plan = fp.design(path, duration_s=120.0, amplitude_rpm=13.0)
+        assert plan.set_point_rpm == 1300.0
+        assert plan.prediction.parameters["tau_n"].value == pytest.approx(1.51, rel=0.05)
+
+    def test_leaving_the_engine_s_envelope_is_said(self) -> None:
+        assert not any(
+            "torque limit" in note for note in fp.design(TUG, duration_s=100.0, amplitude_rpm=20.0).notes
+        )
+        assert any(
+            "torque limit" in note for note in fp.design(TUG, duration_s=100.0, amplitude_rpm=600.0).notes
+        )
+
+
+class TestRunSheet:
+    def test_swings_are_those_of_the_response(self) -> None:
+        plan = fp.design(TUG, duration_s=300.0, amplitude_rpm=76.0, kind="sines")
+        subject = Subject.of(TUG, None, None)
+        parameters = fp.linearise(fp.Vessel.load(TUG)).kernel_parameters()
+        sine = next(stretch for stretch in plan.sheet if stretch.frequency_hz)
+        gains = np.abs(_core.linear_response(parameters, np.array([sine.frequency_hz]), [0, 3]))[:, 0]
+        # The swing holds the start's transient, too.
+        assert sine.speed_rpm == pytest.approx(76.0 * gains[0], rel=0.1)
+        expected = 76.0 / plan.set_point_rpm * gains[1] * subject.operating_point["M_g"]
+        assert sine.torque_Nm == pytest.approx(expected, rel=0.1)
+
+    def test_the_sheet_covers_the_whole_time_in_order(self) -> None:
+        plan = fp.design(TUG, duration_s=300.0, amplitude_rpm=76.0)
+        starts = [stretch.start_s for stretch in plan.sheet]
+        assert starts == sorted(starts)
+        assert starts[0] == 0.0
+        assert plan.sheet[-1].stop_s == pytest.approx(plan.excitation.duration, abs=0.05)
+        assert {"hold the operating point", "steps"} <= {stretch.what for stretch in plan.sheet}
+
+
+class TestGenerator:
+    def test_volts_give_the_set_point_back(self) -> None:
+        plan = fp.design(TUG, duration_s=100.0, amplitude_rpm=76.0)
+        assert CALIBRATION(plan.volts()) == pytest.approx(1183.8 + plan.excitation.samples, abs=1e-9)
+        # 0.6 V peak to peak is 76 rpm of amplitude (Table 6.7).
+        assert np.ptp(plan.volts()) == pytest.approx(0.6, rel=0.02)
+
+    def test_a_range_that_is_too_small_is_refused(self) -> None:
+        with pytest.raises(fp.InputError, match=r"expected -5 to 5 V"):
+            fp.design(TUG, duration_s=100.0, amplitude_rpm=76.0, generator=Generator(CALIBRATION, -5.0, 5.0))
+
+
+class TestCommand:
+    def test_it_writes_everything_and_prints_json(self, tmp_path, capsys) -> None:
+        out = tmp_path / "plan"
+        arguments = [
+            "design",
+            TUG,
+            "--duration",
+            200,
+            "--amplitude",
+            76,
+            "--accuracy",
+            3,
+            "--out",
+            out,
+            "--json",
+        ]
+        assert cli.main([*map(str, arguments)]) == 0
+        printed = json.loads(capsys.readouterr().out)
+        written = json.loads((out / "plan.json").read_text())
+        assert printed == {"folder": str(out), **written}
+        assert written["needed"]["accuracy_pct"] == 3.0
+        with (out / "volts.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        points = (out / "volts_points.csv").read_text().split()
+        assert [row["volts"] for row in rows] == points
+        assert len(points) == written["excitation"]["samples"]
+        assert "hold the operating point" in (out / "run_sheet.txt").read_text()
+        assert "<table>" in (out / "run_sheet.html").read_text()
+        assert (out / "plan.png").read_bytes()[:4] == b"\x89PNG"
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ([TUG], "neither duration_s nor accuracy_pct"),
+            (["stan-tug-1206", "--duration", "100"], "did you mean 'stan-tug-1205'"),
+            ([TUG, "--duration", "100", "--avoid", "3"], "--avoid: found '3', expected LOW:HIGH"),
+            ([TUG, "--duration", "100", "--avoid", "0:100"], "avoid_hz"),
+            ([TUG, "--duration", "100", "--amplitude", "2000"], "amplitude_rpm is 2000"),
+            ([TUG, "--duration", "30"], "to settle"),
+            ([TUG, "--duration", "100", "--longest", "10"], "longest_samples is 10"),
+            ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
+            ([TUG, "--accuracy", "3", "--parameter", "tau_n"], "'tau_n' is not identifiable here"),
+            ([TUG, "--accuracy", "0.01"], "would take about"),
+            (["missing.json", "--duration", "100"], "missing.json"),
+        ],
+    )
+    def test_a_mistake_costs_one_line(self, arguments, message, tmp_path, capsys) -> None:
+        assert cli.main(["design", *arguments, "--out", str(tmp_path / "plan")]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert message in error
+        assert not (tmp_path / "plan").exists()
