@@ -95,6 +95,12 @@ class TestPlan:
         assert plan.excitation.power_in(*band) < 0.06
         assert plan.excitation.power_in(*band) < 0.2 * free.excitation.power_in(*band)
 
+    def test_a_band_above_all_that_is_used_changes_nothing(self) -> None:
+        free, kept = (
+            fp.signals.chirp(0.1, 1.0, 20.0, 13.0, avoid_hz=bands) for bands in ((), ((1.2, 1.5), (3.0, 4.0)))
+        )
+        assert np.array_equal(free.samples, kept.samples)
+
     def test_a_short_waveform_lowers_the_sample_rate(self) -> None:
         plan = fp.design(TUG, duration_s=300.0, amplitude_rpm=50.0, longest_samples=8192)
         assert len(plan.excitation) <= 8192

@@ -75,10 +75,11 @@ def _kept(start_hz: float, stop_hz: float, avoid_hz: Bands) -> list[tuple[float,
     low, high = min(start_hz, stop_hz), max(start_hz, stop_hz)
     pieces, at = [], low
     for lower, upper in bands(avoid_hz):
-        if at < lower < high:
+        if upper <= low or lower > high:
+            continue
+        if at < lower:
             pieces.append((at, lower))
-        if upper > low:
-            at = max(at, upper)
+        at = max(at, upper)
     if at < high or low == high:
         pieces.append((at, high))
     if not pieces:
