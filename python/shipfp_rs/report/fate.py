@@ -187,7 +187,7 @@ def _faults(experiments: Sequence[Experiment]) -> str:
         return paragraph("No fault is on record.")
     head = ["fault", "experiment", "channel", "what was done", "count", "a minute", "samples"]
     return table("faults by experiment and channel", head, rows) + details(
-        "Which samples, counted from each channel's first", bullets(places)
+        "Which samples, counted from each channel's first", bullets(places), printed=False
     )
 
 

@@ -84,12 +84,13 @@ def parameters(
 
 def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None) -> str:
     truths = ["truth"] if truth else []
-    head = ["parameter", "estimate", "std", "95 % interval", "unit", *truths, "status", "meaning or reason"]
+    head = ["parameter", "status", "estimate", "std", "95 % interval", "unit", *truths, "meaning or reason"]
     rows = []
     for row in wording.rows(estimates, truth):
         estimate = estimates[row.name]
         cells = [
             Cell(row.name, code=True),
+            Cell(row.status, tone=TONES.get(row.status, "")),
             number(row.value, key=estimate.value),
             number(row.std, key=estimate.std),
             number(_interval(row, estimate), key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0]),
@@ -99,11 +100,7 @@ def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str
             cells.append(
                 number(row.truth, "bad" if row.holds_truth is False else "", key=truth.get(row.name))
             )
-        cells += [
-            Cell(row.status, tone=TONES.get(row.status, "")),
-            Cell(row.reason or wording.MEANINGS.get(row.name, ""), tone="note"),
-        ]
-        rows.append(cells)
+        rows.append([*cells, Cell(row.reason or wording.MEANINGS.get(row.name, ""), tone="note")])
     return table(about, head, rows)
 
 

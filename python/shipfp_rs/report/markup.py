@@ -108,9 +108,10 @@ def paragraph(text: str, tone: str = "") -> str:
     return f'<p class="{tone}">{escape(text)}</p>' if tone else f"<p>{escape(text)}</p>"
 
 
-def details(summary: str, content: str) -> str:
-    """Return what is shown on demand, and always on paper."""
-    return f"<details><summary>{escape(summary)}</summary>{content}</details>"
+def details(summary: str, content: str, *, printed: bool = True) -> str:
+    """Return what is shown on demand, and on paper, where nobody can ask for it, if it is to be printed."""
+    kind = "" if printed else ' class="unprinted"'
+    return f"<details{kind}><summary>{escape(summary)}</summary>{content}</details>"
 
 
 def plain(value: Any) -> str:

@@ -8,6 +8,7 @@
   const HIGH = 150, LOW = 80;
   const MASKED = 65535, STEPS = 65534;
   const LEAST_SAMPLES = 8;
+  const PAPER = 690; // width of A4 within its margins, in the pixels of a page
 
   const make = (parent, tag, attributes = {}, text) => {
     const element = parent.namespaceURI === SVG || tag === "svg" ? document.createElementNS(SVG, tag) : document.createElement(tag);
@@ -66,6 +67,9 @@
       this.build();
       new ResizeObserver(() => this.resize()).observe(this.plot);
       this.resize();
+      // Drawn anew for paper: shrunk from a wide screen, its text could not be read.
+      addEventListener("beforeprint", () => this.resize(PAPER));
+      addEventListener("afterprint", () => this.resize());
     }
 
     build() {
@@ -206,8 +210,8 @@
       this.status.textContent = `${next[2]}, at ${this.told(next[0])}`;
     }
 
-    resize() {
-      const wide = Math.max(Math.round(this.plot.clientWidth) - LEFT - RIGHT, 80);
+    resize(width = this.plot.clientWidth) {
+      const wide = Math.max(Math.round(width) - LEFT - RIGHT, 80);
       if (wide === this.wide) return;
       this.wide = wide;
       this.draw();
@@ -254,7 +258,7 @@
       high += pad;
       const y = (value) => top + height * (high - value) / (high - low);
       const x = (time) => LEFT + this.wide * (time - this.from) / (this.to - this.from);
-      const rise = nice((high - low) / (height > 100 ? 5 : 3));
+      const rise = nice((high - low) / 5);
       for (let tick = Math.ceil(low / rise); tick * rise <= high; tick++) {
         const at = y(tick * rise).toFixed(1);
         make(svg, "line", { class: "grid", x1: LEFT, x2: LEFT + this.wide, y1: at, y2: at });
