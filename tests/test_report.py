@@ -189,7 +189,7 @@ def test_an_interval_that_begins_on_a_bound_has_one_end(fingerprint) -> None:
 
 
 def recorded(experiment: Experiment) -> Experiment:
-    """Return an experiment cut from 100 to 700 s of a log at 1 kHz, with one bridged jump and two masked spikes."""
+    """Return an experiment cut from 100 to 700 s of a log at 1 kHz, with some hum taken out and two masked spikes."""
     clock = {"rate_hz": 1000.0, "start_s": 0.0, "samples": 1_000_000, "rows": [100_000, 700_000]}
     provenance = {
         "log": "log.parquet",
@@ -200,15 +200,23 @@ def recorded(experiment: Experiment) -> Experiment:
             "PTM_1": {**clock, "signal": ""},
         },
         "faults": [
-            repair("D1", "U_set", "bridged by straight lines", [[100_500, 100_600]]),
+            repair("D2", "U_set", "50 Hz taken out", [[100_500, 100_600]], excluded=False),
+            repair("D3", "U_set", "kept: no chirp", [[100_000, 700_000]], excluded=False),
             repair("C", "U_M", "masked", [[120_000, 120_010], [300_000, 300_020]]),
         ],
     }
     return replace(experiment, name="S1", provenance=provenance)
 
 
-def repair(kind: str, channel: str, method: str, spans: list[list[int]]) -> dict:
-    return {"kind": kind, "channel": channel, "method": method, "count": len(spans), "spans": spans}
+def repair(kind: str, channel: str, method: str, spans: list[list[int]], excluded: bool = True) -> dict:
+    return {
+        "kind": kind,
+        "channel": channel,
+        "method": method,
+        "count": len(spans),
+        "spans": spans,
+        "excluded": excluded,
+    }
 
 
 def test_every_recorded_sample_has_one_fate(fingerprint, experiments) -> None:

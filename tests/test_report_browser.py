@@ -49,7 +49,14 @@ def report(tmp_path_factory) -> Path:
                 HOSTILE: {**clock, "signal": "M_g"},
             },
             "faults": [
-                {"kind": "D1", "channel": "U_set", "method": "bridged", "count": 2, "spans": spans["n_set"]},
+                {
+                    "kind": "D2",
+                    "channel": "U_set",
+                    "method": "taken out",
+                    "count": 2,
+                    "spans": spans["n_set"],
+                    "excluded": False,
+                },
                 {"kind": "C", "channel": HOSTILE, "method": "masked", "count": 1, "spans": spans["M_g"]},
             ],
         },
@@ -206,7 +213,7 @@ def test_fault_after_fault_is_shown_by_name(visit) -> None:
         told.append(chart.locator(".status").inner_text())
     places = [float(re.search(r"at ([\d.]+) s", text).group(1)) for text in told]
     assert places == [10.0, 20.0, 80.0, 80.0]
-    assert told[0].startswith("set-point jumps (D1), U_set: bridged")
+    assert told[0].startswith("mains hum on the set point (D2), U_set: taken out")
 
 
 def test_a_peak_of_one_sample_among_120000_is_seen_before_the_zoom(visit) -> None:

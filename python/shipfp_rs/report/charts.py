@@ -52,7 +52,7 @@ def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, A
 
 
 def _chart(experiment: Experiment, model: Mapping[str, Any], width: int) -> str:
-    marked = faults(experiment)
+    marked = [fault for fault in faults(experiment) if not fault.kept]
     panels = []
     for unit in plot.units(experiment):
         series, left = [], []

@@ -34,6 +34,8 @@ class Fault:
         First sample and first one after, on the channel's own index, shape (K, 2).
     spans_s
         The same as times from the experiment's first sample [s], shape (K, 2); empty where the account has no rate.
+    cut
+        Whether no fit sees the signals at these times, whatever was put in their place.
     """
 
     kind: str
@@ -42,16 +44,12 @@ class Fault:
     signal: str
     spans: npt.NDArray[np.int64]
     spans_s: npt.NDArray[np.float64]
-
-    @property
-    def cut(self) -> bool:
-        """Whether the samples were taken out rather than mended."""
-        return self.method.startswith(("masked", "not fitted"))
+    cut: bool = True
 
     @property
     def kept(self) -> bool:
         """Whether the samples were told of only."""
-        return self.method.startswith("kept")
+        return not self.cut and self.method.startswith("kept")
 
     @property
     def done(self) -> str:
@@ -77,7 +75,8 @@ def faults(experiment: Experiment) -> list[Fault]:
         if clock is not None:
             spans_s = clock["start_s"] + spans / clock["rate_hz"] - provenance["window_s"][0]
         signal = clock["signal"] if clock is not None and len(spans_s) else ""
-        found.append(Fault(record["kind"], record["channel"], record["method"], signal, spans, spans_s))
+        cut = bool(record.get("excluded", True))
+        found.append(Fault(record["kind"], record["channel"], record["method"], signal, spans, spans_s, cut))
     return found
 
 
@@ -106,9 +105,10 @@ def _recorded(experiments: Sequence[Experiment]) -> str:
     if not rows:
         return ""
     head = ["channel", "log", "recorded", *_FATES.values()]
-    return paragraph("Samples as the logger recorded them; each is counted once.") + table(
-        "fate of the recorded samples of each channel", head, rows
-    )
+    return paragraph(
+        "Samples as the logger recorded them; each is counted once. Repaired ones are fitted; cut ones are not, "
+        "even where something was put in their place so that the filter passes over them."
+    ) + table("fate of the recorded samples of each channel", head, rows)
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
