@@ -15,6 +15,7 @@ __all__ = [
     "__version__",
     "_panic_for_test",
     "_spin_for_test",
+    "all_pole_backwards",
     "linear_cost",
     "linear_cost_batch",
     "linear_products",
@@ -163,4 +164,7 @@ class Decimator:
     def feed(self, samples: NDArray[np.float64]) -> NDArray[np.float64]: ...
     def finish(self, total: int) -> NDArray[np.float64]: ...
 
+def all_pole_backwards(
+    rows: NDArray[np.float64], model: NDArray[np.float64], after: NDArray[np.float64]
+) -> NDArray[np.float64]: ...
 def running_median(samples: NDArray[np.float64], window: int) -> NDArray[np.float64]: ...

@@ -288,11 +288,9 @@ def _fingerprint(
     found = estimates(search, best)
     parameters, derived, identifiability = found.parameters, found.derived, found.identifiability
     figures = residual_figures(search, best)
-    fit = {output: row | figures.get(output, {}) for output, row in _fit(search, best.vector).items()}
-    data = tuple(
-        _record(block, figures)
-        for block, figures in zip(search.blocks, _fit_by_block(search, best.vector), strict=True)
-    )
+    by_block = _fit_by_block(search, best.vector)
+    fit = {output: row | figures.get(output, {}) for output, row in _fit(search, by_block).items()}
+    data = tuple(_record(block, figures) for block, figures in zip(search.blocks, by_block, strict=True))
     unknown = (search.size - count) + found.rank
     overall = information_criteria(scatter_of(found.evaluations), found.samples, unknown)
     if search.weighting == "std":
@@ -364,8 +362,9 @@ def _complex(block: Block, measured: Array, residual: Array) -> tuple[npt.NDArra
     return measured[:half] + 1j * measured[half:], residual[:half] + 1j * residual[half:]
 
 
-def _fit(search: Search, vector: Array) -> dict[str, dict[str, float | None]]:
-    by_block = _fit_by_block(search, vector)
+def _fit(
+    search: Search, by_block: Sequence[Mapping[str, Mapping[str, float]]]
+) -> dict[str, dict[str, float | None]]:
     weights = [int(block.valid.sum()) for block in search.blocks]
     return {
         output: {

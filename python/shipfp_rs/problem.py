@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -140,12 +140,33 @@ class Block:
             return evaluation
         return prewhiten(evaluation, models)
 
+    def turned(
+        self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None, root: Array
+    ) -> Evaluation:
+        """Return what `filtered` does, turned into few rows to be weighted by a root (O, O).
+
+        Of `valid` only the number is kept where a kernel sums up.
+        """
+        if self._kernel is not None:
+            products = self.products(values, names, models)
+            rows = products.rows(root)
+            if rows is not None:
+                return Evaluation(rows[-1], rows[:-1], np.ones(products.count, dtype=bool))
+        return self.filtered(values, names, models).turned()
+
+    @property
+    def _kernel(self) -> Callable[..., tuple[Array, int]] | None:
+        """The equations' own pass over an experiment, if they have one."""
+        if isinstance(self.data, FrequencyResponse):
+            return None
+        return getattr(self.structure.equations, "products", None)
+
     def products(
         self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None
     ) -> Products:
         """Sum up the products of what `filtered` returns, in one pass of the equations' own where they have one."""
-        kernel = getattr(self.structure.equations, "products", None)
-        if kernel is None or isinstance(self.data, FrequencyResponse):
+        kernel = self._kernel
+        if kernel is None:
             evaluation = self.filtered(values, names, models)
             with np.errstate(over="ignore", invalid="ignore"):
                 return Products.of(evaluation.residual, evaluation.jacobian, int(evaluation.valid.sum()))

@@ -16,6 +16,9 @@ TOLD = 1e-12
 ROUNDING = 1e-14
 """Part of a column's sum of squares below which what is left of it is noise."""
 
+DISTINCT = 1e-8
+"""Least part of their sizes by which columns must differ, as a square, for their products to tell all that they tell."""
+
 
 @dataclass(frozen=True)
 class Products:
@@ -50,6 +53,25 @@ class Products:
         left[:-1, -1] = -step
         return Products(np.einsum("iajb,ac,bd->icjd", self.sums, left, left, optimize=True), self.count)
 
+    def rows(self, root: Array) -> Array | None:
+        """Few rows (C, O, R) of [d(model)/d(unknowns), e] with the same products.
+
+        None where the columns, weighted by a root (O, O), are so nearly dependent that products tell less than they do.
+        """
+        weighted = self.gram(root)
+        size = np.sqrt(np.diag(weighted))
+        size[size == 0.0] = 1.0
+        if not np.linalg.eigvalsh(weighted / np.outer(size, size))[0] > DISTINCT:
+            return None
+        outputs, columns, *_ = self.sums.shape
+        gram = self.sums.reshape(outputs * columns, -1)
+        size = np.sqrt(np.diag(gram))
+        size[size == 0.0] = 1.0
+        strength, direction = np.linalg.eigh(gram / np.outer(size, size))
+        # Outputs may depend on each other, so some directions hold nothing but rounding.
+        short = size[:, None] * direction * np.sqrt(np.maximum(strength, 0.0))
+        return np.ascontiguousarray(short.reshape(outputs, columns, -1).swapaxes(0, 1))
+
     def gram(self, root: Array) -> Array:
         """Products of [-d(model)/d(unknowns), e] (C, C) with the outputs weighted by a root (O, O) of their weight."""
         sign = np.append(-np.ones(self.sums.shape[1] - 1), 1.0)
@@ -61,13 +83,17 @@ def regression(gram: Array, own: Mask) -> Array:
 
     The gram matrix holds the products of all columns; null directions among those of `own` are left alone.
     """
-    inner = gram[np.ix_(own, own)]
-    size = np.sqrt(np.diag(inner))
-    size[size == 0.0] = 1.0
-    strength, direction = np.linalg.eigh(inner / np.outer(size, size))
-    told = strength > TOLD * max(strength, default=0.0)
-    half = direction[:, told] / np.sqrt(strength[told]) / size[:, None]
+    half = orthonormal(gram[np.ix_(own, own)])
     return np.asarray(half @ (half.T @ gram[np.ix_(own, ~own)]))
+
+
+def orthonormal(gram: Array) -> Array:
+    """Return combinations (L, D) that make columns with these products (L, L) orthonormal, null directions left out."""
+    size = np.sqrt(np.diag(gram))
+    size[size == 0.0] = 1.0
+    strength, direction = np.linalg.eigh(gram / np.outer(size, size))
+    told = strength > TOLD * max(strength, default=0.0)
+    return np.asarray(direction[:, told] / np.sqrt(strength[told]) / size[:, None])
 
 
 def cleared(gram: Array, own: Mask, coefficients: Array) -> Array:

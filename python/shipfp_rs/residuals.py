@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +11,10 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
+from shipfp_rs._core import all_pole_backwards
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.problem import CHUNK, Block, Evaluation, prewhiten
-from shipfp_rs.products import regression
+from shipfp_rs.products import orthonormal
 from shipfp_rs.solver import AR_ORDER, Minimum, Search, scatter_of
 
 Array = npt.NDArray[np.float64]
@@ -104,16 +105,18 @@ def whiteness(
     return ResidualTest(steps, correlation, band, statistic, int(known.sum()) - fitted)
 
 
-def input_correlations(search: Search, minimum: Minimum) -> dict[str, ResidualTest]:
+def input_correlations(
+    search: Search, minimum: Minimum, evaluations: Sequence[Evaluation]
+) -> dict[str, ResidualTest]:
     """Test the whitened residuals of each output for what the set point still explains.
 
     Ljung's test compares the correlations of residual and lagged set point with their scatter for white residuals.
     A fit has taken away what its own sensitivities J explain, so here the lagged set points U are cleared of
     J first: with A = (I - J J+) U and S the covariance of the residuals e, (A'e)' (A' S A)^-1 (A'e) is chi-squared.
+    `evaluations` are the search's filtered ones at the minimum.
     """
     # Residuals far out count as in the fit: up to the threshold of its cost (eq. 4.7).
     plain = replace(search, huber=None)
-    evaluations = plain.filtered(minimum.vector, minimum.noise)
     parts = list(plain.parts(evaluations, minimum.noise))
     if search.huber is not None:
         for part in parts:
@@ -127,81 +130,114 @@ def input_correlations(search: Search, minimum: Minimum) -> dict[str, ResidualTe
     lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
     lags = np.append(0, lags)
     count = sum(int(np.count_nonzero(part[-1])) for part in parts) + int(np.count_nonzero(priors[:, -1]))
-    tests = {}
+    basis = orthonormal(gram[:-1, :-1])
+    along = basis.T @ gram[:-1, -1]
+    models = minimum.noise.models
+    tests: dict[str, ResidualTest] = {}
+    records: list[_Record] = []
     for index, output in enumerate(search.structure.outputs):
-        # Column by column: the sensitivities and the residual, then the lagged set points.
-        size = len(gram)
-        joint = np.zeros((size + len(lags),) * 2)
-        joint[:size, :size] = gram
-        inputs, factors = [], minimum.noise.root[:, index]
-        for block, evaluation, part in zip(search.blocks, evaluations, parts, strict=True):
-            lagged = _lagged_inputs(block, evaluation, minimum, index, lags)
-            joint[size:, size:] += factors @ factors * (lagged @ lagged.T)
-            for factor, rows in zip(factors, part.swapaxes(0, 1), strict=True):
-                if factor != 0.0:
-                    joint[size:, :size] += factor * (lagged @ rows.T)
-            inputs.append(lagged)
-        joint[:size, size:] = joint[size:, :size].T
-        own = np.arange(len(joint)) < size - 1
-        explained = regression(joint, own)[:, 1:]
-        covariance = explained.T @ (priors[:, :-1].T @ priors[:, :-1]) @ explained
-        for lagged, evaluation, part in zip(inputs, evaluations, parts, strict=True):
-            covariance += _covariance(
-                factors, lagged, explained, part, int(evaluation.valid.sum()), minimum.noise.models is None
-            )
-        products = joint[size:, size - 1] - explained.T @ gram[:-1, -1]
-        length = np.sqrt(np.diag(joint)[size:])
+        # Without noise models the lagged set points are the same for every output.
+        if index == 0 or models is not None:
+            model = np.ones(1) if models is None else models[index]
+            records = [
+                _Record.of(
+                    _lagged_inputs(block, evaluation, model, lags), part, basis, evaluation, models is None
+                )
+                for block, evaluation, part in zip(search.blocks, evaluations, parts, strict=True)
+            ]
+        factors = minimum.noise.root[:, index]
+        explained = sum(np.einsum("o,olb->bl", factors, record.onto_basis) for record in records)
+        products = sum(factors @ record.onto_residual for record in records) - explained.T @ along
+        length = np.sqrt(factors @ factors * sum(record.squares for record in records))
+        turned = priors[:, :-1] @ basis @ explained
+        covariance = turned.T @ turned
+        for record in records:
+            covariance += record.covariance(factors, explained)
         tests[output] = _test(length, covariance, products, float(gram[-1, -1]), count, lags)
     return tests
 
 
 def _lagged_inputs(
-    block: Block, evaluation: Evaluation, minimum: Minimum, output: int, lags: npt.NDArray[np.int64]
-) -> Array:
-    """Lagged set points (L, R) as they would appear in an output's filtered residuals if they acted on it."""
+    block: Block, evaluation: Evaluation, model: Array, lags: npt.NDArray[np.int64]
+) -> Callable[[slice], Array]:
+    """Return what gives a stretch of the lagged set points (L, R), as a noise model filters them; zero where masked."""
     samples = evaluation.residual.shape[1]
-    lagged = np.zeros((len(lags), samples))
     if not isinstance(block.data, Experiment):
-        return lagged
-    models = minimum.noise.models
-    model = np.ones(1) if models is None else models[output]
+        return lambda stretch: np.zeros((len(lags), len(range(samples)[stretch])))
     # Before the record the set point is taken to have been what it is at its first sample.
     first = np.full(len(model) - 1, block.data.dn_set[0])
     filtered = lfilter(model, [1.0], np.append(first, block.data.dn_set))[len(first) :]
-    for row, lag in zip(lagged, lags, strict=True):
-        row[:lag] = block.data.dn_set[0] * model.sum()
-        row[lag:] = filtered[: samples - lag]
-    lagged *= evaluation.valid
+    reach = int(lags[-1])
+    whole = np.append(np.full(reach, block.data.dn_set[0] * model.sum()), filtered)
+
+    def lagged(stretch: slice) -> Array:
+        rows = [whole[reach - lag : reach - lag + samples][stretch] for lag in lags]
+        return np.asarray(rows * evaluation.valid[stretch])
+
     return lagged
 
 
-def _covariance(
-    factors: Array, lagged: Array, explained: Array, part: Array, count: int, coloured: bool
-) -> Array:
-    """Covariance A' S A of the correlations in a block, with the residuals' own scatter S, shape (L, L).
+@dataclass(frozen=True)
+class _Record:
+    """Sums of one block's lagged set points (L), its sensitivities in an orthonormal basis (B) and its residuals.
 
-    A holds the lagged set points (L, R), times a factor in each output, less what the sensitivities explain of them.
+    `onto_basis` (O, L, B) and `onto_residual` (O, L) are products with the lagged set points, `squares` (L,) theirs with
+    themselves; `scattered` (L + B, L + B) in all pairs of outputs are the products of both as the residuals' own
+    scatter weighs them.
     """
-    own = part[-1]
-    outputs, samples = own.shape
-    models, states = [], []
-    if coloured and samples > 2 * AR_ORDER:
-        # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
-        models = [_stable_model(row) for row in own]
-        own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
-        states = [np.zeros((len(lagged), AR_ORDER))] * outputs
-    products = np.zeros((outputs * len(lagged),) * 2)
-    for start in reversed(range(0, samples, CHUNK)):
-        stretch = slice(start, start + CHUNK)
-        left = factors[:, None, None] * lagged[:, stretch]
-        for output, rows in enumerate(left):
-            rows -= explained.T @ part[:-1, output, stretch]
-            if models:
-                rows[:], states[output] = lfilter([1.0], models[output], rows[:, ::-1], zi=states[output])
-        tall = left.reshape(len(products), -1)
-        products += tall @ tall.T
-    by_output = products.reshape(outputs, len(lagged), outputs, len(lagged))
-    return np.asarray(np.einsum("op,oipj->ij", own @ own.T / max(count, 1), by_output))
+
+    onto_basis: Array
+    onto_residual: Array
+    squares: Array
+    scattered: Array
+
+    @classmethod
+    def of(
+        cls,
+        lagged: Callable[[slice], Array],
+        part: Array,
+        basis: Array,
+        evaluation: Evaluation,
+        coloured: bool,
+    ) -> _Record:
+        """Add up a block's whitened rows (Q + 1, O, R), stretch by stretch, while these fit into a cache."""
+        own = part[-1]
+        outputs, samples = own.shape
+        models = None
+        if coloured and samples > 2 * AR_ORDER:
+            # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
+            models = [_stable_model(row) for row in own]
+            own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
+        count, size = len(lagged(slice(0, 0))), basis.shape[1]
+        after = [np.zeros((count + size, AR_ORDER))] * outputs
+        onto = np.zeros((outputs, count, size + 1))
+        squares = np.zeros(count)
+        products = np.zeros((outputs * (count + size),) * 2)
+        for start in reversed(range(0, samples, CHUNK)):
+            stretch = slice(start, start + CHUNK)
+            inputs = lagged(stretch)
+            squares += np.einsum("ls,ls->l", inputs, inputs)
+            tall = []
+            for output in range(outputs):
+                rows = np.concatenate([inputs, basis.T @ part[:-1, output, stretch]])
+                onto[output, :, :-1] += inputs @ rows[count:].T
+                onto[output, :, -1] += inputs @ part[-1, output, stretch]
+                if models is not None:
+                    rows = all_pole_backwards(rows, models[output][1:], after[output])
+                    after[output] = np.hstack([rows[:, :AR_ORDER], after[output]])[:, :AR_ORDER].copy()
+                tall.append(rows)
+            joined = np.concatenate(tall)
+            products += joined @ joined.T
+        by_output = products.reshape(outputs, count + size, outputs, count + size)
+        scatter = own @ own.T / max(int(evaluation.valid.sum()), 1)
+        return cls(onto[..., :-1], onto[..., -1], squares, scatter[:, None, :, None] * by_output)
+
+    def covariance(self, factors: Array, explained: Array) -> Array:
+        """Covariance A' S A (L, L) of the correlations, A the lagged set points, times a factor in each output, cleared."""
+        cleared = np.array(
+            [np.vstack([factor * np.eye(explained.shape[1]), -explained]) for factor in factors]
+        )
+        return np.asarray(np.einsum("oai,oapb,pbj->ij", cleared, self.scattered, cleared, optimize=True))
 
 
 def _stable_model(residual: Array) -> Array:
@@ -231,7 +267,7 @@ def _test(
     return ResidualTest(
         lags,
         products / length,
-        BAND * np.sqrt(np.diag(unit)) / length,
+        BAND * np.sqrt(np.maximum(np.diag(unit), 0.0)) / length,
         float(np.sum(along**2 / strength[told])),
         int(told.sum()),
     )
@@ -266,12 +302,12 @@ def residual_figures(search: Search, minimum: Minimum) -> dict[str, dict[str, fl
     experiments = [isinstance(block.data, Experiment) for block in search.blocks]
     if not any(experiments):
         return {}
-    evaluations = search.filtered(minimum.vector, minimum.noise, ())
+    evaluations = search.filtered(minimum.vector, minimum.noise)
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
     models = minimum.noise.models
     figures: dict[str, dict[str, float | None]] = {}
-    for index, (output, by_input) in enumerate(input_correlations(search, minimum).items()):
+    for index, (output, by_input) in enumerate(input_correlations(search, minimum, evaluations).items()):
         fitted = 0 if models is None else int(np.count_nonzero(models[index][1:]))
         white = whiteness([(record.residual[index], record.valid) for record in records], fitted)
         figures[output] = {

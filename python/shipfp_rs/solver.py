@@ -130,9 +130,13 @@ class Search:
         The Jacobian is that of the residual, minus that of the model. Long records are turned into as few rows as have
         the same products, unless a threshold bends single residuals.
         """
-        evaluations = self.filtered(vector, noise)
         if self.huber is None:
-            evaluations = [evaluation.turned() for evaluation in evaluations]
+            evaluations = [
+                block.turned(values, self.names, noise.models, noise.root)
+                for block, values in self._each(vector)
+            ]
+        else:
+            evaluations = self.filtered(vector, noise)
         parts = [part.reshape(len(part), -1).T for part in self.parts(evaluations, noise)]
         rows = np.concatenate([*parts, self.priors(vector)])
         return evaluations, rows[:, -1], rows[:, :-1]

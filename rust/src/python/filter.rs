@@ -1,9 +1,9 @@
 //! Bindings of the filters of long channels.
 
-use numpy::{IntoPyArray, PyArray1};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Vector, borrow};
+use super::arrays::{Vector, borrow, hand_back};
 use super::guard;
 use crate::filter;
 
@@ -18,6 +18,23 @@ fn running_median<'py>(
     let samples = samples.as_slice()?;
     let medians = guard::run(py, samples.len(), |stop| filter::running_median(samples, window, stop))?;
     Ok(medians.into_pyarray(py))
+}
+
+/// Rows [R, N] through `y[k] = x[k] - sum_i model[i] y[k + 1 + i]`; `after` [R, P] are the results that follow.
+#[pyfunction]
+fn all_pole_backwards<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+    model: &Bound<'py, PyAny>,
+    after: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let rows: PyReadonlyArray2<'_, f64> = borrow("rows", rows)?;
+    let model: Vector<'_> = borrow("model", model)?;
+    let after: PyReadonlyArray2<'_, f64> = borrow("after", after)?;
+    let [count, samples] = [rows.shape()[0], rows.shape()[1]];
+    let (rows, model, after) = (rows.as_slice()?, model.as_slice()?, after.as_slice()?);
+    let filtered = guard::run(py, rows.len(), |_| filter::all_pole_backwards(rows, samples, model, after))?;
+    hand_back(py, filtered, [count, samples])
 }
 
 /// Resampling by `up / down` with one zero-phase filter, the input in pieces; see ARCHITECTURE.md.
@@ -52,6 +69,7 @@ impl Decimator {
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Decimator>()?;
+    module.add_function(wrap_pyfunction!(all_pole_backwards, module)?)?;
     module.add_function(wrap_pyfunction!(running_median, module)?)?;
     Ok(())
 }
