@@ -203,6 +203,7 @@ def recorded(experiment: Experiment) -> Experiment:
             repair("D2", "U_set", "50 Hz taken out", [[100_500, 100_600]], excluded=False),
             repair("D3", "U_set", "kept: no chirp", [[100_000, 700_000]], excluded=False),
             repair("C", "U_M", "masked", [[120_000, 120_010], [300_000, 300_020]]),
+            repair("A", "PTM_1", "second crossings removed", [[200_000, 200_500]]),
         ],
     }
     return replace(experiment, name="S1", provenance=provenance)

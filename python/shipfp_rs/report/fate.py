@@ -97,7 +97,7 @@ def _recorded(experiments: Sequence[Experiment]) -> str:
             rows.append(
                 [
                     Cell(channel, code=True),
-                    Cell(log, tone="note"),
+                    Cell(log),
                     count(len(fate)),
                     *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in _FATES),
                 ]
@@ -125,7 +125,7 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
             continue
         raise_to(2 if clock["signal"] else 1, *clock["rows"])
         for fault in faults(experiment):
-            if fault.channel == channel and not fault.kept:
+            if fault.channel == channel and clock["signal"] and not fault.kept:
                 for first, stop in fault.spans:
                     raise_to(4 if fault.cut else 3, first, stop)
     return fate
