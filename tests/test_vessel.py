@@ -15,8 +15,8 @@ TUG = Vessel.load("stan-tug-1205")
 LAUNCH_TOML = (_built_in() / "stan-launch-804.toml").read_text(encoding="utf-8")
 
 
-def test_two_ships_are_built_in() -> None:
-    assert Vessel.names() == ("stan-launch-804", "stan-tug-1205")
+def test_the_ships_that_are_built_in() -> None:
+    assert Vessel.names() == ("stan-launch-804", "stan-tug-1205", "stan-tug-1205-full")
 
 
 def test_plant_parameters_of_the_launch_are_those_of_the_reference_solution() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "DRIVE_TRAIN_PARAMETERS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
@@ -16,6 +17,7 @@ __all__ = [
     "_panic_for_test",
     "_spin_for_test",
     "all_pole_backwards",
+    "drive_train_rates",
     "linear_cost",
     "linear_cost_batch",
     "linear_products",
@@ -24,6 +26,7 @@ __all__ = [
     "linear_sensitivities",
     "pulse_levels",
     "running_median",
+    "simulate_drive_train",
     "simulate_linear",
     "simulate_plant",
     "simulate_plant_batch",
@@ -60,6 +63,30 @@ def simulate_plant_batch(
     hold: Literal["zero", "first"],
     initial: NDArray[np.float64],
     threads: int,
+) -> NDArray[np.float64]: ...
+
+DRIVE_TRAIN_PARAMETERS: tuple[str, ...]
+
+def simulate_drive_train(
+    parameters: NDArray[np.float64],
+    limit_speed: NDArray[np.float64],
+    limit_torque: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    quadrants: NDArray[np.float64],
+    n_set: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+) -> NDArray[np.float64]: ...
+def drive_train_rates(
+    parameters: NDArray[np.float64],
+    limit_speed: NDArray[np.float64],
+    limit_torque: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    quadrants: NDArray[np.float64],
+    state: NDArray[np.float64],
+    n_set: float,
+    fuel: float,
 ) -> NDArray[np.float64]: ...
 
 LINEAR_PARAMETERS: tuple[str, ...]

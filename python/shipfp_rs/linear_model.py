@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs import _core
+from shipfp_rs.drive_train import drive_train
 from shipfp_rs.errors import InputError
 from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
 from shipfp_rs.vessel import Vessel
@@ -211,6 +212,13 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     InputError
         Where the engine can't hold the set point.
 
+    Notes
+    -----
+    Of a vessel with more than the plant of eq. 3.1-3.11, small and slow motions are meant. Its T_d holds whatever comes
+    between speed and torque at its mean delay: the dead time, the lag, half a period of a governor that samples, half
+    the stroke of a firing. A drag that grows with the speed goes into v and g, since the structure's torque is the
+    shaft's. Limits, ramps, the derivative gain, the shaft's twist and the ship's own acceleration are not in it.
+
     Examples
     --------
     >>> model = linearise(Vessel.load("stan-launch-804"))
@@ -220,14 +228,17 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     point = steady_state(vessel, n_e_rpm)
     plant = dict(zip(_core.PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     time_per_inertia = 2.0 * math.pi * point.n_s / point.M_s
+    drag = vessel.drag_torque(point.n_s) / point.M_s
     return LinearModel(
-        tau_n=time_per_inertia * vessel.shaft.inertia_kg_m2,
-        g=plant["A2"] * point.n_e / point.M_b,
-        v=plant["A1"] * point.X_f / point.M_b,
+        tau_n=time_per_inertia * vessel.inertia,
+        g=(1.0 + drag) * plant["A2"] * point.n_e / point.M_b - drag * vessel.gearbox.drag_exponent,
+        v=(1.0 + drag) * plant["A1"] * point.X_f / point.M_b,
         K_p=plant["Kp_abs"] * point.n_e / point.X_f,
         K_i=plant["Ki_abs"] * point.n_e / point.X_f,
-        p=vessel.propeller.torque_exponent,
-        tau_prop=time_per_inertia * vessel.shaft.propeller_side_inertia_kg_m2,
+        p=drive_train(vessel).torque_exponent(point.n_s, point.ship_speed),
+        tau_prop=time_per_inertia * vessel.propeller_side_inertia,
+        T_d=vessel.loop_delay(point.n_e),
+        T_set=vessel.governor.set_point_dead_time_s,
     )
 
 
@@ -246,8 +257,12 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
     Raises
     ------
     InputError
-        Where the engine can't hold the set point.
+        Where the engine can't hold the set point, or the vessel has more than the plant of eq. 3.1-3.11.
     """
+    if drive_train(vessel).extends_the_plant:
+        raise InputError(
+            f"vessel {vessel.name!r}: found elements beyond the plant of eq. 3.1-3.11, expected none; use linearise"
+        )
     point = steady_state(vessel, n_e_rpm)
     # Columns: derivatives of (dn', dX, dM_b, dM_g) by dn, dE and dn_set.
     by_n, by_E, by_n_set = (
@@ -281,7 +296,7 @@ def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) ->
     acceleration = (n_s[1] - n_s[0]) / point.n_s
     M_p = vessel.torque_coefficient * n_s[0] ** vessel.propeller.torque_exponent
     M_s = M_b[0] * vessel.gearbox.ratio * vessel.gearbox.efficiency
-    M_g = M_p + vessel.shaft.propeller_side_inertia_kg_m2 / vessel.shaft.inertia_kg_m2 * (M_s - M_p)
+    M_g = M_p + vessel.propeller_side_inertia / vessel.inertia * (M_s - M_p)
     return np.array([acceleration, X_f[0] / point.X_f, M_b[0] / point.M_b, M_g / point.M_s])
 
 

@@ -7,12 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 
 from shipfp_rs import _core, slips
+from shipfp_rs.drive_train import drive_train
 from shipfp_rs.errors import InputError
 from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
+
+_FASTEST_SHIP = 100.0
+"""Up to where a steady speed of the ship is searched for [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,8 @@ class OperatingPoint:
         Brake, shaft and propeller torque [Nm]; M_s equals M_p where nothing accelerates.
     thrust
         Propeller thrust [N] (eq. 3.9).
+    ship_speed
+        Of a ship that moves [m/s]; zero in bollard pull.
     """
 
     n_e: float
@@ -38,6 +45,7 @@ class OperatingPoint:
     M_s: float
     M_p: float
     thrust: float
+    ship_speed: float = 0.0
 
     @property
     def n_e_rpm(self) -> float:
@@ -82,8 +90,9 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     speed, limit = vessel.envelope()
     n_e = set_point / 60.0
     n_s = n_e / vessel.gearbox.ratio
-    propeller_torque = vessel.torque_coefficient * n_s**vessel.propeller.torque_exponent
-    needed = propeller_torque / (vessel.gearbox.ratio * vessel.gearbox.efficiency)
+    ship_speed = _ship_speed(vessel, n_s)
+    propeller_torque, pull = drive_train(vessel).propeller(n_s, ship_speed)
+    needed = (propeller_torque + vessel.drag_torque(n_s)) / (vessel.gearbox.ratio * vessel.gearbox.efficiency)
     if limit.size and needed > (available := float(np.interp(n_e, speed, limit))):
         raise InputError(
             f"vessel {vessel.name!r}: {set_point:g} rpm needs {needed:.4g} Nm of engine torque, "
@@ -91,10 +100,17 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
         )
     *_, A1, A2, A3 = vessel.plant_parameters()[:6]
     rack = float((needed - A2 * n_e - A3) / A1)
-    if rack <= 0.0:
+    if rack <= (lowest := max(0.0, vessel.governor.minimum_rack_mm or 0.0)):
+        expected = f"more than {lowest:g} mm" if lowest else "a positive one"
         raise InputError(
             f"vessel {vessel.name!r}: {set_point:g} rpm needs a fuel rack of {rack:.3g} mm, "
-            "expected a positive one; raise the set point"
+            f"expected {expected}; raise the set point"
+        )
+    highest = vessel.governor.maximum_rack_mm
+    if highest is not None and rack >= highest:
+        raise InputError(
+            f"vessel {vessel.name!r}: {set_point:g} rpm needs a fuel rack of {rack:.3g} mm, "
+            f"expected less than maximum_rack_mm, {highest:g}; lower the set point"
         )
     return OperatingPoint(
         n_e=n_e,
@@ -103,8 +119,29 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
         M_b=needed,
         M_s=propeller_torque,
         M_p=propeller_torque,
-        thrust=_thrust_coefficient(vessel) * n_s**2,
+        thrust=pull
+        / ((1.0 - vessel.propeller.thrust_deduction) * (vessel.ship.propellers if vessel.ship else 1)),
+        ship_speed=ship_speed,
     )
+
+
+def _ship_speed(vessel: Vessel, n_s: float) -> float:
+    """Speed at which the propellers' pull is the ship's resistance [m/s]; zero for a ship that is held."""
+    if vessel.ship is None:
+        return 0.0
+    train, resistance = drive_train(vessel), vessel.ship.resistance_N_s2_m2
+
+    def surplus(speed: float) -> float:
+        return train.propeller(n_s, speed)[1] - resistance * speed * abs(speed)
+
+    pull = surplus(0.0)
+    highest = math.copysign(_FASTEST_SHIP, pull)
+    if surplus(highest) * pull > 0.0:
+        raise InputError(
+            f"vessel {vessel.name!r}: ship.resistance_N_s2_m2: found {resistance:g}, with which the thrust drives the "
+            f"ship beyond {_FASTEST_SHIP:g} m/s, expected a larger one"
+        )
+    return float(brentq(surplus, 0.0, highest, xtol=1e-14, rtol=1e-15)) if pull else 0.0
 
 
 def plant_about(vessel: Vessel, point: OperatingPoint) -> Array:

@@ -114,7 +114,7 @@ class PlantEquations:
     def _substeps(self, dt: float) -> int:
         point, governor = self.vessel.operating_point, self.vessel.governor
         torque = self.vessel.nominal_brake_torque * self.vessel.gearbox.ratio * self.vessel.gearbox.efficiency
-        tau_n = 2.0 * np.pi * self.vessel.shaft.inertia_kg_m2 * self.vessel.nominal_shaft_speed / torque
+        tau_n = 2.0 * np.pi * self.vessel.inertia * self.vessel.nominal_shaft_speed / torque
         rate = (self.vessel.propeller.torque_exponent - point.g + point.v * governor.K_p) / tau_n
         return max(1, int(np.ceil(dt * rate / STEP_OF_FASTEST)))
 

@@ -56,7 +56,7 @@ class Sensors:
         Where the torque receiver saturates [V].
     ripple_Nm
         Amplitudes of the torque at once a turn of the shaft, blade passage, once a turn of the engine, firing [Nm]
-        (Table 6.9).
+        (Table 6.9), each for a vessel whose own drive train makes none there.
     reflector_errors
         Misplacement of the four reflectors as shares of their pitch; the first one's place is the origin.
     edge_s
@@ -185,17 +185,19 @@ def simulate_raw_log(
     >>> truth.windows[0].start_s
     60.0
     """
-    sensors = sensors or Sensors()
+    sensors = _without_the_plants_own_ripple(sensors or Sensors(), vessel)
     strikes = frozenset(faults)
     if unknown := strikes - set(get_args(Kind)):
         raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Kind))}")
     set_point, windows = _joined(excitations, sensors.rate_hz, steady_s, pause_s, even="D3" in strikes)
     clean = simulate(vessel, set_point, n_e_rpm=n_e_rpm)
-    angle = _shaft_angle(clean)
+    gear = vessel.gearbox.ratio
+    angle = _angle(clean.signals["n_s"], clean.rate_hz)
+    twisted = vessel.shaft.stiffness_Nm_rad is not None
+    engine_angle = _angle(clean.signals["n_e"] / 60.0, clean.rate_hz) if twisted else gear * angle
     recorder = _Recorder(sensors, strikes, clean.duration, seed)
     chirps = [window for window in windows if window.kind == "chirp"]
     firing = vessel.engine.cylinders / (vessel.engine.strokes / 2)
-    gear = vessel.gearbox.ratio
     volts = {
         "U_setpoint": recorder.set_point(clean.signals["n_set"], chirps),
         "U_torque": recorder.torque(
@@ -203,7 +205,7 @@ def simulate_raw_log(
         ),
         "PTM_1": recorder.pulses("PTM_1", angle, np.zeros(1)),
         "PTM_4": recorder.pulses("PTM_4", angle, (np.arange(4) + np.array(sensors.reflector_errors)) / 4.0),
-        "PTM_e": recorder.pulses("PTM_e", gear * angle, np.zeros(1)),
+        "PTM_e": recorder.pulses("PTM_e", engine_angle, np.zeros(1)),
     }
     volts = recorder.recorded_twice(volts)
     log = Log.from_arrays(
@@ -308,12 +310,22 @@ def _joined(
     return Excitation("simulated log", "joined", rate_hz, np.concatenate(pieces)), tuple(windows)
 
 
-def _shaft_angle(clean: Experiment) -> Array:
-    """Angle of rotation of the shaft [rev], shape (N,): the speed's integral with end correction, fourth order."""
-    n_s = clean.signals["n_s"]
-    step = 1.0 / clean.rate_hz
-    slope = np.gradient(n_s, step)
-    turned = 0.5 * step * (n_s[1:] + n_s[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])
+def _without_the_plants_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
+    """A line of the torque that the vessel's own drive train makes is not added once more."""
+    firing, propeller = vessel.engine.firing, vessel.propeller
+    unequal = firing is not None and len(set(firing.strength or ())) > 1
+    made = (propeller.shaft_ripple > 0.0, propeller.blade_ripple > 0.0, unequal, firing is not None)
+    shaft, blades, engine, fires = (
+        0.0 if own else amplitude for own, amplitude in zip(made, sensors.ripple_Nm, strict=True)
+    )
+    return dataclasses.replace(sensors, ripple_Nm=(shaft, blades, engine, fires))
+
+
+def _angle(speed: Array, rate_hz: float) -> Array:
+    """Angle of rotation [rev], shape (N,): the integral of a speed [rev/s] with end correction, fourth order."""
+    step = 1.0 / rate_hz
+    slope = np.gradient(speed, step)
+    turned = 0.5 * step * (speed[1:] + speed[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])
     return np.concatenate([[0.0], np.cumsum(turned)])
 
 

@@ -13,8 +13,9 @@ import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs import _core
+from shipfp_rs.drive_train import DriveTrain, drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs.experiment import UNITS, Experiment, Hold
 from shipfp_rs.linear_model import linearise
 from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
 from shipfp_rs.signals import Excitation
@@ -43,7 +44,10 @@ def simulate(
     noise: Noise | None = None,
     seed: int | None = None,
 ) -> Experiment:
-    """Simulate a trial in bollard pull, from the steady state at the operating point.
+    """Simulate a trial, from the steady state at the operating point.
+
+    A vessel that has more than the plant of eq. 3.1-3.11 (dead times, limits, sampling, firing, a flexible shaft, a
+    ship that moves) is simulated with all it has; in bollard pull unless it has a `ship`.
 
     Parameters
     ----------
@@ -54,7 +58,7 @@ def simulate(
     n_e_rpm
         Operating point [rpm]; None: the ship's own.
     method
-        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation.
+        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. Only "rk4" knows all elements.
     limits
         Whether the engine's torque limit acts.
     substeps
@@ -96,35 +100,23 @@ def simulate(
             f"excitation {excitation.name!r}: deviates by up to {excitation.amplitude_rpm:g} rpm from a set point of "
             f"{point.n_e_rpm:g} rpm, expected much less; give deviations, not the set point itself"
         )
-    steps = substeps or (_substeps(vessel, point, excitation.rate_hz) if method == "rk4" else 1)
+    train = drive_train(vessel)
+    if train.extends_the_plant and method != "rk4":
+        raise InputError(
+            f"method is {method!r}, expected 'rk4' for vessel {vessel.name!r}, which has more than the plant of "
+            "eq. 3.1-3.11"
+        )
+    steps = substeps or (_substeps(vessel, train, point, excitation.rate_hz) if method == "rk4" else 1)
     envelope = vessel.envelope() if limits else (np.empty(0), np.empty(0))
     set_point = point.n_e + excitation.samples / 60.0
     LOGGER.info(
         "simulate: %s, %s, %d samples of %d steps", vessel.name, excitation.name, len(excitation), steps
     )
-    n_s, E_n, X_f, M_b = _core.simulate_plant(
-        plant_about(vessel, point),
-        *envelope,
-        set_point,
-        1.0 / excitation.rate_hz,
-        steps,
-        method,
-        excitation.hold,
-        np.array([point.n_s, 0.0]),
-    )
-    M_s = M_b * vessel.gearbox.ratio * vessel.gearbox.efficiency
-    M_p = vessel.torque_coefficient * n_s * np.abs(n_s) ** (vessel.propeller.torque_exponent - 1.0)
-    propeller_side = vessel.shaft.propeller_side_inertia_kg_m2 / vessel.shaft.inertia_kg_m2
-    clean = {
-        "n_set": 60.0 * set_point,
-        "n_e": 60.0 * vessel.gearbox.ratio * n_s,
-        "n_s": n_s,
-        "M_b": M_b,
-        "M_s": M_s,
-        "M_g": M_p + propeller_side * (M_s - M_p),
-        "X_f": X_f,
-        "E_n": E_n,
-    }
+    run = (set_point, 1.0 / excitation.rate_hz, steps)
+    if train.extends_the_plant:
+        clean = _whole(train, point, envelope, run, excitation.hold)
+    else:
+        clean = _plant(vessel, point, envelope, run, method, excitation.hold)
     if seed is None:
         seed = int(np.random.default_rng().integers(2**32))
     return Experiment(
@@ -157,9 +149,69 @@ def simulate(
     )
 
 
-def _substeps(vessel: Vessel, point: OperatingPoint, rate_hz: float) -> int:
-    fastest = float(np.abs(linearise(vessel, point.n_e_rpm).poles).max())
-    return max(1, math.ceil(fastest / (rate_hz * _LARGEST_STEP)))
+def _plant(
+    vessel: Vessel,
+    point: OperatingPoint,
+    envelope: tuple[Array, Array],
+    run: tuple[Array, float, int],
+    method: Method,
+    hold: Hold,
+) -> dict[str, Array]:
+    """Signals of the plant of eq. 3.1-3.11."""
+    set_point, dt, steps = run
+    n_s, E_n, X_f, M_b = _core.simulate_plant(
+        plant_about(vessel, point),
+        *envelope,
+        set_point,
+        dt,
+        steps,
+        method,
+        hold,
+        np.array([point.n_s, 0.0]),
+    )
+    M_s = M_b * vessel.gearbox.ratio * vessel.gearbox.efficiency
+    M_p = vessel.torque_coefficient * n_s * np.abs(n_s) ** (vessel.propeller.torque_exponent - 1.0)
+    propeller_side = vessel.propeller_side_inertia / vessel.inertia
+    return {
+        "n_set": 60.0 * set_point,
+        "n_e": 60.0 * vessel.gearbox.ratio * n_s,
+        "n_s": n_s,
+        "M_b": M_b,
+        "M_s": M_s,
+        "M_g": M_p + propeller_side * (M_s - M_p),
+        "X_f": X_f,
+        "E_n": E_n,
+    }
+
+
+def _whole(
+    train: DriveTrain,
+    point: OperatingPoint,
+    envelope: tuple[Array, Array],
+    run: tuple[Array, float, int],
+    hold: Hold,
+) -> dict[str, Array]:
+    """Signals of the whole drive train."""
+    start = {
+        "X_0": point.X_f,
+        "initial_speed": point.n_s,
+        "initial_error": 0.0,
+        "initial_ship_speed": point.ship_speed,
+        "set_point_before": point.n_e,
+        "crank_angle": 0.0,
+    }
+    rows = _core.simulate_drive_train(*train.tables(envelope, **start), *run, hold)
+    found = dict(zip(("n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"), rows, strict=False))
+    return {"n_set": 60.0 * run[0], **found, "n_e": 60.0 * found["n_e"]}
+
+
+def _substeps(vessel: Vessel, train: DriveTrain, point: OperatingPoint, rate_hz: float) -> int:
+    model = dataclasses.replace(linearise(vessel, point.n_e_rpm), T_d=0.0, T_set=0.0)
+    fastest = float(np.abs(model.poles).max())
+    steps = max(1, math.ceil(fastest / (rate_hz * _LARGEST_STEP)))
+    return (
+        max(steps, math.ceil(1.0 / (rate_hz * train.step_s(point.n_s)))) if train.extends_the_plant else steps
+    )
 
 
 def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, float], seed: int) -> Array:

@@ -15,11 +15,11 @@ from pydantic_core import PydanticCustomError
 
 from shipfp_rs import slips
 from shipfp_rs.calibration import Calibration
+from shipfp_rs.elements import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
 from shipfp_rs.errors import InputError
 from shipfp_rs.toml_files import Section, read_toml, unexpected, validated
 
 Array = npt.NDArray[np.float64]
-Positive = Annotated[float, Field(gt=0.0)]
 
 
 def _no_percentage(value: object) -> object:
@@ -74,6 +74,14 @@ class Engine(Section):
     """None: unlimited."""
     minimum_torque_Nm: float | None = None
     """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
+    torque_rate_Nm_s: Positive | None = None
+    """How fast the brake torque can change; None: at once."""
+    smoke_margin_mm: Positive | None = None
+    """By how much the rack may exceed what the charge air is good for; None: no smoke limiter."""
+    turbocharger_lag_s: Positive = 1.0
+    """Time constant with which the charge air follows the rack; acts with a smoke limiter only."""
+    firing: Firing | None = None
+    """None: the cylinders' mean torque."""
 
     @model_validator(mode="after")
     def _stays_within_its_rating(self) -> Self:
@@ -95,6 +103,10 @@ class Gearbox(Section):
 
     ratio: Positive
     efficiency: Fraction
+    drag_Nm: NotNegative = 0.0
+    """Torque lost beside the efficiency, at the shaft and the operating point."""
+    drag_exponent: NotNegative = 1.0
+    """With which power of the speed it grows."""
 
 
 class Shaft(Section):
@@ -102,7 +114,12 @@ class Shaft(Section):
 
     inertia_kg_m2: Positive
     propeller_side_inertia_kg_m2: Positive
-    """Share on the propeller's side of the torque gauge, entrained water included."""
+    """Share on the propeller's side of the torque gauge."""
+    add_entrained_water: bool = False
+    """Whether the water that turns with the propeller is to be added to both; else they contain it."""
+    stiffness_Nm_rad: Positive | None = None
+    """Between the two inertias; None: rigid."""
+    damping_Nms_rad: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _parts_do_not_exceed_the_whole(self) -> Self:
@@ -127,13 +144,41 @@ class Propeller(Section):
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
     K_T: Positive
+    shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Amplitude of the torque at once a turn of the shaft, over the mean."""
+    blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Amplitude of the torque at blade passage, over the mean."""
+    four_quadrant: FourQuadrant | None = None
+    """None: bollard pull, the torque odd in the speed."""
 
 
 class Governor(Section):
-    """PI governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s."""
+    """PI or PID governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s, K_d in s."""
 
     K_p: Positive
     K_i: Positive
+    K_d: NotNegative = 0.0
+    """Of the filtered speed alone: a step of the set point gives no kick."""
+    derivative_filter_s: Positive = 0.05
+    sample_rate_hz: Positive | None = None
+    """How often the governor computes; None: always."""
+    once_a_firing: bool = False
+    """Whether it computes at each firing instead."""
+    computation_delay_s: NotNegative = 0.0
+    set_point_dead_time_s: NotNegative = 0.0
+    """Of the set point's way to the governor, T_set."""
+    minimum_rack_mm: float | None = None
+    maximum_rack_mm: Positive | None = None
+    anti_windup: bool = False
+    """Whether the integral stands still while a limit of the rack or of the torque holds the command."""
+
+    @model_validator(mode="after")
+    def _computes_at_one_kind_of_time(self) -> Self:
+        if self.once_a_firing and self.sample_rate_hz is not None:
+            raise unexpected(
+                "sample_rate_hz", f"{self.sample_rate_hz:g}", "nothing beside once_a_firing = true"
+            )
+        return self
 
 
 class NominalPoint(Section):
@@ -176,7 +221,10 @@ class SetPointLine(Section):
 
 
 class Vessel(Section):
-    """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11).
+    """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11) unless it has a `ship`.
+
+    What the thesis's plant leaves out (dead times, limits, sampling, firing, a flexible shaft, the ship's own motion) is
+    off unless it is configured.
 
     The propeller's torque coefficient is not configured: it follows from the operating point.
 
@@ -199,6 +247,9 @@ class Vessel(Section):
     operating_point: NominalPoint
     set_point: SetPointLine | None = None
     """None: not known."""
+    actuator: Actuator = Actuator()
+    ship: Ship | None = None
+    """None: held, bollard pull."""
 
     @model_validator(mode="after")
     def _can_run_at_its_operating_point(self) -> Self:
@@ -217,6 +268,16 @@ class Vessel(Section):
                     f"{available:.4g} Nm at {point.n_e_rpm:g} rpm",
                     f"more than the operating point's brake torque {self.nominal_brake_torque:.4g} Nm",
                 )
+        firing, cycle = self.engine.firing, 180.0 * self.engine.strokes
+        if firing is None and self.governor.once_a_firing:
+            raise unexpected("governor.once_a_firing", "true", "a table engine.firing beside it")
+        if firing is not None and firing.stroke_deg > cycle:
+            raise unexpected(
+                "engine.firing.stroke_deg", f"{firing.stroke_deg:g}", f"at most a working cycle, {cycle:g}"
+            )
+        if firing is not None and len(firing.strength or ()) not in (0, self.engine.cylinders):
+            found = f"{len(firing.strength or ())} values"
+            raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
         minimum = self.engine.minimum_torque_Nm
         if minimum is not None and minimum >= self.nominal_brake_torque:
             raise unexpected(
@@ -357,12 +418,35 @@ class Vessel(Section):
         if point.M_b_Nm is not None:
             return point.M_b_Nm
         assert point.M_s_Nm is not None
-        return point.M_s_Nm / (self.gearbox.ratio * self.gearbox.efficiency)
+        return (point.M_s_Nm + self.gearbox.drag_Nm) / (self.gearbox.ratio * self.gearbox.efficiency)
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia of all that turns, seen from the propeller [kg m2] (eq. 3.12, 3.13)."""
+        return self.shaft.inertia_kg_m2 + self._added_water()
+
+    @property
+    def propeller_side_inertia(self) -> float:
+        """Share of it on the propeller's side of the torque gauge [kg m2]."""
+        return self.shaft.propeller_side_inertia_kg_m2 + self._added_water()
+
+    def _added_water(self) -> float:
+        return self.entrained_water_inertia() if self.shaft.add_entrained_water else 0.0
+
+    @property
+    def firing_interval(self) -> float:
+        """Turns of the crankshaft between two firings [rev]."""
+        return self.engine.strokes / 2.0 / self.engine.cylinders
+
+    def drag_torque(self, n_s: float) -> float:
+        """Return the torque lost at a shaft speed [rev/s] beside the gearbox's efficiency [Nm]."""
+        return float(self.gearbox.drag_Nm * (n_s / self.nominal_shaft_speed) ** self.gearbox.drag_exponent)
 
     @property
     def torque_coefficient(self) -> float:
         """Propeller torque over n_s^p [Nm/(rev/s)^p], from the balance at the operating point."""
         shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
+        shaft_torque -= self.gearbox.drag_Nm
         return float(shaft_torque / self.nominal_shaft_speed**self.propeller.torque_exponent)
 
     @property
@@ -388,6 +472,22 @@ class Vessel(Section):
             / (math.pi * propeller.blades)
         )
 
+    def loop_delay(self, n_e: float) -> float:
+        """Return the mean delay from speed to brake torque at an engine speed [rev/s], T_d of slow motions [s].
+
+        A sampled command is held for half a period in the mean (Astrom, Wittenmark, "Computer-Controlled Systems",
+        1997, section 1.4); a firing gives its torque half a stroke after it was fuelled. A command that is computed
+        once a firing waits for the next only where it is late for its own.
+        """
+        governor, actuator, firing = self.governor, self.actuator, self.engine.firing
+        delay = actuator.dead_time_s + governor.computation_delay_s + actuator.lag_s
+        if governor.sample_rate_hz is not None:
+            delay += 0.5 / governor.sample_rate_hz
+        if firing is not None:
+            late = governor.once_a_firing and delay > 0.0
+            delay += 0.5 * (firing.stroke_deg / 360.0 + (self.firing_interval if late else 0.0)) / n_e
+        return delay
+
     def envelope(self) -> tuple[Array, Array]:
         """Return engine speed [rev/s] and highest brake torque [Nm], shape (K,); empty where unlimited."""
         table = self.engine.envelope
@@ -405,7 +505,7 @@ class Vessel(Section):
         minimum = self.engine.minimum_torque_Nm
         return np.array(
             [
-                self.shaft.inertia_kg_m2,
+                self.inertia,
                 self.gearbox.ratio,
                 self.gearbox.efficiency,
                 point.v * torque / point.X_0_mm,

@@ -1,6 +1,7 @@
 //! Kernels of `shipfp_rs`: plant stepping, linear structure and its cost, pulse extraction.
 
 pub mod cost;
+pub mod drive_train;
 pub mod error;
 pub mod filter;
 pub mod integrate;

@@ -11,7 +11,7 @@ mod propeller;
 mod shaft;
 
 pub use affine::Affine;
-pub use engine::Engine;
+pub use engine::{Engine, limited};
 pub use envelope::{Constant, Cursor, Envelope, Hinges, Limit, Table};
 pub use gearbox::Gearbox;
 pub use governor::Governor;

@@ -4,6 +4,7 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod arrays;
+mod drive_train;
 mod errors;
 mod filter;
 mod guard;
@@ -18,6 +19,7 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    drive_train::register(module)?;
     filter::register(module)?;
     guard::register(module)?;
     linear::register(module)?;

@@ -72,7 +72,7 @@ fn simulate_plant_batch<'py>(
     Ok(output)
 }
 
-fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> PyResult<Envelope> {
+pub(super) fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> PyResult<Envelope> {
     let speed: Vector<'_> = borrow("limit_speed", speed)?;
     let torque: Vector<'_> = borrow("limit_torque", torque)?;
     Ok(Envelope::new(speed.as_slice()?, torque.as_slice()?)?)
@@ -83,7 +83,7 @@ fn rows<'a>(matrix: &'a Matrix<'_>) -> PyResult<Rows<'a>> {
 }
 
 /// `numpy.zeros`; too large a shape is a `MemoryError` there, and a panic in the crate's own constructor.
-fn zeros<'py>(py: Python<'py>, shape: impl IntoPyObject<'py>) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn zeros<'py>(py: Python<'py>, shape: impl IntoPyObject<'py>) -> PyResult<Bound<'py, PyAny>> {
     py.import("numpy")?.call_method1("zeros", (shape,))
 }
 

@@ -1,0 +1,24 @@
+//! The whole drive train: the plant of `plant/` with what it leaves out, each element off unless its parameters say so.
+//!
+//! Set point -> dead time -> governor -> dead time -> rate limit -> lag -> engine -> rate limit -> firing -> gearbox ->
+//! shaft -> propeller -> ship. Where all elements are off the equations are those of `plant/`.
+
+mod delay;
+mod firing;
+mod governor;
+mod motion;
+mod parameters;
+mod propeller;
+mod ramp;
+mod set_point;
+mod shaft;
+mod ship;
+mod simulate;
+mod state;
+
+pub use governor::{Governor, Timing};
+pub use motion::{DriveTrain, FLOW, flow_at};
+pub use parameters::{PARAMETERS, Tables};
+pub use propeller::{Propeller, Quadrants};
+pub use simulate::{ROWS, Run, simulate};
+pub use state::{STATES, State};

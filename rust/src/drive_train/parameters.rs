@@ -1,0 +1,255 @@
+//! Parameter vector of the drive train and its checks.
+
+use crate::error::{Error, Result, require};
+use crate::plant::{self, Plant};
+
+use super::governor::Timing;
+use super::motion::{Actuator, DriveTrain};
+use super::propeller::Quadrants;
+use super::shaft::Shaft;
+use super::ship::Ship;
+use super::{Governor, Propeller};
+
+const OWN: [&str; 33] = [
+    "propeller_inertia",
+    "shaft_stiffness",
+    "shaft_damping",
+    "drag_coefficient",
+    "drag_exponent",
+    "set_dead_time",
+    "Kd_abs",
+    "derivative_filter",
+    "governor_period",
+    "anti_windup",
+    "minimum_rack",
+    "maximum_rack",
+    "smoke_margin",
+    "turbocharger_lag",
+    "fuel_dead_time",
+    "fuel_lag",
+    "rack_rate",
+    "torque_rate",
+    "firing_interval",
+    "firing_width",
+    "blades",
+    "shaft_ripple",
+    "blade_ripple",
+    "blade_path",
+    "inflow",
+    "thrust_coefficient",
+    "ship_mass",
+    "ship_resistance",
+    "initial_speed",
+    "initial_error",
+    "initial_ship_speed",
+    "set_point_before",
+    "crank_angle",
+];
+
+/// Names of the entries of a parameter vector, in order: those of the plant first.
+pub const PARAMETERS: [&str; plant::PARAMETERS.len() + OWN.len()] = {
+    let mut names = [""; plant::PARAMETERS.len() + OWN.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] =
+            if i < plant::PARAMETERS.len() { plant::PARAMETERS[i] } else { OWN[i - plant::PARAMETERS.len()] };
+        i += 1;
+    }
+    names
+};
+
+/// What does not fit into a vector of fixed length.
+#[derive(Debug, Clone, Default)]
+pub struct Tables {
+    /// Each cylinder's torque over the mean of all, in the order of firing.
+    pub strength: Vec<f64>,
+    /// None: bollard pull.
+    pub quadrants: Option<Quadrants>,
+}
+
+/// Which numbers a parameter may be.
+fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
+    match name {
+        "propeller_inertia" | "blade_path" => (|value| value > 0.0 && value.is_finite(), "a positive number"),
+        "shaft_stiffness" | "rack_rate" | "torque_rate" | "ship_mass" => {
+            (|value| value > 0.0, "a positive number, infinity for none")
+        }
+        "smoke_margin" => (|value| value >= 0.0, "zero or more, infinity for none"),
+        "maximum_rack" => (|value| value > f64::NEG_INFINITY, "a number, infinity for none"),
+        "minimum_rack" => (|value| value < f64::INFINITY, "a number, minus infinity for none"),
+        "governor_period" => (|value| value >= 0.0, "zero or more, infinity for once a firing"),
+        "shaft_damping" | "set_dead_time" | "derivative_filter" | "turbocharger_lag" | "fuel_dead_time"
+        | "fuel_lag" | "firing_interval" | "firing_width" | "blades" | "ship_resistance" => {
+            (|value| value >= 0.0 && value.is_finite(), "zero or more")
+        }
+        "anti_windup" => (|value| [0.0, 1.0].contains(&value), "0 or 1"),
+        _ => (f64::is_finite, "a finite number"),
+    }
+}
+
+/// The values of [`OWN`], each by itself a number that it may be.
+fn checked(values: &[f64]) -> Result<[f64; OWN.len()]> {
+    for (name, &value) in OWN.iter().zip(values) {
+        let (fits, expected) = expected(name);
+        require(fits(value), || format!("parameters: {name} is {value}, expected {expected}"))?;
+    }
+    values.try_into().map_err(|_| Error::Internal("the parameter vector changed its length".to_owned()))
+}
+
+impl DriveTrain {
+    /// Build from a vector in the order of [`PARAMETERS`].
+    ///
+    /// # Errors
+    /// Where the vector has the wrong length or a value makes no sense.
+    pub fn from_parameters(values: &[f64], tables: Tables) -> Result<Self> {
+        require(values.len() == PARAMETERS.len(), || {
+            format!("parameters has {} values, expected {}", values.len(), PARAMETERS.len())
+        })?;
+        let (shared, own) = values.split_at(plant::PARAMETERS.len());
+        let plant = Plant::from_parameters(shared, "parameters")?;
+        let [
+            propeller_side,
+            stiffness,
+            damping,
+            drag,
+            drag_exponent,
+            set_dead_time,
+            derivative,
+            filter,
+            period,
+            anti_windup,
+            minimum_rack,
+            maximum_rack,
+            smoke_margin,
+            turbocharger_lag,
+            dead_time,
+            lag,
+            rack_rate,
+            torque_rate,
+            firing_interval,
+            firing_width,
+            blades,
+            shaft_ripple,
+            blade_ripple,
+            blade_path,
+            inflow,
+            thrust,
+            mass,
+            resistance,
+            initial_speed,
+            initial_error,
+            initial_ship_speed,
+            set_point_before,
+            crank_angle,
+        ] = checked(own)?;
+        let timing = if period == 0.0 {
+            Timing::Continuous
+        } else if period.is_finite() {
+            Timing::Every(period)
+        } else {
+            Timing::AtFiring
+        };
+        let train = Self {
+            governor: Governor {
+                base_rack: plant.governor.base_rack,
+                proportional: plant.governor.proportional,
+                integral: plant.governor.integral,
+                derivative,
+                filter,
+                minimum_rack,
+                maximum_rack,
+                anti_windup: anti_windup > 0.5,
+                timing,
+            },
+            set_dead_time,
+            actuator: Actuator { dead_time, lag, rate: rack_rate },
+            engine: plant.engine,
+            smoke_margin,
+            turbocharger_lag,
+            torque_rate,
+            firing_interval,
+            firing_width,
+            strength: tables.strength,
+            gearbox: plant.gearbox,
+            drag,
+            drag_exponent,
+            shaft: Shaft {
+                engine_side: plant.shaft.inertia - propeller_side,
+                propeller_side,
+                stiffness,
+                damping,
+            },
+            propeller: Propeller {
+                coefficient: plant.propeller.coefficient,
+                exponent: plant.propeller.exponent,
+                thrust,
+                blade_path,
+                inflow,
+                blades,
+                shaft_ripple,
+                blade_ripple,
+                quadrants: tables.quadrants,
+            },
+            ship: Ship { mass, resistance },
+            initial_speed,
+            initial_error,
+            initial_ship_speed,
+            set_point_before,
+            crank_angle,
+        };
+        train.require_agreement()?;
+        Ok(train)
+    }
+
+    /// What one value demands of another.
+    fn require_agreement(&self) -> Result<()> {
+        let Shaft { engine_side, propeller_side, stiffness, .. } = self.shaft;
+        let inertia = engine_side + propeller_side;
+        require(engine_side > 0.0 || (engine_side == 0.0 && stiffness == f64::INFINITY), || {
+            format!(
+                "parameters: propeller_inertia is {propeller_side}, expected less than inertia, {inertia}"
+            )
+        })?;
+        let Governor { minimum_rack, maximum_rack, derivative, filter, timing, .. } = self.governor;
+        require(minimum_rack < maximum_rack, || {
+            format!(
+                "parameters: minimum_rack is {minimum_rack}, expected less than maximum_rack, {maximum_rack}"
+            )
+        })?;
+        require(derivative == 0.0 || filter > 0.0, || {
+            "parameters: derivative_filter is 0, expected a positive number beside a derivative gain"
+                .to_owned()
+        })?;
+        require(self.smoke_margin == f64::INFINITY || self.turbocharger_lag > 0.0, || {
+            "parameters: turbocharger_lag is 0, expected a positive number beside a smoke margin".to_owned()
+        })?;
+        require(self.strength.iter().all(|strength| strength.is_finite()), || {
+            format!("strength is {:?}, expected finite numbers", self.strength)
+        })?;
+        let (width, cycle) = (self.firing_width, self.firing_interval * self.strength.len() as f64);
+        require(self.firing_interval == 0.0 || (width > 0.0 && width <= cycle), || {
+            format!("parameters: firing_width is {width}, expected more than 0 and at most a cycle, {cycle}")
+        })?;
+        require(timing != Timing::AtFiring || self.firing_interval > 0.0, || {
+            "parameters: firing_interval is 0, expected a positive angle for a governor that acts once a firing"
+                .to_owned()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_vector_of_odd_numbers_panics() {
+        for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0] {
+            for place in 0..PARAMETERS.len() {
+                let mut values = [1.0; PARAMETERS.len()];
+                values[0] = 2.0;
+                values[place] = odd;
+                let _ = DriveTrain::from_parameters(&values, Tables::default());
+            }
+        }
+    }
+}
