@@ -56,15 +56,20 @@ impl Delay {
 
     /// The delayed signal at `time`, by the piece that holds `time + nudge`: which side of a jump is meant.
     #[must_use]
+    #[allow(clippy::float_cmp)]
     pub fn at(&self, time: f64, nudge: f64) -> f64 {
         let past = time - self.dead_time;
-        let piece = self.history.iter().zip(self.history.iter().skip(1)).find(|(_, to)| past + nudge < to.0);
-        match piece {
-            Some((from, to)) if from.0.is_finite() => {
+        let mut piece = 1;
+        while self.history.get(piece).is_some_and(|to| to.0 <= past + nudge) {
+            piece += 1;
+        }
+        match (self.history.get(piece - 1), self.history.get(piece)) {
+            // Most commands are held: no division, and none by a stretch without an end.
+            (Some(from), Some(to)) if from.1 != to.1 => {
                 from.1 + (to.1 - from.1) * ((past - from.0) / (to.0 - from.0))
             }
-            Some((from, _)) => from.1,
-            None => self.history.back().map_or(f64::NAN, |last| last.1),
+            (Some(from), _) => from.1,
+            (None, _) => f64::NAN,
         }
     }
 }

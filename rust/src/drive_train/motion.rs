@@ -73,10 +73,25 @@ pub struct Memory {
 pub struct Instant {
     /// Time since the step began [s].
     pub elapsed: f64,
-    /// Set point at the governor [rev/s].
+    /// Set point at the governor [rev/s]; of no meaning where that computes at times of its own.
     pub set_speed: f64,
     /// Command that comes out of the actuator's dead time [mm]; None: there is none.
     pub arriving: Option<f64>,
+}
+
+/// What the governor and the fuel's way make of an instant.
+#[derive(Debug, Clone, Copy)]
+pub struct FuelPath {
+    /// Of the governor.
+    pub command: Command,
+    /// Behind the dead time, before its rate is limited [mm].
+    pub fuel: f64,
+    /// [mm].
+    pub rack: f64,
+    /// [mm/s].
+    pub rack_rate: f64,
+    /// Mean brake torque before its rate is limited [Nm].
+    pub demand: f64,
 }
 
 /// All signals at an instant, and the rates of the state.
@@ -84,10 +99,7 @@ pub struct Instant {
 pub struct Flow {
     /// Of the governor [mm].
     pub command: f64,
-    /// Behind the dead time, before its rate is limited [mm].
-    pub fuel: f64,
-    /// Mean brake torque before its rate is limited, and after [Nm].
-    pub demand: f64,
+    /// Mean brake torque [Nm].
     pub mean: f64,
     /// What is recorded.
     pub engine_speed: f64,
@@ -132,10 +144,16 @@ impl DriveTrain {
         self.governor.command(set_speed, speed, state.error, state.filtered, &ceiling)
     }
 
-    /// Everything at an instant.
+    /// From the set point to the torque that the engine is to give.
     #[inline(always)]
     #[must_use]
-    pub fn flow(&self, limit: &mut impl Limit, memory: &Memory, at: &Instant, state: &State) -> Flow {
+    pub fn fuel_path(
+        &self,
+        limit: &mut impl Limit,
+        memory: &Memory,
+        at: &Instant,
+        state: &State,
+    ) -> FuelPath {
         let engine_speed = self.gearbox.ratio * state.engine_side;
         let command = self.command(limit, at.set_speed, memory.held, state);
         let fuel = at.arriving.unwrap_or(command.rack);
@@ -145,14 +163,23 @@ impl DriveTrain {
         } else {
             (ordered, 0.0)
         };
-        let charge_rate =
-            if self.smoke_margin.is_finite() { (rack - state.charge) / self.turbocharger_lag } else { 0.0 };
         let Engine { rack_gain, speed_gain, offset, minimum_torque } = self.engine;
         let demand = limited(
             rack * rack_gain + engine_speed * speed_gain + offset,
             minimum_torque,
             limit.torque(engine_speed),
         );
+        FuelPath { command, fuel, rack, rack_rate, demand }
+    }
+
+    /// Everything at an instant.
+    #[inline(always)]
+    #[must_use]
+    pub fn flow(&self, limit: &mut impl Limit, memory: &Memory, at: &Instant, state: &State) -> Flow {
+        let engine_speed = self.gearbox.ratio * state.engine_side;
+        let FuelPath { command, rack, rack_rate, demand, .. } = self.fuel_path(limit, memory, at, state);
+        let charge_rate =
+            if self.smoke_margin.is_finite() { (rack - state.charge) / self.turbocharger_lag } else { 0.0 };
         let mean = memory.torque.reached(demand, at.elapsed);
         let brake = if memory.firing.acts() { memory.firing.torque(state.crank) } else { mean };
         let shaft = self.gearbox.shaft_torque(brake) - self.drag_torque(state.engine_side);
@@ -161,8 +188,6 @@ impl DriveTrain {
         let answer = self.shaft.answer(shaft, load, state.twist, slip);
         Flow {
             command: command.rack,
-            fuel,
-            demand,
             mean,
             engine_speed,
             rack,

@@ -226,7 +226,11 @@ impl<'a, L: Limit> March<'a, L> {
         let time = begin + elapsed;
         Instant {
             elapsed,
-            set_speed: self.set_point.at(time, time + nudge),
+            set_speed: if self.train.governor.timing == Timing::Continuous {
+                self.set_point.at(time, time + nudge)
+            } else {
+                f64::NAN
+            },
             arriving: self.delay.acts().then(|| self.delay.at(time, nudge)),
         }
     }
@@ -245,11 +249,11 @@ impl<'a, L: Limit> March<'a, L> {
         let fourth = rates(&end, &third, step);
         self.state = self.state.after(step, &State::runge_kutta_mean(&[first, second, third, fourth]));
         if self.remembers {
-            let flow = self.train.flow(&mut self.limit, &self.memory, &end, &self.state);
-            self.memory.rack.advance(flow.fuel, step);
-            self.memory.torque.advance(flow.demand, step);
+            let reached = self.train.fuel_path(&mut self.limit, &self.memory, &end, &self.state);
+            self.memory.rack.advance(reached.fuel, step);
+            self.memory.torque.advance(reached.demand, step);
             if self.delay.acts() {
-                self.delay.push(time + step, flow.command);
+                self.delay.push(time + step, reached.command.rack);
                 self.note_breaks(time + step);
             }
         }
