@@ -233,6 +233,7 @@ class TestCommand:
             ([TUG, "--duration", "100", "--avoid", "3"], "--avoid: found '3', expected LOW:HIGH"),
             ([TUG, "--duration", "100", "--avoid", "0:100"], "avoid_hz"),
             ([TUG, "--duration", "100", "--amplitude", "2000"], "amplitude_rpm is 2000"),
+            ([TUG, "--duration", "100", "--kind", "squares", "--avoid", "2:3"], "'squares' jumps"),
             ([TUG, "--duration", "30"], "to settle"),
             ([TUG, "--duration", "100", "--longest", "10"], "longest_samples is 10"),
             ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),

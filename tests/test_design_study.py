@@ -1,6 +1,6 @@
-"""Do the predicted standard deviations of a design come true? Virtual launch.
+"""Do the predicted standard deviations of a design come true, and does a design beat a long chirp?
 
-The study (`pytest -m study -k design -s`) prints a table; DESIGN_DRAWS sets another number of draws than 200.
+The study (`pytest -m study -k design -s`) prints two tables; DESIGN_DRAWS sets another number of draws than 200.
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
-from shipfp_rs.designs import Noise, Subject, design
+from shipfp_rs import signals
+from shipfp_rs.designs import Noise, Subject, design, predict
+from shipfp_rs.designs.noise import sensors_of
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.identification import identify
 from shipfp_rs.signals import Excitation
@@ -35,6 +37,80 @@ class Case:
 
     excitation: Excitation
     predicted: Mapping[str, float]
+    truth: Mapping[str, float] = field(default_factory=dict)
+
+
+def tug() -> Subject:
+    return Subject.of("stan-tug-1205", None, None)
+
+
+LONG_CHIRP = signals.chirp(0.0014, 20.0, 1500.0, 76.0, rate_hz=50.0)
+"""The long logarithmic chirp of section 5.1.2, with the amplitude of the full-scale trial (Table 6.7)."""
+
+
+@cache
+def against_the_chirp() -> tuple[Case, Case]:
+    """Optimal square waves of a third of its duration, and the chirp: same ship, amplitude and sensors."""
+    plan = design(
+        "stan-tug-1205",
+        amplitude_rpm=76.0,
+        duration_s=500.0,
+        kind="squares",
+        criterion="A",
+        longest_samples=25_000,
+    )
+    chirp = predict(tug(), LONG_CHIRP, sensors_of(None, tug().signals))
+    everything = {**plan.prediction.parameters, **plan.prediction.derived}
+    truth = {name: everything[name].value for name in plan.prediction.relative_pct}
+    return Case(plan.excitation, plan.prediction.relative_pct, truth), Case(LONG_CHIRP, chirp.relative_pct)
+
+
+def tug_estimate(job: tuple[Excitation, Sequence[int]]) -> list[float]:
+    """Estimates of all that the tug tells over the true values in percent."""
+    excitation, seed = job
+    expected, generator = tug(), np.random.default_rng(seed)
+    clean, noises = expected.respond(excitation), sensors_of(None, expected.signals)
+    drawn = {
+        signal: clean.signals[signal]
+        + clean.operating_point[signal] * noises[output].draw(len(clean), excitation.rate_hz, generator)
+        for output, signal in expected.signals.items()
+    }
+    fingerprint = identify(replace(clean, signals={**clean.signals, **drawn}), expected.structure)
+    truth = against_the_chirp()[0].truth
+    return [100.0 * fingerprint[name].value / truth[name] for name in truth]
+
+
+@pytest.mark.study
+def test_design_of_a_third_of_the_time_beats_the_long_chirp(monkeypatch):
+    draws = int(os.environ.get("DESIGN_DRAWS", "200"))
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    cases = dict(zip(("squares, 500 s", "long chirp, 1500 s"), against_the_chirp(), strict=True))
+    names = list(against_the_chirp()[0].predicted)
+    print(f"\nStan Tug 1205, standard deviations [% of value], {draws} draws: predicted / observed")
+    print("design".ljust(20) + "".join(f"{name:>16}" for name in names))
+    spreads = {}
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        for label, case in cases.items():
+            jobs = [(case.excitation, (11, draw)) for draw in range(draws)]
+            spreads[label] = np.std(list(pool.map(tug_estimate, jobs)), axis=0, ddof=1)
+            cells = [
+                f"{case.predicted[name]:.3f} / {spread:.3f}"
+                for name, spread in zip(names, spreads[label], strict=True)
+            ]
+            print(label.ljust(20) + "".join(f"{cell:>16}" for cell in cells), flush=True)
+    short, long = spreads.values()
+    assert np.sum(short**2) < np.sum(long**2)
+
+
+def test_a_design_of_a_third_of_the_time_is_predicted_to_beat_the_long_chirp():
+    short, long = against_the_chirp()
+    assert short.excitation.duration <= LONG_CHIRP.duration / 3.0
+    assert short.excitation.amplitude_rpm <= LONG_CHIRP.amplitude_rpm * (1.0 + 1e-9)
+    # All but the exponent, which both tell to a thousandth, and which slow swings alone tell.
+    assert all(short.predicted[name] < long.predicted[name] for name in long.predicted if name != "p")
+    assert sum(value**2 for value in short.predicted.values()) < 0.75 * sum(
+        value**2 for value in long.predicted.values()
+    )
 
 
 def subject() -> Subject:
@@ -121,8 +197,8 @@ def test_design_predictions_come_true(monkeypatch):
 
 def test_predicted_deviations_come_true():
     case = planned("mix", 120.0)
-    spread = observed(None, case.excitation, 30)
-    # The standard deviation of 30 draws scatters by 13 %; three times that is what this can tell.
+    spread = observed(None, case.excitation, 25)
+    # The standard deviation of 25 draws scatters by 14 %; three times that is what this can tell.
     ratio = spread / [case.predicted[name] for name in subject().free]
     assert np.all(np.abs(ratio - 1.0) < 0.4)
     assert 0.8 < ratio.mean() < 1.2

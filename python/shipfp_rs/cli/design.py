@@ -21,6 +21,7 @@ class Kind(StrEnum):
 
     mix = "mix"
     sines = "sines"
+    squares = "squares"
     multisine = "multisine"
     chirp = "chirp"
 

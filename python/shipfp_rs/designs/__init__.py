@@ -15,7 +15,7 @@ from shipfp_rs.designs.noise import Noise, sensors_of
 from shipfp_rs.designs.plan import Needed, Plan, needed_for
 from shipfp_rs.designs.prediction import Prediction, predict
 from shipfp_rs.designs.run_sheet import Stretch, run_sheet
-from shipfp_rs.designs.spectrum import Criterion, candidates, support
+from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, support
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.designs.waveforms import Kind, Setting, waveform
 from shipfp_rs.errors import InputError
@@ -85,7 +85,8 @@ def design(
     parameters
         Names of parameters or combinations that `accuracy_pct` is for; None: all that is identifiable.
     kind
-        "sines" (one after the other, the most powerful under a limit of amplitude), "multisine" (all at once, with a low
+        "sines" (one after the other), "squares" (square waves one after the other, which tell most under a limit of
+        amplitude, where the ship may be jerked), "multisine" (all at once, with a low
         crest factor), "chirp" (over the range that tells most) or "mix" (sines, a chirp, and steps for validation).
     criterion
         "D": the smallest volume of the confidence ellipsoid; "A": the smallest sum of the relative variances of all that
@@ -155,6 +156,10 @@ def design(
         raise InputError(
             f"amplitude_rpm is {limits.amplitude_rpm:g}, expected less than the operating speed {set_point:g}"
         )
+    if kind == "squares" and (limits.avoid_hz or limits.rate_rpm_s is not None):
+        raise InputError(
+            "kind 'squares' jumps and has harmonics, expected neither avoid_hz nor rate_rpm_s with it; choose 'sines'"
+        )
     noises = sensors_of(sensors, subject.signals)
     if generator is None and subject.vessel is not None and subject.vessel.set_point is not None:
         generator = Generator(subject.vessel.set_point.calibration)
@@ -191,7 +196,8 @@ def _plan(
             f"the bands of avoid_hz {list(limits.avoid_hz)} leave {len(frequency)} of {CANDIDATES} candidate frequencies, "
             f"expected at least {fewest}; leave more outside"
         )
-    lines = candidates(subject, sensors, frequency, limits.amplitude_at(frequency), rate)
+    shape = SQUARE if kind == "squares" else SINE
+    lines = candidates(subject, sensors, frequency, limits.amplitude_at(frequency), rate, shape)
     setting, efficiency = Setting.of(lines, limits, criterion, rate)
     excitation = waveform(kind, setting, duration_s, settle_s)
     prediction = predict(subject, excitation, sensors)

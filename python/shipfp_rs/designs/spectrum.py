@@ -19,6 +19,9 @@ from shipfp_rs.signals import Law
 Array = npt.NDArray[np.float64]
 Criterion = Literal["D", "A"]
 
+SINE: Mapping[int, float] = {1: 1.0}
+SQUARE: Mapping[int, float] = {order: 4.0 / (np.pi * order) for order in (1, 3, 5, 7, 9)}
+"""Amplitude of each harmonic over the largest deviation; the prediction also holds those above a square's ninth."""
 ITERATIONS = 20_000
 TOLERANCE = 1e-3
 """A design is taken for optimal when its efficiency is within this part of one."""
@@ -65,8 +68,9 @@ def candidates(
     frequency_hz: Array,
     amplitude_rpm: Array,
     rate_hz: float,
+    shape: Mapping[int, float] = SINE,
 ) -> Lines:
-    """Return what a sine of each frequency at its largest amplitude tells of the subject.
+    """Return what a wave of each frequency at its largest amplitude tells of the subject; `shape` holds its harmonics.
 
     With S the derivatives of the responses with respect to the parameters, the information of T seconds is
     T a^2 Re(S^H G^-1 S) for a set point of relative amplitude a and noise of one-sided density G.
@@ -76,12 +80,17 @@ def candidates(
     InputError
         Where the structure has no frequency response, or the data tell nothing.
     """
-    _, slopes = subject.structure.equations.response(subject.values, frequency_hz, subject.free)
-    density = np.array(
-        [sensors[output].density(frequency_hz, rate_hz) for output in subject.structure.outputs]
-    )
-    whitened = slopes * amplitude_rpm / subject.operating_point["n_set"] / np.sqrt(density)
-    rows = np.concatenate([whitened.real, whitened.imag], axis=1)  # (W, 2 O, F)
+    parts = []
+    for order, height in shape.items():
+        frequency = order * frequency_hz
+        _, slopes = subject.structure.equations.response(subject.values, frequency, subject.free)
+        density = np.array(
+            [sensors[output].density(frequency, rate_hz) for output in subject.structure.outputs]
+        )
+        relative = np.where(frequency < 0.5 * rate_hz, height, 0.0) * amplitude_rpm
+        whitened = slopes * relative / subject.operating_point["n_set"] / np.sqrt(density)
+        parts += [whitened.real, whitened.imag]
+    rows = np.concatenate(parts, axis=1)  # (W, 2 O harmonics, F)
     sensitivity = Sensitivity.of(rows.reshape(len(rows), -1).T, subject.free, subject.scale)
     if not sensitivity.rank:
         raise InputError(

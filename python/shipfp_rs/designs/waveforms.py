@@ -17,11 +17,12 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.signals import Excitation
 
 Array = npt.NDArray[np.float64]
-Kind = Literal["sines", "multisine", "chirp", "mix"]
-Part = Literal["sines", "multisine", "chirp", "steps"]
+Kind = Literal["sines", "squares", "multisine", "chirp", "mix"]
+Part = Literal["sines", "squares", "multisine", "chirp", "steps"]
 
 PARTS: Mapping[Kind, Mapping[Part, float]] = {
     "sines": {"sines": 1.0},
+    "squares": {"squares": 1.0},
     "multisine": {"multisine": 1.0},
     "chirp": {"chirp": 1.0},
     "mix": {"sines": 0.6, "chirp": 0.25, "steps": 0.15},
@@ -94,6 +95,13 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
     return signals.join(parts, name="sines")
 
 
+def _squares(setting: Setting, duration_s: float) -> Excitation:
+    made = _sines(setting, duration_s)
+    # Rounding at a crossing is no side of it.
+    level = np.sign(np.round(made.samples / setting.limits.amplitude_rpm, 9))
+    return replace(made, name="squares", samples=setting.limits.amplitude_rpm * level)
+
+
 def _multisine(setting: Setting, duration_s: float) -> Excitation:
     period_s = math.floor(duration_s * setting.rate_hz) / setting.rate_hz
     frequencies, shares = support(setting.lines, setting.shares)
@@ -161,6 +169,7 @@ def _smoothing_s(limits: Limits) -> float:
 
 BUILDERS: Mapping[Part, Callable[[Setting, float], Excitation]] = {
     "sines": _sines,
+    "squares": _squares,
     "multisine": _multisine,
     "chirp": _chirp,
     "steps": _steps,
