@@ -106,3 +106,14 @@ def test_nothing_above_half_the_common_rate_folds_back():
         samples = np.sin(2 * np.pi * frequency * time)
         out = LowPass(channel, 50.0, 10_000)(lambda first, stop, x=samples: x[first:stop], 500)
         assert np.abs(out).max() < 2e-4, frequency
+
+
+def test_entrained_water_counts_on_the_propellers_side():
+    full = Vessel.load("stan-tug-1205-full")
+    smooth = {"propeller.shaft_ripple": 0.0, "propeller.blade_ripple": 0.0, "engine.firing": None}
+    ship = full.replace({**smooth, "governor.once_a_firing": False, "shaft.stiffness_Nm_rad": None})
+    experiment = simulate(ship, signals.chirp(0.1, 1.0, 20.0, 20.0, rate_hz=200.0))
+    n_s = experiment.signals["n_s"]
+    load = ship.torque_coefficient * n_s**ship.propeller.torque_exponent
+    found = torque_across_inertia(experiment, ship, "propeller")
+    np.testing.assert_allclose(found[5:-5], load[5:-5], rtol=1e-3)

@@ -133,8 +133,8 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
             raise InputError(
                 f"experiment {experiment.name!r}: no signal {name!r}; found {', '.join(experiment.signals)}"
             )
-    propeller_side = vessel.shaft.propeller_side_inertia_kg_m2
-    inertia = vessel.shaft.inertia_kg_m2 - propeller_side if side == "engine" else -propeller_side
+    propeller_side = vessel.propeller_side_inertia
+    inertia = vessel.inertia - propeller_side if side == "engine" else -propeller_side
     n_s = experiment.signals["n_e"] / 60.0 / vessel.gearbox.ratio
     missing = np.isnan(n_s)
     if missing.all():
