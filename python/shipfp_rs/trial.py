@@ -35,6 +35,17 @@ class Header(Section):
     """Sample rate of logs that tell none [Hz]."""
 
 
+class Align(Section):
+    """Several loggers that recorded one trial, each with a clock of its own: brought to one of them."""
+
+    reference: str
+    """File name of the log whose clock counts; all windows are on it."""
+    common: str
+    """Channel that every log holds, such as the set point's voltage or a pulse train."""
+    pulses: bool = False
+    """Whether the common channel is a pulse train."""
+
+
 class Line(Section):
     """A calibration: scale and offset, or a table of readings and values to fit them to."""
 
@@ -226,6 +237,7 @@ class Trial(Section):
     """
 
     trial: Header
+    align: Align | None = None
     channels: Channels
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
@@ -245,11 +257,17 @@ class Trial(Section):
                 "neither n_e_rpm and M_Nm nor steady_s",
                 "both values, or steady_s = [start, stop]",
             )
-        if missing and len(self.trial.log) > 1:
+        if missing and len(self.trial.log) > 1 and self.align is None:
             raise unexpected(
                 "operating_point", '"auto" with several logs', "n_e_rpm and M_Nm given as numbers"
             )
         files = [Path(log).name for log in self.trial.log]
+        if self.align is not None:
+            if Path(self.align.reference).name not in files or len(files) < 2:
+                raise unexpected(
+                    "align.reference", f"{self.align.reference!r}", f"one of several logs, {', '.join(files)}"
+                )
+            files = [Path(self.align.reference).name]
         for window in self.windows:
             if window.log is not None and Path(window.log).name not in files:
                 raise unexpected(
@@ -275,13 +293,21 @@ class Trial(Section):
         return read.model_copy(update={"trial": header.model_copy(update=changes)})
 
     def logs(self) -> list[Log]:
-        """Open the recordings, in order."""
-        return [Log.open(path, rate_hz=self.trial.rate_hz) for path in self.trial.log]
+        """Open the recordings, in order; one log where loggers are aligned."""
+        logs = [Log.open(path, rate_hz=self.trial.rate_hz) for path in self.trial.log]
+        if self.align is None:
+            return logs
+        from shipfp_rs.alignment import merged  # SciPy takes long to load
+
+        name = Path(self.align.reference).name
+        (reference,) = [log for log in logs if Path(log.name).name == name]
+        others = [log for log in logs if log is not reference]
+        return [merged(reference, others, self.align.common, pulses=self.align.pulses)]
 
     def windows_of(self, log: str) -> tuple[Window, ...]:
         """Return the windows that are cut from the log of this file name."""
         first = Path(self.trial.log[0]).name
-        if len(self.trial.log) == 1:
+        if len(self.trial.log) == 1 or self.align is not None:
             return self.windows
         return tuple(window for window in self.windows if Path(window.log or first).name == Path(log).name)
 
@@ -294,6 +320,11 @@ name = "Bollard pull trial"
 vessel = "stan-tug-1205"        # built-in ship, or the path of a vessel file
 log = "run.parquet"             # Parquet, Feather, CSV, ...; a list where there are several
 # rate_hz = 2000.0              # only where the log tells neither rate nor time
+
+# [align]                       # where several loggers recorded the same trial, each with its own clock
+# reference = "run.parquet"     # whose clock counts
+# common = "U_setpoint"         # channel in every log that their clocks are compared by
+# pulses = false                # true: it is a pulse train
 
 # Value = scale * recorded + offset, or: calibration = { table = [[-3.03, 676.7], [-5.03, 1184.4]] }
 [channels.set_point]            # engine-speed set point, to rpm of the engine

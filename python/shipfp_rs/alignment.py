@@ -1,0 +1,318 @@
+"""Several loggers on one clock: offset and drift from a signal that all of them recorded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, signal, stats
+from scipy.interpolate import CubicSpline
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.faults.record import Fault
+from shipfp_rs.log import Log, Samples
+from shipfp_rs.low_pass import LowPass, nearest_rate
+from shipfp_rs.rows import Rows
+from shipfp_rs.tacho import pulse_times
+
+Array = npt.NDArray[np.float64]
+
+COARSE_HZ, FINE_HZ = 10.0, 100.0
+"""Rates at which the lag is searched and refined."""
+COARSE_S, FINE_S = 300.0, 60.0
+"""Stretches that have one lag each; 100 parts in a million are 30 ms in the longer ones."""
+SMOOTH_S = 0.03
+"""Standard deviation of the bell that the fine signals are smoothed with, so that lines between samples follow them."""
+ALIKE = 0.8
+"""Least correlation of a stretch of one logger with the other's."""
+MOST_DRIFT = 1e-3
+"""Relative difference of rate that no two working clocks have."""
+STEPS = 4
+"""Gauss-Newton steps of a stretch's lag, and passes over the line through all of them."""
+PASSES = 3
+"""Times that the lags of all stretches are fitted anew."""
+NEXT_PULSE = 0.25
+"""Distance to the other logger's pulse, in intervals, up to which it is the same."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How one logger's clock reads on another's: t_reference = offset_s + (1 + drift) t.
+
+    Parameters
+    ----------
+    offset_s
+        Reading of the reference's clock where the other stands at zero [s].
+    drift
+        Relative difference of rate.
+    std_s
+        Standard deviation of the reading at the worse end of the log [s].
+    """
+
+    offset_s: float
+    drift: float
+    std_s: float
+
+    def __call__(self, time_s: npt.ArrayLike) -> Array:
+        """Return readings of the reference's clock [s]."""
+        return np.asarray(self.offset_s + (1.0 + self.drift) * np.asarray(time_s, dtype=np.float64))
+
+
+def align(
+    reference: Log, other: Log, common: str, *, pulses: bool = False, search_s: float = 120.0
+) -> Alignment:
+    """Estimate the clock of one logger against another's from a channel of one name in both.
+
+    A coarse lag comes from the correlation of stretches, a line through them from the median of all slopes (Theil and
+    Sen), and the line is refined by fitting each minute's lag, weighted by what the minute tells: where nothing
+    changes, nothing is told. With a pulse train the pulses themselves are matched in the end.
+
+    Parameters
+    ----------
+    reference, other
+        Recordings of one trial.
+    common
+        Channel that both hold, such as the set point's voltage or a pulse train.
+    pulses
+        Whether it is a pulse train.
+    search_s
+        Largest difference between the clocks [s].
+
+    Raises
+    ------
+    InputError
+        Where a channel is missing, or the two have no varying stretch in common.
+    """
+    trains = [_pulses(log, common) for log in (reference, other)] if pulses else []
+    here, there = map(_frequency, trains) if pulses else (_smooth(log, common) for log in (reference, other))
+    coarse = _coarse(here, there, search_s)
+    if coarse is None:
+        raise InputError(
+            f"{other.name}: channel {common!r} never varies as in {reference.name} within {search_s:g} s of its "
+            "clock; name another common channel or a wider search"
+        )
+    found = _refined(here, there, coarse)
+    return _matched(trains[0], trains[1], found) if pulses else found
+
+
+def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool = False) -> Log:
+    """Return one log with all channels on the reference's clock.
+
+    Other loggers' samples are interpolated by straight lines, at their nominal rates; channels whose name the
+    reference has as well get their file's name behind it. Each clock's offset and drift is on record as a fault.
+    """
+    channels = dict(reference.channels)
+    sources = {name: (reference, name) for name in channels}
+    faults = list(reference.faults)
+    for log in others:
+        alignment = align(reference, log, common, pulses=pulses)
+        moved = on_clock(log, alignment)
+        for name, channel in moved.channels.items():
+            own = name if name not in channels else f"{name} ({Path(log.name).name})"
+            channels[own] = replace(channel, name=own)
+            sources[own] = (moved, name)
+        told = f"offset {alignment.offset_s:.6g} s and drift {1e6 * alignment.drift:.4g} ppm taken off"
+        whole = np.array([[0, log.channel(common).samples]])
+        faults.append(Fault("drift", f"{common} ({Path(log.name).name})", told, whole, excluded=False))
+
+    def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
+        log, name = sources[channel]
+        return log.raw_blocks(name, first, size)
+
+    return Log(reference.name, list(channels.values()), blocks, reference.start_utc, tuple(faults))
+
+
+def on_clock(log: Log, alignment: Alignment) -> Log:
+    """Return a log whose samples are taken at even times of the reference's clock, between its own by lines."""
+    stretch = 1.0 + alignment.drift
+    channels = [
+        replace(
+            channel,
+            start_s=float(alignment(channel.start_s)),
+            samples=math.floor((channel.samples - 1) * stretch) + 1 if channel.samples else 0,
+        )
+        for channel in log.channels.values()
+    ]
+    lengths = {channel.name: channel.samples for channel in channels}
+
+    def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
+        rows = Rows(log, channel, size=size)
+        last = rows.channel.samples
+        for start in range(first, lengths[channel], size):
+            place = np.arange(start, min(start + size, lengths[channel])) / stretch
+            begin, end = int(place[0]), min(int(place[-1]) + 2, last)
+            samples = rows.read(begin, end).astype(np.float64)
+            yield np.interp(place - begin, np.arange(len(samples)), samples).astype(np.float32)
+
+    return Log(log.name, channels, blocks, log.start_utc, log.faults)
+
+
+@dataclass(frozen=True)
+class _Series:
+    """A signal at even times."""
+
+    start_s: float
+    rate_hz: float
+    values: Array
+
+    def cut(self, start_s: float, stop_s: float) -> _Series:
+        first = max(round((start_s - self.start_s) * self.rate_hz), 0)
+        stop = max(round((stop_s - self.start_s) * self.rate_hz), first)
+        return replace(self, start_s=self.start_s + first / self.rate_hz, values=self.values[first:stop])
+
+    def slower(self, rate_hz: float) -> _Series:
+        count = round(self.rate_hz / rate_hz)
+        whole = len(self.values) // count * count
+        start_s = self.start_s + 0.5 * (count - 1) / self.rate_hz
+        return _Series(start_s, self.rate_hz / count, self.values[:whole].reshape(-1, count).mean(axis=1))
+
+    @property
+    def time_s(self) -> Array:
+        return self.start_s + np.arange(len(self.values)) / self.rate_hz
+
+    @property
+    def stop_s(self) -> float:
+        return self.start_s + len(self.values) / self.rate_hz
+
+
+def _smooth(log: Log, name: str) -> _Series:
+    """What of a channel lies well below the fine rate: a step between two samples has no time of its own."""
+    rows = Rows(log, name)
+    channel = rows.channel
+    rate_hz = nearest_rate(channel, FINE_HZ)
+    low_pass = LowPass(channel, rate_hz, 0.0)
+    count = int(channel.samples * rate_hz / channel.rate_hz)
+    values = low_pass(lambda first, stop: rows.read(first, stop).astype(np.float64), count)
+    return _Series(channel.start_s, rate_hz, ndimage.gaussian_filter1d(values, SMOOTH_S * rate_hz))
+
+
+def _pulses(log: Log, name: str) -> Array:
+    channel = log.channel(name)
+    return pulse_times(log.chunks(name), channel.rate_hz).times_s + channel.start_s
+
+
+def _frequency(times: Array) -> _Series:
+    """Pulses per second, at even times."""
+    if len(times) < 3:
+        raise InputError("the common pulse train has fewer than three pulses; name another common channel")
+    middle = 0.5 * (times[1:] + times[:-1])
+    even = np.arange(middle[0], middle[-1], 1.0 / FINE_HZ)
+    return _Series(float(middle[0]), FINE_HZ, np.interp(even, middle, 1.0 / np.diff(times)))
+
+
+def _coarse(here: _Series, there: _Series, search_s: float) -> Alignment | None:
+    """Line through the lags of long stretches; None where no stretch is alike in both."""
+    here, there = here.slower(COARSE_HZ), there.slower(COARSE_HZ)
+    length_s = min(COARSE_S, (there.stop_s - there.start_s) / 4.0)
+    found = []
+    for start_s in np.arange(there.start_s, there.stop_s - length_s, length_s):
+        part = there.cut(start_s, start_s + length_s)
+        around = here.cut(start_s - search_s, start_s + length_s + search_s)
+        like = _correlation(around.values, part.values)
+        if len(like) and like.max() > ALIKE:
+            found.append((part.start_s, around.start_s + like.argmax() / here.rate_hz - part.start_s))
+    if not found:
+        return None
+    time, lag = np.array(found).T
+    slope = float(stats.theilslopes(lag, time)[0]) if len(found) > 2 else 0.0
+    slope = slope if abs(slope) < MOST_DRIFT else 0.0
+    return Alignment(float(np.median(lag - slope * time)), slope, np.inf)
+
+
+def _correlation(around: Array, part: Array) -> Array:
+    """Correlation coefficient of a part with every stretch of its length."""
+    count = len(part)
+    if len(around) < count or not np.isfinite(part).all() or np.ptp(part) == 0.0:
+        return np.empty(0)
+    around = np.nan_to_num(around - np.nanmean(around))
+    ones = np.ones(count)
+    mean = signal.oaconvolve(around, ones, "valid") / count
+    spread = np.sqrt(np.maximum(signal.oaconvolve(around**2, ones, "valid") / count - mean**2, 0.0))
+    floor = 1e-6 * np.std(around) + np.finfo(float).tiny
+    product = signal.oaconvolve(around, (part - part.mean())[::-1], "valid") / count
+    return np.asarray(product / (np.maximum(spread, floor) * np.std(part)))
+
+
+def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
+    """Line through the lags of short stretches, each fitted between the samples.
+
+    A stretch's lag is that of its lively part, which need not be its middle: each pass takes off the drift of the last.
+    """
+    length_s = min(FINE_S, (there.stop_s - there.start_s) / 4.0)
+    parts = [
+        there.cut(start_s, start_s + length_s)
+        for start_s in np.arange(there.start_s, there.stop_s - length_s, length_s)
+    ]
+    for _ in range(PASSES):
+        lags = [told for part in parts if (told := _lag(here, part, found)) is not None]
+        if len(lags) < 2:
+            return found
+        time, lag, std = np.array(lags).T
+        found = _line(time, lag, std, there)
+    return found
+
+
+def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, float] | None:
+    """Time in the middle of a stretch, its lag, and its standard deviation [s]; None where it tells none."""
+    time, values = found(part.time_s), part.values
+    around = here.cut(time[0] - 1.0, time[-1] + 1.0)
+    if len(around.values) < len(values) or not np.isfinite(values.sum() + around.values.sum()):
+        return None
+    spline = CubicSpline(around.time_s, around.values)
+    slope = spline.derivative()
+    scale, more = 1.0, 0.0
+    for _ in range(STEPS):
+        basis = np.column_stack([np.ones(len(time)), spline(time + more), scale * slope(time + more)])
+        fit, _, rank, _ = np.linalg.lstsq(basis, values, rcond=None)
+        if rank < 3:
+            return None
+        scale = float(fit[1])
+        more += float(np.clip(fit[2], -0.2, 0.2))
+    left = values - basis @ fit
+    variance = float(np.linalg.inv(basis.T @ basis)[2, 2]) * float(left @ left) / (len(time) - 3)
+    told = 1.0 - float(np.var(left)) / max(float(np.var(values)), np.finfo(float).tiny)
+    if told < ALIKE**2 or not variance > 0.0:
+        return None
+    middle = float(part.time_s.mean())
+    return middle, float(found(middle)) - middle + more, math.sqrt(variance)
+
+
+def _line(time: Array, lag: Array, std: Array, there: _Series) -> Alignment:
+    """Weighted line through lags; those far off are left out."""
+    kept = np.ones(len(time), dtype=np.bool_)
+    centre = float(time.mean())
+    basis = np.column_stack([np.ones(len(time)), time - centre])
+    for _ in range(STEPS):
+        weighted = basis[kept] / std[kept, None]
+        fit = np.linalg.lstsq(weighted, lag[kept] / std[kept], rcond=None)[0]
+        score = np.abs(lag - basis @ fit) / std
+        limit = 4.0 * max(1.4826 * float(np.median(score[kept])), 1.0)
+        if kept.sum() <= 3 or np.array_equal(kept, score < limit):
+            break
+        kept = score < limit
+    excess = max(float(np.mean(score[kept] ** 2)), 1.0)
+    covariance = np.linalg.pinv(weighted.T @ weighted) * excess
+    ends = np.array([[1.0, there.start_s - centre], [1.0, there.stop_s - centre]])
+    worst = float(np.sqrt(np.einsum("ij,jk,ik->i", ends, covariance, ends).max()))
+    return Alignment(float(fit[0] - fit[1] * centre), float(fit[1]), worst)
+
+
+def _matched(here: Array, there: Array, found: Alignment) -> Alignment:
+    """Line through the differences of pulses that both loggers saw."""
+    pitch = float(np.median(np.diff(here)))
+    for _ in range(STEPS):
+        place = np.clip(np.searchsorted(here, found(there)), 1, len(here) - 1)
+        before, after = here[place - 1], here[place]
+        nearest = np.where(found(there) - before < after - found(there), before, after)
+        same = np.abs(nearest - found(there)) < NEXT_PULSE * pitch
+        if same.sum() < 3:
+            return found
+        lag = nearest[same] - there[same]
+        series = _Series(float(there[0]), 1.0, np.empty(math.ceil(there[-1] - there[0])))
+        spread = 1.4826 * float(np.median(np.abs(nearest[same] - found(there[same])))) + 1e-9
+        found = _line(there[same], lag, np.full(len(lag), spread), series)
+    return found
