@@ -14,13 +14,16 @@ Samples = npt.NDArray[Any]
 
 TAPS = 8
 """Samples in a print."""
-ONE_IN = 64
-"""One print in so many is kept, by its own bits, so that both copies keep the same ones."""
+KEPT_BITS = 4
+"""Prints that begin with so many zeros are kept, one in 16: both copies keep the same ones, some 7 in 128 samples."""
 PRINTS = 2
 """Prints in a row that recur at one distance before the samples themselves are compared."""
 LEAST = 128
 """Shortest stretch that counts as written twice [samples]."""
-_MIX = np.array([0x9E3779B97F4A7C15 * (2 * k + 1) % 2**64 | 1 for k in range(TAPS)], dtype=np.uint64)
+LONGEST = 1 << 20
+"""Longest stretch that a logger may write twice [samples]; its buffer."""
+# Multiples of one another would make the prints of a coarsely rounded signal collide.
+_MIX = np.random.default_rng(0x5EED).integers(2**63, size=TAPS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
 
 
 class RepeatScan:
@@ -44,7 +47,9 @@ class RepeatScan:
         for k in range(1, TAPS):
             prints += bits[k : count + k] * _MIX[k]
         # Where nothing changes every print is the same and tells nothing.
-        kept = np.flatnonzero((prints >> np.uint64(58) == 0) & (bits[:count] != bits[1 : count + 1]))
+        kept = np.flatnonzero(
+            (prints >> np.uint64(64 - KEPT_BITS) == 0) & (bits[:count] != bits[1 : count + 1])
+        )
         self._prints.append(prints[kept])
         self._places.append(kept + self._at)
         self._at += count
@@ -60,6 +65,7 @@ class RepeatScan:
         first, lag = places[order][:-1][same], np.diff(places[order])[same]
         order = np.lexsort((first, lag))
         first, lag = first[order], lag[order]
+        first, lag = first[lag <= LONGEST], lag[lag <= LONGEST]
         # Prints of one repetition stand a lag or less apart: it is no longer than that.
         breaks = np.flatnonzero((np.diff(lag) != 0) | (np.diff(first) > lag[1:])) + 1
         begins, ends = np.append(0, breaks), np.append(breaks, len(first))
@@ -90,6 +96,8 @@ def repeated_rows(
     """
     found: list[Spans] = []
     for place, lag in candidates:
+        if not equal(place, place + TAPS, lag).all():
+            continue
         first, stop = max(place - lag, 0), min(place + lag + LEAST, samples - lag)
         flags = equal(first, stop, lag)
         at = place - first
