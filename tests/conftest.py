@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+
 import pytest
 
 from shipfp_rs.reproduce import Reproduction
@@ -13,3 +16,11 @@ def fullscale() -> Reproduction:
     from shipfp_rs.reproduce.fullscale import reproduce
 
     return reproduce()
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_left_open() -> Iterator[None]:
+    """Close what a test drew with pyplot, so that the next one starts without."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")

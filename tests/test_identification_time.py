@@ -231,3 +231,17 @@ def test_the_parameters_come_back_from_a_chirp_though_it_starts_off_balance_and_
         "vK_i": launch.v * launch.K_i,
     }.items():
         assert fingerprint[name].value == pytest.approx(truth, rel=1e-6)
+
+
+def test_dead_times_that_are_not_there_are_found_to_be_none():
+    """Behind a gauge two dead times near zero are one valley; its floor is a minimum all the same."""
+    from tests.test_comparison import fingerprint
+
+    structure = Structure.linear(
+        torque="gauge", products=True, free_exponent=True, dead_time_loop=True, dead_time_set_point=True
+    )
+    found = fingerprint(4, structure=structure, starts=2)
+    assert found.settings["converged"], found.settings["message"]
+    for name in ("T_d", "T_set"):
+        assert found[name].value < 0.02
+        assert found[name].ci95[0] < 0.002

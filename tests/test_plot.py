@@ -98,9 +98,10 @@ def test_without_a_truth_intervals_surround_the_estimate(fingerprint) -> None:
 
 
 def test_axes_that_are_given_are_used_and_their_number_is_checked(trial) -> None:
+    before = pyplot.get_fignums()
     axes = Figure().subplots(2, 1)
     assert plot.time_series(trial, [*axes])[0] is axes[0]
-    assert not pyplot.get_fignums()
+    assert pyplot.get_fignums() == before
     with pytest.raises(InputError, match="3 axes given, expected 2"):
         plot.time_series(trial, [axes[0]] * 3)
 

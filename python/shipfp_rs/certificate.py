@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shipfp_rs.gauss_newton import NULL_TOLERANCE, Array, Bounds, Mask, Point, gauss_newton_step
+from shipfp_rs.gauss_newton import NULL_TOLERANCE, ROUNDING, Array, Bounds, Mask, Point, gauss_newton_step
 from shipfp_rs.identifiability import sparse_basis
 
 STEP_TOLERANCE = 1e-6
@@ -59,7 +59,8 @@ def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
     size = np.where(start.vector != 0.0, np.abs(start.vector), typical)
     part = np.abs(step.step) / np.maximum(np.maximum(np.abs(point.vector), size), SMALLEST)
     worst = int(np.argmax(part))
-    if part[worst] > STEP_TOLERANCE:
+    # A long step that gains less than rounding leads along the floor of a valley: nowhere on it is better.
+    if part[worst] > STEP_TOLERANCE and step.promise > ROUNDING * point.cost:
         return f"entry {worst} of the vector still wants to move by {part[worst]:.1e} of its size"
     if step.promise > tolerance * point.cost and part[worst] > EXACT_STEP:
         return f"the sum of squares can still fall by {step.promise / point.cost:.1e} of itself"
