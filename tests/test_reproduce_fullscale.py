@@ -1,4 +1,4 @@
-"""Table 7.1: the thesis's full-scale fit reproduced from its sine fits, and what a structure that suits the tug finds."""
+"""Chapters 6 and 7: the thesis's full-scale tables reproduced, and what a structure that suits the tug finds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from shipfp_rs.errors import InputError
+from shipfp_rs.reproduce import Row, fullscale_trial
 from shipfp_rs.reproduce.fullscale import measured_response
 
 
@@ -16,7 +18,7 @@ def reproduction(fullscale):
 
 
 def rows(reproduction, case: str, way: str):
-    return [row for row in reproduction.rows if row.case == case and row.way == way]
+    return [row for row in reproduction.rows if (row.table, row.case, row.way) == ("7.1", case, way)]
 
 
 def test_the_thesis_structure_gives_the_printed_fit_with_both_gains_on_their_bounds(reproduction):
@@ -53,7 +55,7 @@ def test_weighing_each_point_supports_two_dead_times_and_an_exponent_of_2_17(rep
     weighted = {
         name: fingerprint
         for name, fingerprint in reproduction.fingerprints.items()
-        if name.startswith("ii, weighted")
+        if name.startswith("ii, weighted:")
     }
     chi = [fingerprint.fit["overall"]["chi_squared"] for fingerprint in weighted.values()]
     *_, none, loop, set_point, both = chi
@@ -82,7 +84,86 @@ def test_the_verdict_names_what_can_not_be_identified(reproduction):
 def test_every_row_is_plain_json(reproduction):
     content = json.loads(json.dumps(reproduction.to_dict(), allow_nan=False))
     assert {row["way"] for row in content["rows"]} == {"printed", "thesis", "ours"}
-    assert all(row["table"] == "7.1" for row in content["rows"])
+    tables = {row["table"] for row in content["rows"]}
+    assert tables == {"6.8", "6.9", "6.11", "6.12", "7.1", "7.2", "7.3", "eq. 7.9"}
+
+
+def table(reproduction, name: str, case: str, way: str) -> Row:
+    (row,) = [row for row in reproduction.rows if (row.table, row.case, row.way) == (name, case, way)]
+    return row
+
+
+def test_calculated_torques_are_those_of_eq_6_3_and_one_printed_error_is_wrong(reproduction):
+    printed = table(reproduction, "6.8", "calculated [Nm]", "printed").parameters
+    ours = table(reproduction, "6.8", "calculated [Nm]", "ours").parameters
+    for speed, torque in printed.items():
+        assert ours[speed] == pytest.approx(torque, abs=0.25)
+    errors = {way: table(reproduction, "6.8", "error [%]", way).parameters for way in ("printed", "ours")}
+    off = {speed: errors["ours"][speed] - errors["printed"][speed] for speed in printed}
+    assert off.pop("1184 rpm") == pytest.approx(0.57, abs=0.02)
+    assert max(map(abs, off.values())) < 0.02
+
+
+def test_peaks_of_the_torque_are_what_turns_at_one_speed(reproduction):
+    printed = table(reproduction, "6.9", "peak [Hz]", "printed").parameters
+    rates = table(reproduction, "6.9", "rate [Hz]", "ours").parameters
+    for name, rate in rates.items():
+        assert printed[name] == pytest.approx(rate, rel=0.004)
+
+
+def test_the_set_point_line_is_the_least_squares_one_within_its_interval(reproduction):
+    line = table(reproduction, "6.11", "least squares", "ours")
+    assert line.parameters["rpm/V"] == pytest.approx(-251.57, abs=0.01)
+    assert line.parameters["rpm at 0 V"] == pytest.approx(-85.69, abs=0.01)
+
+
+def test_the_torsional_calculation_gives_the_printed_time_constant(reproduction):
+    ours = table(reproduction, "eq. 7.9", "torsional calculation", "ours").parameters
+    assert ours["tau_n [s]"] == pytest.approx(1.17, abs=0.005)
+
+
+def test_the_torsional_calculation_as_a_prior_makes_the_total_known_and_leaves_the_rest_as_it_was(
+    reproduction,
+):
+    free, held = (
+        reproduction.fingerprints[f"ii, weighted{case}: extended, T_d and T_set"]
+        for case in ("", ", torsional prior")
+    )
+    assert free["tau_n"].status == "unidentifiable"
+    assert held["tau_n"].value == pytest.approx(1.17, abs=0.03)
+    low, high = held["tau_n"].ci95
+    assert low < 1.17 < high
+    for name in ("p", "tau_prop", "T_d", "T_set"):
+        assert held[name].value == pytest.approx(free[name].value, abs=2.0 * free[name].std)
+
+
+def test_three_different_sets_do_not_fit_the_same_steps_to_the_same_hundredth(reproduction):
+    printed = {
+        table(reproduction, "7.2", case, "printed").parameters["steps"] for case in ("ii", "iii", "iv")
+    }
+    ours = [table(reproduction, "7.2", case, "ours").parameters["steps"] for case in ("ii", "iii", "iv")]
+    assert len(printed) == 1
+    assert np.ptp(ours) > 1.0
+
+
+@pytest.mark.parametrize("name", ["7.2", "7.3"])
+@pytest.mark.parametrize("signal", ["sines", "short chirp", "long chirp"])
+def test_the_extended_structure_predicts_the_simulated_trial_best(reproduction, name, signal):
+    best = table(reproduction, name, "ii, weighted", "ours").parameters[signal]
+    others = [table(reproduction, name, case, "ours").parameters[signal] for case in ("i", "ii", "iii", "iv")]
+    assert best > max(others) + 10.0
+
+
+@pytest.mark.parametrize(("name", "duration_s"), [("S2", 3 / 0.0044), ("C11", 500.0), ("St1", 450.0)])
+def test_the_trial_has_the_printed_plan(name, duration_s):
+    excitation = fullscale_trial.excitation(name)
+    assert excitation.duration == pytest.approx(duration_s, abs=0.1)
+    assert np.abs(excitation.samples).max() == pytest.approx(502.8 if name == "St1" else 76.0, rel=1e-3)
+
+
+def test_an_experiment_that_was_not_made_is_refused():
+    with pytest.raises(InputError, match=r"experiment 'S18', expected one of S1, S2"):
+        fullscale_trial.excitation("S18")
 
 
 def test_the_ladder_from_the_thesis_structure_ends_with_both_dead_times(reproduction):

@@ -40,12 +40,18 @@ def predict(
         Where the structure is not linear and not given, or the experiment lacks an output.
     """
     structure = structure or structure_of(fingerprint)
-    values = dict(fingerprint.settings["optimum"])
+    return simulated_about(structure, fingerprint.settings["optimum"], experiment)
+
+
+def simulated_about(
+    structure: Structure, values: Mapping[str, float], experiment: Experiment
+) -> Mapping[str, Array]:
+    """Simulate a structure with given parameters; as `predict`, for parameters from anywhere."""
     signals = tuple(
         structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
     )
     measured = np.array([experiment.normalised(signal) for signal in signals])
-    model, slopes = structure.equations.sensitivities(values, experiment, structure.equations.states)
+    model, slopes = structure.equations.sensitivities(dict(values), experiment, structure.equations.states)
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
     offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
     basis = np.concatenate([slopes, offsets])

@@ -116,7 +116,7 @@ def _print(found: Reproduction) -> None:
         names = COLUMNS.get(table) or tuple(dict.fromkeys(name for row in rows for name in row.parameters))
         fits = [output for output in FITS if any(output in row.fit for row in rows)]
         print_table(
-            found.title if len(tables) == 1 else f"Table {table}",
+            found.title if len(tables) == 1 else table if table.startswith("eq.") else f"Table {table}",
             ["case, way, structure", *names, *(FITS[output] for output in fits)],
             [
                 [
@@ -127,13 +127,11 @@ def _print(found: Reproduction) -> None:
                 for row in rows
             ],
         )
-        print_text(
-            *(
-                f"{row.case}, {row.structure}: {row.notes}"
-                for row in rows
-                if row.notes and row.way != "printed"
-            )
-        )
+        notes: dict[str, list[str]] = {}
+        for row in rows:
+            if row.notes and row.way != "printed":
+                notes.setdefault(row.notes, []).append(", ".join(filter(None, (row.case, row.structure))))
+        print_text(*(f"{'; '.join(cases)}: {note}" for note, cases in notes.items()))
     print_text("", *found.verdict)
 
 

@@ -1,0 +1,214 @@
+"""Tables 6.8 to 6.12 and eq. 7.9 of the thesis, recomputed: what the tug's steady running and its drawings tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import curve_fit
+
+from shipfp_rs import published
+from shipfp_rs.calibration import Calibration
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.inspection.checks import static_torque
+from shipfp_rs.inspection.spectrum import rates_of
+from shipfp_rs.rawlog import EQUATION_6_7
+from shipfp_rs.reproduce import Row, Way
+from shipfp_rs.vessel import Vessel
+
+TORQUE_COEFFICIENT = 0.02709
+"""C_Q* at beta = 180 degrees, which all five calculated torques of Table 6.8 have in common; never printed."""
+SPECTRUM_RPM = 1184.0
+"""Engine speed at which the torque's spectrum was taken (section 6.3.1)."""
+TORQUE_STD_NM = 25.0
+"""Half the last digit that Table 6.8 gives of a measured torque."""
+BEYOND_THE_GAUGE_KG_M2 = 12.0
+"""Read by the thesis from its drawing of the inertia along the shaft (Figure 7.22)."""
+
+EQUATION = "eq. 7.9"
+
+Array = npt.NDArray[np.float64]
+
+
+def before_the_fit(vessel: Vessel) -> list[Row]:
+    """Return the rows of Tables 6.8, 6.9, 6.11 and 6.12."""
+    return [*_static_torque(vessel), *_peaks(vessel), *_set_point_line(), *_normalisation_points()]
+
+
+def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> list[Row]:
+    """Return the rows of eq. 7.9: time constants and inertias from drawings, and what sine fits tell of them.
+
+    The total comes from the torsional vibration calculation, the entrained water from Schwanecke's formula
+    (`Vessel.entrained_water_inertia`), the propeller's side is J_2 = tau_prop M_s0 / (2 pi n_s0) of each fingerprint.
+    """
+    per_inertia = 2.0 * math.pi * vessel.nominal_shaft_speed / float(vessel.operating_point.M_s_Nm or 0.0)
+    total, water = vessel.shaft.inertia_kg_m2, vessel.entrained_water_inertia()
+    beyond = BEYOND_THE_GAUGE_KG_M2
+    rows = [
+        Row(EQUATION, "torsional calculation", "printed", "", {"tau_n [s]": 1.17, "I_p [kg m2]": 62.3}, {}),
+        Row(
+            EQUATION,
+            "torsional calculation",
+            "ours",
+            "",
+            {"tau_n [s]": total * per_inertia, "I_p [kg m2]": total},
+            {},
+            f"less the {beyond:g} kg m2 that the thesis puts beyond the gauge {(total - beyond) * per_inertia:.2f} s; it "
+            f"expects about 1 s",
+        ),
+    ]
+    for name, fingerprint in fingerprints.items():
+        tau_n, tau_prop = fingerprint["tau_n"], fingerprint["tau_prop"]
+        low, high = (bound / per_inertia for bound in tau_prop.ci95 or (math.nan, math.nan))
+        rows.append(
+            Row(
+                EQUATION,
+                name,
+                "ours",
+                str(fingerprint.structure["name"]),
+                {
+                    "tau_n [s]": tau_n.value,
+                    "tau_prop [s]": tau_prop.value,
+                    "J_2 [kg m2]": None if tau_prop.value is None else tau_prop.value / per_inertia,
+                },
+                {},
+                f"J_2, the propeller's side, {low:.1f} to {high:.1f} kg m2 (95 %), {100 * low / total:.0f} to "
+                f"{100 * high / total:.0f} % of the torsional total; {water:.2f} kg m2 of it are entrained water by "
+                "Schwanecke's formula"
+                + ("" if tau_n.value is not None else "; tau_n itself can't be told from these data"),
+                {
+                    key: estimate.ci95
+                    for key, estimate in (("tau_n [s]", tau_n), ("tau_prop [s]", tau_prop))
+                    if estimate.ci95 is not None
+                },
+            )
+        )
+    return rows
+
+
+def _fitted(
+    law: Callable[..., Array], speed: Array, torque: Array, start: Sequence[float]
+) -> tuple[float, float, float]:
+    """Return a law's last parameter, half its 95 % interval, and the root mean square that it leaves [Nm]."""
+    values, covariance = curve_fit(
+        law,
+        speed / speed.mean(),
+        torque,
+        start,
+        sigma=np.full(len(speed), TORQUE_STD_NM),
+        absolute_sigma=True,
+    )
+    left = law(speed / speed.mean(), *values) - torque
+    return float(values[-1]), 1.96 * math.sqrt(covariance[-1, -1]), float(np.sqrt(np.mean(left**2)))
+
+
+def _static_torque(vessel: Vessel) -> list[Row]:
+    """Table 6.8 by eq. 6.3 with V_a = 0."""
+    points = published.static_torque()
+    labels = [f"{point.engine_speed_rpm:g} rpm" for point in points]
+    speed = np.array([point.engine_speed_rpm for point in points])
+    measured = np.array([point.measured_torque_nm for point in points])
+    calculated = static_torque(vessel, speed, TORQUE_COEFFICIENT)
+    error = 100.0 * (calculated - measured) / calculated
+    power = _fitted(lambda n, c, p: c * n**p, speed, measured, (1700.0, 2.0))
+    square = _fitted(lambda n, c, zero: c * n**2 + zero, speed, measured, (1700.0, 0.0))
+
+    def columns(values: Array) -> dict[str, float | None]:
+        return dict(zip(labels, (float(value) for value in values), strict=True))
+
+    printed = np.array([point.calculated_torque_nm for point in points])
+    K_Q = TORQUE_COEFFICIENT * (0.7 * math.pi) ** 2 * math.pi / 8.0
+    return [
+        Row("6.8", "measured [Nm]", "printed", "", columns(measured), {}),
+        Row("6.8", "calculated [Nm]", "printed", "", columns(printed), {}),
+        Row(
+            "6.8",
+            "calculated [Nm]",
+            "ours",
+            "eq. 6.3",
+            columns(calculated),
+            {},
+            f"one C_Q* = {TORQUE_COEFFICIENT} (K_Q = {K_Q:.4f}) gives all five to "
+            f"{np.abs(calculated - printed).max():.1f} Nm",
+        ),
+        Row("6.8", "error [%]", "printed", "", columns(np.array([point.error_pct for point in points])), {}),
+        Row(
+            "6.8",
+            "error [%]",
+            "ours",
+            "eq. 6.3",
+            columns(error),
+            {},
+            f"of the calculated torque; at 1184 rpm {error[2]:.2f}, printed 0.99. Measured torque goes with n^p, p = "
+            "{:.3f} +- {:.3f} ({:.0f} Nm left); ".format(*power)
+            + "the square alone needs a gauge zero of {:.0f} +- {:.0f} Nm ({:.0f} Nm left)".format(*square),
+        ),
+    ]
+
+
+def _peaks(vessel: Vessel) -> list[Row]:
+    """Table 6.9 by eq. 6.4 to 6.6."""
+    peaks = published.torque_spectrum_peaks()
+    rates = rates_of(vessel, SPECTRUM_RPM)
+    printed = dict(zip(rates, (peak.frequency_hz for peak in peaks), strict=True))
+    implied = [SPECTRUM_RPM * printed[name] / rate for name, rate in rates.items()]
+    return [
+        Row("6.9", "peak [Hz]", "printed", "", {**printed}, {}),
+        Row(
+            "6.9",
+            "rate [Hz]",
+            "ours",
+            "eq. 6.4 to 6.6",
+            {**rates},
+            {},
+            f"at {SPECTRUM_RPM:g} rpm; the peaks tell {np.mean(implied):.1f} rpm, {min(implied):.1f} to {max(implied):.1f}",
+        ),
+    ]
+
+
+def _set_point_line() -> list[Row]:
+    """Table 6.11 and eq. 6.7: the line through four steady points."""
+    points = published.set_point_calibration()
+    volts = np.array([point.setpoint_v for point in points])
+    speed = np.array([point.engine_speed_rpm for point in points])
+    line = Calibration.from_table(volts, speed, "rpm")
+    slope_std = 0.0 if line.covariance is None else math.sqrt(line.covariance[0][0])
+    labels = [f"{value:g} V" for value in volts]
+
+    def row(case: str, way: Way, line: Calibration, notes: str = "") -> Row:
+        left = dict(zip(labels, (line(volts) - speed).tolist(), strict=True))
+        return Row("6.11", case, way, "", {"rpm/V": line.scale, "rpm at 0 V": line.offset, **left}, {}, notes)
+
+    return [
+        row("eq. 6.7", "printed", EQUATION_6_7),
+        row(
+            "least squares",
+            "ours",
+            line,
+            f"line less measured speed [rpm]; slope +- {1.96 * slope_std:.2f} rpm/V",
+        ),
+    ]
+
+
+def _normalisation_points() -> list[Row]:
+    """Table 6.12 beside the offsets of the sine fits, each a mean over minutes."""
+    fits = [fit for fit in published.sine_fits() if fit.input_frequency_hz < 3.0]
+    offsets = {
+        name: np.array([fit.offset for fit in fits if fit.signal == signal])
+        for name, signal in (("n_0", "shaft_speed"), ("M_s0", "shaft_torque"))
+    }
+    low, high = offsets["M_s0"].min(), offsets["M_s0"].max()
+    return [
+        Row("6.12", "steady at -5 V", "printed", "", {"n_0": 1183.8, "M_s0": 1725.0}, {}, "rpm, Nm"),
+        Row(
+            "6.12",
+            "means of S2 to S13",
+            "ours",
+            "",
+            {name: float(values.mean()) for name, values in offsets.items()},
+            {},
+            f"rpm, Nm; the torque's run from {low:.0f} to {high:.0f} Nm: normalise each record by its own",
+        ),
+    ]

@@ -1,0 +1,72 @@
+"""Tables 7.2 and 7.3 of the thesis: how each parameter set fits the experiments that it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from shipfp_rs import published
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.prediction import simulated_about, structure_of
+from shipfp_rs.reproduce import Row
+from shipfp_rs.reproduce.fullscale_trial import simulated
+from shipfp_rs.statistics import nrmse_pct
+from shipfp_rs.structure import Structure
+
+COLUMNS = ("sines", "short chirp", "long chirp", "steps")
+TABLES = {"n_e": "7.2", "M_g": "7.3"}
+SIGNALS = {"shaft_speed": "n_e", "shaft_torque": "M_g"}
+
+
+def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
+    """Return the printed fits [%] beside those of the same parameters to the trial on the simulated tug.
+
+    Parameters
+    ----------
+    structure
+        The thesis's.
+    best
+        Fingerprint of the best supported structure, fitted to the published sine fits: what it makes of the
+        simulated trial comes last.
+    """
+    rows = []
+    for printed in published.full_scale_cross_validation():
+        fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)
+        rows.append(
+            Row(
+                TABLES[SIGNALS[printed.output]],
+                printed.case,
+                "printed",
+                "thesis",
+                dict(zip(COLUMNS, fits, strict=True)),
+                {},
+            )
+        )
+    for case, values in printed_parameters().items():
+        rows += _rows(case, structure, values, "the printed parameters on the simulated tug")
+    extended = structure_of(best)
+    return rows + _rows("ii, weighted", extended, best.settings["optimum"], "the same experiments")
+
+
+def printed_parameters() -> dict[str, dict[str, float]]:
+    """Return the parameters of Table 7.1, case to values of the thesis's structure; v is 1, only products matter."""
+    return {
+        result.case: {
+            "tau_n": result.tau_n_s,
+            "g": result.g,
+            "v": 1.0,
+            "p": 2.0,
+            "K_p": result.v_kp,
+            "K_i": result.v_kp / result.kp_over_ki_s,
+        }
+        for result in published.full_scale_results()
+    }
+
+
+def _rows(case: str, structure: Structure, values: Mapping[str, float], notes: str) -> list[Row]:
+    fits: dict[str, dict[str, float | None]] = {signal: {} for signal in TABLES}
+    for column in COLUMNS:
+        experiment = simulated(column)
+        for signal, model in simulated_about(structure, values, experiment).items():
+            measured = experiment.normalised(signal)
+            fits[signal][column] = nrmse_pct(measured, measured - model)
+    return [Row(TABLES[signal], case, "ours", structure.name, fits[signal], {}, notes) for signal in TABLES]
