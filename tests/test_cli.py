@@ -18,7 +18,7 @@ from shipfp_rs import cli
 from shipfp_rs.errors import IdentificationError, InternalError
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.log import Log
-from shipfp_rs.reproduce import Reproduction, Row
+from shipfp_rs.reproduce import Reproduction, Row, fullscale_figures
 from shipfp_rs.storage import read_experiments
 from shipfp_rs.trial import Trial
 
@@ -401,24 +401,27 @@ class TestRun:
 
 
 @pytest.fixture(scope="module")
-def refitted(tmp_path_factory) -> tuple[subprocess.CompletedProcess[str], Path]:
-    out = tmp_path_factory.mktemp("reproduce") / "out"
-    return shipfp("reproduce", "fullscale", "--json", "--out", out), out
+def refitted() -> subprocess.CompletedProcess[str]:
+    return shipfp("reproduce", "fullscale", "--json")
 
 
 class TestReproduceFullscale:
     def test_json_holds_rows_of_the_agreed_form_and_nothing_else(self, refitted) -> None:
-        done, _ = refitted
-        assert (done.returncode, done.stderr) == (0, "")
-        rows = json.loads(done.stdout)["rows"]
+        assert (refitted.returncode, refitted.stderr) == (0, "")
+        rows = json.loads(refitted.stdout)["rows"]
         assert {row["way"] for row in rows} == {"printed", "thesis", "ours"}
         for row in rows:
             assert {"table", "case", "way", "structure", "parameters", "fit", "notes"} <= set(row)
 
-    def test_the_folder_holds_the_same_rows_and_a_picture(self, refitted) -> None:
-        done, out = refitted
-        assert sorted(file.name for file in out.iterdir()) == ["fullscale.json", "response.svg"]
-        assert json.loads((out / "fullscale.json").read_text()) == json.loads(done.stdout)
+    def test_the_folder_holds_the_same_rows_and_the_figures(
+        self, fullscale, monkeypatch, tmp_path, capsys
+    ) -> None:
+        monkeypatch.setattr("shipfp_rs.reproduce.fullscale.reproduce", lambda _: fullscale)
+        monkeypatch.setattr("shipfp_rs.reproduce.fullscale_figures.PICTURES", fullscale_figures.PICTURES[-1:])
+        out = tmp_path / "out"
+        assert cli.main(["reproduce", "fullscale", "--json", "--out", str(out)]) == 0
+        assert sorted(file.name for file in out.iterdir()) == ["fig_7_23.png", "fullscale.json"]
+        assert json.loads((out / "fullscale.json").read_text()) == json.loads(capsys.readouterr().out)
 
     def test_the_table_shows_rows_and_verdict(self, monkeypatch, capsys) -> None:
         row = Row("7.1", "ii", "printed", "thesis", {"tau_n": 0.275, "vK_p": None}, {"dn": 66.64}, "[notes]")

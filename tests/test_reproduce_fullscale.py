@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.reproduce import Row, fullscale_trial
+from shipfp_rs.reproduce import Row, fullscale_figures, fullscale_trial
 from shipfp_rs.reproduce.fullscale import measured_response
+from shipfp_rs.reproduce.fullscale_painters import Material
+from tests.pictures import check_figures
 
 
 @pytest.fixture
@@ -174,3 +176,11 @@ def test_the_ladder_from_the_thesis_structure_ends_with_both_dead_times(reproduc
 
 def chi_squared(reproduction, structure: str) -> float:
     return reproduction.fingerprints[f"ii, weighted: {structure}"].fit["overall"]["chi_squared"]
+
+
+ONE_LINE = ("fig_6_13.png", "fig_6_14.png", "fig_6_17.png", "fig_6_18.png", "fig_7_22.png", "fig_7_23.png")
+"""Figures that need no legend: one line, or bars with their names."""
+
+
+def test_every_axis_of_every_figure_is_labelled_with_its_unit(reproduction):
+    check_figures(fullscale_figures.PICTURES, Material(reproduction), without_legend=ONE_LINE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import matplotlib
@@ -23,6 +22,7 @@ from shipfp_rs.reproduce.virtual_data import (
 )
 from shipfp_rs.reproduce.virtual_painters import Material
 from shipfp_rs.reproduce.virtual_tables import relations_of
+from tests.pictures import check_figures
 
 SMALL = ("ii", "iii", "iv")
 TRUE = {"tau_n": 1.51416, "g": -0.583, "K_p/K_i": 10.0, "vK_p": 15.83}
@@ -193,17 +193,8 @@ def test_every_row_is_plain_json(reproduction) -> None:
 
 
 class TestFigures:
-    UNIT = re.compile(r"\[(rpm|kW|t|-|s|1/s|Hz|deg|%)\]$")
-
     def test_every_axis_of_every_figure_is_labelled_with_its_unit(self, reproduction) -> None:
-        material = Material(reproduction)
-        for picture in virtual_figures.PICTURES:
-            figure = virtual_figures.painted(picture, material)
-            labels = [label for ax in figure.axes for label in (ax.get_xlabel(), ax.get_ylabel()) if label]
-            assert len(labels) >= 2
-            assert all(self.UNIT.search(label) for label in labels), (picture.file, labels)
-            assert figure.get_supxlabel().strip()
-            assert figure.legends or any(ax.get_legend() for ax in figure.axes)
+        check_figures(virtual_figures.PICTURES, Material(reproduction))
 
     def test_the_folder_holds_the_figures_under_the_names_of_the_thesis(
         self, reproduction, tmp_path, monkeypatch

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_format
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,8 @@ from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 
 if TYPE_CHECKING:
     from shipfp_rs.reproduce import Reproduction
+
+Progress = Callable[[int, int], None]
 
 reproduce = typer.Typer(
     help="Reproduce the thesis's tables, ours beside the printed ones.", no_args_is_help=True
@@ -47,31 +50,15 @@ FITS = {
 @reproduce.command()
 def fullscale(
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for fullscale.json and response.svg.")
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for fullscale.json and the figures.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Refit the tug's published sine fits (Table 7.1) the thesis's way and with structures that suit the ship."""
-    from shipfp_rs.files import replacing_folder, write_text_atomically
-    from shipfp_rs.reproduce import fullscale as table
+    """Repeat chapters 6 and 7 from the tug's published numbers: Tables 6.8 to 7.3, and with --out their figures."""
+    from shipfp_rs.reproduce import fullscale as tables
+    from shipfp_rs.reproduce import fullscale_figures as figures
 
-    folder_of_its_own = (
-        nullcontext()
-        if out is None
-        else replacing_folder(out, marker="fullscale.json", others=["response.svg"])
-    )
-    with folder_of_its_own as folder, progress() as notify:
-        found = table.reproduce(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
-        content = found.to_dict()
-        if folder is not None:
-            write_text_atomically(folder / "fullscale.json", json_format.dumps(content, indent=2) + "\n")
-            _draw(found, folder / "response.svg")
-    if json:
-        print_json(content)
-        return
-    _print(found)
-    if out is not None:
-        print_text(f"wrote {out}")
+    _reproduce("fullscale.json", tables.reproduce, figures.draw, figures.FILES, out, json=json)
 
 
 @reproduce.command()
@@ -82,23 +69,31 @@ def virtual(
     json: Json = False,
 ) -> None:
     """Repeat chapters 3 to 5 on the virtual ship: Tables 3.4 to 5.2, and with --out their figures."""
-    from shipfp_rs.files import replacing_folder, write_text_atomically
     from shipfp_rs.reproduce import virtual as tables
-    from shipfp_rs.reproduce import virtual_figures
+    from shipfp_rs.reproduce import virtual_figures as figures
 
-    folder_of_its_own = (
-        nullcontext()
-        if out is None
-        else replacing_folder(out, marker="virtual.json", others=virtual_figures.FILES)
-    )
+    _reproduce("virtual.json", tables.reproduce, figures.draw, figures.FILES, out, json=json)
+
+
+def _reproduce(
+    file: str,
+    compute: Callable[[Progress], Reproduction],
+    draw: Callable[[Path, Reproduction, Progress], None],
+    pictures: Sequence[str],
+    out: Path | None,
+    *,
+    json: bool,
+) -> None:
+    """Compute the tables, write them and the figures into a folder where one is wanted, and show them."""
+    from shipfp_rs.files import replacing_folder, write_text_atomically
+
+    folder_of_its_own = nullcontext() if out is None else replacing_folder(out, marker=file, others=pictures)
     with folder_of_its_own as folder, progress() as notify:
-        found = tables.reproduce(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
+        found = compute(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
         content = found.to_dict()
         if folder is not None:
-            write_text_atomically(folder / "virtual.json", json_format.dumps(content, indent=2) + "\n")
-            virtual_figures.draw(
-                folder, found, lambda done, figures: notify(f"drawing, {done} of {figures} done")
-            )
+            write_text_atomically(folder / file, json_format.dumps(content, indent=2) + "\n")
+            draw(folder, found, lambda done, figures: notify(f"drawing, {done} of {figures} done"))
     if json:
         print_json(content)
         return
@@ -137,18 +132,3 @@ def _print(found: Reproduction) -> None:
 
 def _shown(value: float | None) -> str:
     return "" if value is None else f"{value:.5g}"
-
-
-def _draw(found: Reproduction, path: Path) -> None:
-    """Draw the measured response and the model of the last, most complete structure."""
-    from matplotlib.figure import Figure
-
-    from shipfp_rs import plot
-    from shipfp_rs.prediction import predict_response
-    from shipfp_rs.reproduce.fullscale import measured_response
-
-    figure = Figure(figsize=(8.0, 5.4), layout="constrained")
-    measured = measured_response()
-    model = predict_response([*found.fingerprints.values()][-1], measured)
-    plot.bode(measured, model, [*figure.subplots(2, 1, sharex=True)])
-    figure.savefig(path)

@@ -2,53 +2,19 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce import virtual_painters as painters
-from shipfp_rs.reproduce.virtual_painters import Material, Stretch
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-DPI = 130
-CAPTION_COLUMNS = 140
-Painter = Callable[[Material, "Figure"], str]
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure: its file, its size, what it shows, and what paints it and returns the caption."""
-
-    file: str
-    title: str
-    paint: Painter
-    height: float = 5.0
+from shipfp_rs.reproduce.pictures import Painter, Picture, Stretch, save
+from shipfp_rs.reproduce.virtual_painters import Material
 
 
 def draw(folder: Path, found: Reproduction, progress: Callable[[int, int], None] | None = None) -> None:
     """Write every figure into a folder as PNG; `progress` gets (figures done, figures in all)."""
-    material = Material(found)
-    for done, picture in enumerate(PICTURES):
-        painted(picture, material).savefig(folder / picture.file, dpi=DPI)
-        if progress is not None:
-            progress(done + 1, len(PICTURES))
-
-
-def painted(picture: Picture, material: Material) -> Figure:
-    """Return a figure with its title above and its caption below."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.6, picture.height), layout="constrained")
-    caption = picture.paint(material, figure)
-    figure.suptitle(picture.title, x=0.01, ha="left", fontsize="large")
-    figure.supxlabel(textwrap.fill(caption, CAPTION_COLUMNS), x=0.01, ha="left", fontsize="small")
-    return figure
+    save(PICTURES, Material(found), folder, progress)
 
 
 _LOG = (
@@ -69,13 +35,13 @@ def _record_of(
     stretches: Sequence[Stretch],
     caption: str,
     points: Sequence[tuple[float, float, str]] = (),
-) -> Painter:
+) -> Painter[Material]:
     return partial(
         painters.record, case=case, signals=signals, stretches=stretches, caption=caption, points=points
     )
 
 
-PICTURES = (
+PICTURES: tuple[Picture[Material], ...] = (
     Picture("fig_3_02.png", "Figure 3.2: bollard pull", painters.bollard_pull),
     Picture("fig_3_03.png", "Figure 3.3: brake power and the engine's limit", painters.brake_power),
     Picture("fig_3_04.png", "Figure 3.4: linear parameters from the plant", painters.parameters, 6.4),

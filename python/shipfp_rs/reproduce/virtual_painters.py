@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.linear_model import LinearModel, Output, linearise, linearise_numerically
 from shipfp_rs.operating_point import bollard_curve, steady_state
 from shipfp_rs.reproduce import Reproduction
+from shipfp_rs.reproduce.pictures import NAMES, Stretch, legend_above, stretches_of
 from shipfp_rs.reproduce.virtual_data import (
     excitation,
     fit_pct,
@@ -41,7 +42,6 @@ STEP_SIZES = (0.05, 0.10, 0.20)
 FACTORS = (1.0, 0.5, 0.7, 1.4, 2.0)
 """Of the one parameter that a sensitivity plot varies."""
 TONNE_N = 9810.0
-NAMES = {"n_set": "set point", "n_e": "speed", "M_b": "torque", "E_n": "integrated error"}
 DEVIATIONS = {
     "n_set": r"$\delta n_{set}^*$ [-]",
     "n_e": r"$\delta n^*$ [-]",
@@ -182,7 +182,7 @@ def single_steps(material: Material, figure: Figure, *, signal: str) -> str:
             row[0].set_ylim(0.0, 2.0 * final)
     for ax in panels[-1]:
         ax.set_xlabel("time [s]")
-    _legend_above(figure, panels[0, 0])
+    legend_above(figure, panels[0, 0])
     return (
         f"After 60 s the plant stands {', '.join(differences)} % off the linear gain. Left the whole step, right its "
         "start. The engine's limit acts on the peaks of the 10 and 20 % steps only."
@@ -234,14 +234,6 @@ def unavoidable(material: Material, figure: Figure) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Part of a record on a panel of its own [s]."""
-
-    start_s: float
-    stop_s: float
-
-
 def record(
     material: Material,
     figure: Figure,
@@ -254,20 +246,7 @@ def record(
 ) -> str:
     """Figures 5.1 to 5.14: stretches of a record, each on a panel of its own."""
     experiment = material.steps if case == "steps" else material.experiment(case)
-    panels = figure.subplots(len(stretches), 1, squeeze=False)[:, 0]
-    for ax, stretch in zip(panels, stretches, strict=True):
-        part = experiment.window(stretch.start_s, min(stretch.stop_s, experiment.duration))
-        time = stretch.start_s + part.time
-        # The larger signal first, so that it does not hide the smaller one.
-        order = sorted(signals, key=lambda name: -float(np.ptp(part.normalised(name))))
-        for name in order:
-            color = plot.COLOURS[name]
-            ax.plot(*plot.envelope(time, part.normalised(name)), color=color, lw=1.0, label=NAMES[name])
-        for at, value, label in points:
-            ax.plot(at, value, "o", color=plot.RED, label=label)
-        plot.dress(ax, "deviation [-]", legend=ax is panels[0])
-        ax.margins(x=0.01)
-    panels[-1].set_xlabel("time [s]")
+    stretches_of(experiment, figure, signals, stretches, points)
     return caption
 
 
@@ -285,7 +264,7 @@ def identified_bode(material: Material, figure: Figure, *, signal: str) -> str:
     panels[1].plot(settled.frequency_hz, np.degrees(np.angle(settled.response[signal])), "k.", ms=5)
     panels[0].get_legend().remove()
     panels[1].set_xlabel("")
-    _legend_above(figure, panels[0])
+    legend_above(figure, panels[0])
     _changes(change, curves, signal)
     return (
         "The printed sets differ from the truth by the Euler bias in tau_n, case iv by its misprinted vK_p 15.43 "
@@ -312,7 +291,7 @@ def against_steps(material: Material, figure: Figure) -> str:
         _estimates(ax, material, signal, 0.0, 80.0)
         plot.dress(ax, DEVIATIONS[signal], legend=False)
     panels[-1].set_xlabel("time [s]")
-    _legend_above(figure, panels[0])
+    legend_above(figure, panels[0])
     models, fits = material.models(), []
     for label in ("true", "ii printed", "iii printed", "iv printed", "v printed"):
         fit = fit_pct(thesis_structure(), asdict(models[label]), material.steps)
@@ -330,7 +309,7 @@ def third_step(material: Material, figure: Figure) -> str:
     panels = figure.subplots(2, 1, sharex=True)
     _estimates(panels[0], material, "M_b", 59.5, 62.0)
     plot.dress(panels[0], DEVIATIONS["M_b"], legend=False)
-    _legend_above(figure, panels[0])
+    legend_above(figure, panels[0])
     _estimates(panels[1], material, "M_b", 59.5, 62.0, relative=True)
     plot.dress(panels[1], "linear less plant [-]", legend=False)
     panels[1].set_xlabel("time [s]")
@@ -368,16 +347,8 @@ def sensitivity(material: Material, figure: Figure, *, name: str) -> str:
         column[1].set_xlabel("")
         column[0].set_title(NAMES[signal], loc="left")
         column[0].get_legend().remove()
-    _legend_above(figure, panels[0, 0])
+    legend_above(figure, panels[0, 0])
     return SENSITIVE[name]
-
-
-def _legend_above(figure: Figure, ax: Axes) -> None:
-    """Put one legend over all panels, beside the title."""
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, fontsize="small"
-    )
 
 
 SENSITIVE = {
