@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -164,7 +164,7 @@ def test_masked_samples_leave_no_trace():
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("wrt", [[], [0, 1, 3, 4], EVERYTHING])
+@pytest.mark.parametrize("wrt", [[0, 1, 3, 4], EVERYTHING])
 def test_batch_is_its_members_on_any_number_of_threads(wrt):
     dn_set = record(900)
     values = measured(dn_set)
@@ -183,10 +183,83 @@ def test_batch_is_its_members_on_any_number_of_threads(wrt):
             np.testing.assert_array_equal(one[member], other)
 
 
+def assert_same_costs(batch, singles):
+    """To what rounding leaves of them, the scatter as a part of its diagonal."""
+    cost, _, _, scatter, count = batch
+    for member, single in enumerate(singles):
+        np.testing.assert_allclose(cost[member], single[0], rtol=1e-11)
+        size = np.sqrt(np.diagonal(single[3]))
+        np.testing.assert_array_less(np.abs(scatter[member] - single[3]), 1e-11 * np.outer(size, size))
+        assert count == single[4]
+
+
+@given(
+    members=st.integers(1, 40),
+    samples=st.integers(1, 1200),
+    outputs=st.sampled_from([[0], [2], [3], [0, 2], [2, 0], [3, 2], [0, 0], [1, 0], [4], [0, 2, 3]]),
+    hold=st.sampled_from(["first", "zero"]),
+    late=st.sampled_from(["never", "some", "all"]),
+    gaps=st.booleans(),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=80)
+def test_costs_of_a_batch_are_those_of_its_members(members, samples, outputs, hold, late, gaps, seed):
+    """Whoever goes through the record side by side, whatever is left over, however late each set point is."""
+    rng = np.random.default_rng(seed)
+    dn_set = record(samples, seed)
+    values = measured(dn_set, outputs) if gaps else rng.normal(size=(len(outputs), samples)) * 0.1
+    values[:, 0] = 0.01
+    vectors = twin.vector() * rng.uniform(0.8, 1.2, size=(members, 9))
+    if late != "never":
+        vectors[:: 1 + (late == "some"), 8] = rng.choice([0.05, 0.0123, 0.15, 0.31], size=members)[
+            :: 1 + (late == "some")
+        ]
+    vectors[3::7, 7] = 0.07
+    vectors[2::9, 4] = 0.0
+    weight = np.eye(len(outputs)) + 0.1
+    rest = (dn_set, DT, hold, INITIAL, outputs, values, weight, [])
+    batch = _core.linear_cost_batch(vectors, *rest, 1)
+    assert_same_costs(batch, [_core.linear_cost(vector, *rest) for vector in vectors])
+    for threads in (2, 3):
+        for one, other in zip(batch, _core.linear_cost_batch(vectors, *rest, threads), strict=True):
+            np.testing.assert_array_equal(one, other)
+    for one, other in zip(batch[:4], _core.linear_cost_batch(vectors[-1:], *rest, 1)[:4], strict=True):
+        np.testing.assert_array_equal(one[-1:], other)
+
+
+def test_a_first_order_lag_costs_what_it_costs_on_paper():
+    """Without a governor the speed decays as exp(-(p - g) t / tau_n), and its squares are a geometric series."""
+    samples, n_0 = 400, 0.3
+    rates = np.array([0.5, 1.0, 2.0, 7.0])
+    vectors = np.array([twin.vector(tau_n=1.0, K_p=0.0, K_i=0.0, g=2.0 - rate) for rate in rates])
+    rest = (np.zeros(samples), DT, "first", np.array([n_0, 0.0]), [0, 2], np.zeros((2, samples)), np.eye(2))
+    *_, scatter, _ = _core.linear_cost_batch(vectors, *rest, [], 1)
+    q = np.exp(-2.0 * rates * DT)
+    sums = n_0**2 * (1.0 - q**samples) / (1.0 - q)
+    # Torque is g n here, as the rack does not move.
+    g = 2.0 - rates
+    expected = np.array([[sums, g * sums], [g * sums, g**2 * sums]]).transpose(2, 0, 1)
+    np.testing.assert_allclose(scatter, expected, rtol=1e-13, atol=1e-15)
+
+
+def test_a_loop_that_swings_half_a_turn_a_sample_goes_alone():
+    """There the error's integral leaves no trace in the speed over a sample."""
+    dt = 0.5
+    frequency = np.pi / dt
+    # a + b = 0.2 / s, c as the frequency asks for.
+    vectors = np.array([twin.vector(tau_n=1.0, g=1.9, K_p=0.1 / 1.583, K_i=(frequency**2 + 0.01) / 1.583)])
+    rest = (record(200), dt, "zero", INITIAL, [0, 2], np.full((2, 200), 0.1), np.eye(2), [])
+    assert_same_costs(_core.linear_cost_batch(vectors, *rest, 1), [_core.linear_cost(vectors[0], *rest)])
+
+
 def test_a_diverging_vector_is_an_error_alone_and_infinitely_bad_in_a_batch():
     dn_set = np.ones(5000)
     vectors = np.array([twin.vector(), twin.vector(K_p=-20.0)])
     call = {"outputs": [0], "measured": np.ones((1, 5000)), "weight": np.eye(1), "wrt": [0, 1]}
+    lone = _core.linear_cost_batch(vectors, dn_set, **COST, **call | {"wrt": []}, threads=1)
+    assert np.isfinite(lone[0][0])
+    assert lone[0][1] == np.inf
+    assert np.isnan(lone[3][1]).all()
     with pytest.raises(SimulationError, match=r"diverged at sample \d+ .*dn is not finite"):
         _core.linear_cost(vectors[1], dn_set, **COST, **call)
     cost, gradient, gauss_newton, scatter, _ = _core.linear_cost_batch(

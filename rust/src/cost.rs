@@ -4,15 +4,14 @@
 //! signals that outputs are made of and their derivatives in the few directions the loop depends on. Cost, gradient,
 //! Gauss-Newton matrix and scatter are then small combinations of these sums, so many parameters cost no more than few.
 
+mod abreast;
+mod batch;
 mod columns;
 mod products;
 mod sums;
 
-use rayon::prelude::*;
-
-use crate::error::{Error, Result, require};
+use crate::error::{Result, require};
 use crate::linear::{By, Drive, Output, Parameters};
-use crate::pool::on_threads;
 use crate::stop::Stop;
 pub use products::{Products, Record};
 
@@ -86,29 +85,6 @@ impl<'a> Objective<'a> {
             "measured has no sample where every output is finite, expected at least 1".to_owned()
         })?;
         Ok(self.weigh(&products))
-    }
-
-    /// The costs of many parameter vectors on so many threads, 0 for all cores; the same bits for any number.
-    ///
-    /// A vector whose simulation diverges costs infinity, and its derivatives are not numbers.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] where no sample has every output, [`Error::Stopped`] on request, [`Error::Internal`] where the system
-    /// gives no threads.
-    pub fn evaluate_batch(
-        &self,
-        parameters: &[Parameters],
-        threads: usize,
-        stop: &Stop,
-    ) -> Result<Vec<Cost>> {
-        let one = |parameters| match self.evaluate(parameters, stop) {
-            Err(Error::Diverged { .. }) => Ok(self.infinite()),
-            outcome => outcome,
-        };
-        if threads == 1 {
-            return parameters.iter().map(one).collect();
-        }
-        on_threads(threads, || parameters.par_iter().map(one).collect())
     }
 
     fn infinite(&self) -> Cost {

@@ -4,6 +4,7 @@ pub mod cost;
 pub mod drive_train;
 pub mod error;
 pub mod filter;
+mod finite;
 pub mod integrate;
 pub mod linear;
 pub mod plant;

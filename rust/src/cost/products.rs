@@ -11,9 +11,9 @@ use crate::stop::Stop;
 /// A measured record, and by what its simulation is differentiated.
 #[derive(Debug, Clone)]
 pub struct Record<'a> {
-    drive: Drive<'a>,
+    pub(super) drive: Drive<'a>,
     pub(super) outputs: Vec<Output>,
-    measured: &'a [f64],
+    pub(super) measured: &'a [f64],
     filters: Vec<f64>,
     offsets: Option<Vec<f64>>,
     pub(super) wrt: Vec<By>,

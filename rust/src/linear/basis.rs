@@ -121,7 +121,7 @@ fn uses(output: Output) -> &'static [usize] {
     }
 }
 
-fn coefficients(output: Output, parameters: &Parameters) -> [f64; SIGNALS] {
+pub fn coefficients(output: Output, parameters: &Parameters) -> [f64; SIGNALS] {
     let Parameters { tau_n, k_p, k_i, p, tau_prop, .. } = *parameters;
     match output {
         Output::Speed => [1.0, 0.0, 0.0, 0.0],

@@ -167,6 +167,80 @@ impl Loop {
     }
 }
 
+/// One step of the sample time, in numbers that carry all derivatives.
+struct OneStep<const N: usize, const J: usize> {
+    loop_: Loop,
+    delays: [Delay; J],
+    dynamics: Matrix<N, N>,
+    phi: Matrix<N, N>,
+    taps: [Matrix<N, 3>; J],
+    feeds: [[Number; 3]; J],
+    slope_feed: [[Number; 3]; J],
+}
+
+impl<const N: usize, const J: usize> OneStep<N, J> {
+    /// Discretise; `A` is `N + 2`.
+    fn new<const A: usize>(parameters: &Parameters, dt: f64, hold: Hold) -> Self {
+        let [a, b, c] = rates(parameters);
+        let loop_ = Loop {
+            a: Number::variable(a, BY_A),
+            b: Number::variable(b, BY_B),
+            c: Number::variable(c, BY_C),
+            t_d: Number::variable(parameters.t_d.max(SHORTEST_NETWORK * dt), BY_T_D),
+        };
+        let dynamics = loop_.matrix::<N>();
+        let t_set = Number::variable(parameters.t_set, BY_T_SET);
+        let t_d = Number::variable(parameters.t_d, BY_T_D);
+        let delays: [Delay; J] =
+            std::array::from_fn(|j| Delay::new(if j == 0 { t_set } else { t_set + t_d }, dt));
+        // Input 0 drives E (and n, where no dead time stands between), the last input n.
+        let drives_speed = |j: usize| j + 1 == J;
+
+        let mut phi = Matrix::ZERO;
+        let taps: [Matrix<N, 3>; J] = std::array::from_fn(|j| {
+            let Delay { fraction, .. } = delays[j];
+            let mut augmented = Matrix::<A, A>::ZERO;
+            augmented.put(0, 0, &dynamics);
+            augmented.0[0][N] = if drives_speed(j) { loop_.b } else { Number::ZERO };
+            augmented.0[1][N] = if j == 0 { Number::ONE } else { Number::ZERO };
+            augmented.0[N][N + 1] = Number::ONE;
+            let early = augmented.times(fraction * dt).exp();
+            let late = augmented.times((Number::ONE - fraction) * dt).exp();
+            let over: [Matrix<N, N>; 2] = [early.block(0, 0), late.block(0, 0)];
+            let from_input: [Matrix<N, 2>; 2] = [early.block(0, N), late.block(0, N)];
+            let [early_corner, late_corner] = delays[j].corners(dt, hold);
+            phi = over[1].product(&over[0]);
+            let mut taps = over[1].product(&from_input[0].product(&early_corner));
+            taps.add(&[1.0], [&from_input[1].product(&late_corner)]);
+            taps
+        });
+
+        let feeds: [[Number; 3]; J] = std::array::from_fn(|j| delays[j].at_sample(dt, hold));
+        let slope_feed: [[Number; 3]; J] = std::array::from_fn(|j| {
+            if drives_speed(j) { feeds[j].map(|tap| tap * loop_.b) } else { [Number::ZERO; 3] }
+        });
+        Self { loop_, delays, dynamics, phi, taps, feeds, slope_feed }
+    }
+
+    /// The step, or its derivatives by one direction.
+    fn part(&self, direction: Option<usize>) -> Step<N, J, 3> {
+        Step {
+            phi: self.phi.part(direction),
+            taps: taps_by_state(&self.taps, direction),
+            slope: self.dynamics.part(direction)[0],
+            slope_feed: self.slope_feed.map(|feed| feed.map(|tap| tap.part(direction))),
+            set_feed: self.feeds[0].map(|tap| tap.part(direction)),
+            moves_phi: moves_phi(direction),
+            moves_feed: !matches!(direction, Some(BY_START_N | BY_START_E)),
+        }
+    }
+
+    /// How many whole samples each input is late.
+    fn late(&self) -> [usize; J] {
+        std::array::from_fn(|j| self.delays[j].whole)
+    }
+}
+
 /// Discretise; `A` is `N + 2`.
 fn discretise<const N: usize, const A: usize, const J: usize>(
     parameters: &Parameters,
@@ -176,50 +250,14 @@ fn discretise<const N: usize, const A: usize, const J: usize>(
     directions: &[usize],
     segment: usize,
 ) -> Model<N, J> {
-    let [a, b, c] = rates(parameters);
-    let loop_ = Loop {
-        a: Number::variable(a, BY_A),
-        b: Number::variable(b, BY_B),
-        c: Number::variable(c, BY_C),
-        t_d: Number::variable(parameters.t_d.max(SHORTEST_NETWORK * dt), BY_T_D),
-    };
-    let dynamics = loop_.matrix::<N>();
-    let t_set = Number::variable(parameters.t_set, BY_T_SET);
-    let t_d = Number::variable(parameters.t_d, BY_T_D);
-    let delays: [Delay; J] =
-        std::array::from_fn(|j| Delay::new(if j == 0 { t_set } else { t_set + t_d }, dt));
-    // Input 0 drives E (and n, where no dead time stands between), the last input n.
-    let drives_speed = |j: usize| j + 1 == J;
-
-    let mut phi = Matrix::ZERO;
-    let taps: [Matrix<N, 3>; J] = std::array::from_fn(|j| {
-        let Delay { fraction, .. } = delays[j];
-        let mut augmented = Matrix::<A, A>::ZERO;
-        augmented.put(0, 0, &dynamics);
-        augmented.0[0][N] = if drives_speed(j) { loop_.b } else { Number::ZERO };
-        augmented.0[1][N] = if j == 0 { Number::ONE } else { Number::ZERO };
-        augmented.0[N][N + 1] = Number::ONE;
-        let early = augmented.times(fraction * dt).exp();
-        let late = augmented.times((Number::ONE - fraction) * dt).exp();
-        let over: [Matrix<N, N>; 2] = [early.block(0, 0), late.block(0, 0)];
-        let from_input: [Matrix<N, 2>; 2] = [early.block(0, N), late.block(0, N)];
-        let [early_corner, late_corner] = delays[j].corners(dt, hold);
-        phi = over[1].product(&over[0]);
-        let mut taps = over[1].product(&from_input[0].product(&early_corner));
-        taps.add(&[1.0], [&from_input[1].product(&late_corner)]);
-        taps
-    });
-
-    let feeds: [[Number; 3]; J] = std::array::from_fn(|j| delays[j].at_sample(dt, hold));
-    let slope_feed: [[Number; 3]; J] = std::array::from_fn(|j| {
-        if drives_speed(j) { feeds[j].map(|tap| tap * loop_.b) } else { [Number::ZERO; 3] }
-    });
+    let one = OneStep::<N, J>::new::<A>(parameters, dt, hold);
+    let OneStep { loop_, phi, taps, .. } = &one;
 
     let mut leap_phi = Matrix::identity();
     let mut leap_taps = [Matrix::<N, { LEAP + 2 }>::ZERO; J];
     for sample in 0..LEAP {
         leap_phi = phi.product(&leap_phi);
-        for (leap_taps, taps) in leap_taps.iter_mut().zip(&taps) {
+        for (leap_taps, taps) in leap_taps.iter_mut().zip(taps) {
             let mut shifted = Matrix::ZERO;
             shifted.put(0, sample, taps);
             *leap_taps = phi.product(leap_taps);
@@ -227,15 +265,6 @@ fn discretise<const N: usize, const A: usize, const J: usize>(
         }
     }
 
-    let step = |direction| Step {
-        phi: phi.part(direction),
-        taps: taps_by_state(&taps, direction),
-        slope: dynamics.part(direction)[0],
-        slope_feed: slope_feed.map(|feed| feed.map(|tap| tap.part(direction))),
-        set_feed: feeds[0].map(|tap| tap.part(direction)),
-        moves_phi: moves_phi(direction),
-        moves_feed: !matches!(direction, Some(BY_START_N | BY_START_E)),
-    };
     let leap = |direction| Step {
         phi: leap_phi.part(direction),
         taps: taps_by_state(&leap_taps, direction),
@@ -250,11 +279,14 @@ fn discretise<const N: usize, const A: usize, const J: usize>(
     let across = phi.power(segment);
     let each = directions.iter().map(|&direction| Some(direction));
     Model {
-        stepper: Stepper { step: step(None), by: each.clone().map(step).collect() },
+        stepper: Stepper {
+            step: one.part(None),
+            by: each.clone().map(|direction| one.part(direction)).collect(),
+        },
         leaper: Stepper { step: leap(None), by: each.clone().map(leap).collect() },
         start: start(None),
         start_by: each.clone().map(start).collect(),
-        late: std::array::from_fn(|j| delays[j].whole),
+        late: one.late(),
         across: across.part(None),
         across_by: each.map(|direction| across.part(direction)).collect(),
     }
@@ -289,6 +321,12 @@ pub fn direct(
     segment: usize,
 ) -> Model<DIRECT, 1> {
     discretise::<DIRECT, 4, 1>(parameters, dt, hold, initial, directions, segment)
+}
+
+/// A step of it alone, and how many whole samples the set point is late.
+pub fn direct_step(parameters: &Parameters, dt: f64, hold: Hold) -> (Step<DIRECT, 1, 3>, usize) {
+    let one = OneStep::new::<4>(parameters, dt, hold);
+    (one.part(None), one.late()[0])
 }
 
 /// The model with a delay network in the loop.

@@ -13,6 +13,7 @@
 mod advance;
 pub(crate) mod basis;
 mod discrete;
+pub(crate) mod increments;
 mod number;
 mod parameters;
 mod response;

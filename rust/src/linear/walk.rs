@@ -14,6 +14,7 @@ use super::basis::Basis;
 use super::discrete::{LEAP, Model, SHORTEST_NETWORK, delayed, direct};
 use super::parameters::Parameters;
 use crate::error::{Error, Result, require};
+use crate::finite::all_finite;
 use crate::integrate::Hold;
 use crate::stop::Stop;
 
@@ -42,8 +43,7 @@ impl<'a> Drive<'a> {
     /// state that is not two finite numbers.
     pub fn new(dn_set: &'a [f64], dt: f64, hold: Hold, initial: &[f64]) -> Result<Self> {
         require(!dn_set.is_empty(), || "dn_set has no samples, expected at least 1".to_owned())?;
-        // All of them, without an early exit: that much the compiler turns into vector code.
-        if !dn_set.iter().fold(true, |finite, value| finite & value.is_finite()) {
+        if !all_finite(dn_set) {
             let bad = dn_set.iter().position(|value| !value.is_finite()).unwrap_or_default();
             return Err(Error::Invalid(format!(
                 "dn_set[{bad}] is {}, expected a finite number; bridge gaps before",
@@ -56,6 +56,11 @@ impl<'a> Drive<'a> {
             format!("initial is {initial:?}, expected two finite numbers (dn, dE)")
         })?;
         Ok(Self { dn_set, dt, hold, initial: start })
+    }
+
+    /// Set point, hold and initial (dn, dE).
+    pub(crate) const fn parts(&self) -> (&'a [f64], Hold, [f64; 2]) {
+        (self.dn_set, self.hold, self.initial)
     }
 
     /// Number of samples.
@@ -204,14 +209,14 @@ impl<const J: usize> Inputs<J> {
 
 /// Lay series side by side, one in each lane.
 #[allow(clippy::needless_range_loop)] // `from_fn` is not inlined here, and costs as much as the simulation
-fn interleave(series: &[&[f64]; LANES], into: &mut [Pack]) {
+pub fn interleave<const L: usize>(series: &[&[f64]; L], into: &mut [[f64; L]]) {
     let length = into.len();
     let mut cut = *series;
-    for lane in 0..LANES {
+    for lane in 0..L {
         cut[lane] = &cut[lane][..length];
     }
     for k in 0..length {
-        for lane in 0..LANES {
+        for lane in 0..L {
             into[k][lane] = cut[lane][k];
         }
     }
