@@ -136,6 +136,27 @@ class TestInit:
         assert str(tmp_path / "new" / "TRIAL.toml") in done.stdout.replace("\n", "")
         assert Trial.load(tmp_path / "new" / "TRIAL.toml").windows
 
+    @pytest.mark.parametrize(("torque", "measured"), [("Drehmoment Welle", True), ("Kanal 7", False)])
+    def test_a_log_s_channels_are_filled_in_under_their_own_names(self, tmp_path, torque, measured) -> None:
+        time = np.arange(0.0, 60.0, 1 / 500)
+        channels = {
+            "Sollwert": -5.0 + 0.1 * np.sin(np.where((time > 20) & (time < 50), 2 * np.pi * time, 0.0)),
+            torque: 1.7 + 0.01 * np.random.default_rng(0).normal(size=time.size),
+            'Impuls "4"': 5.0 * (np.sin(2 * np.pi * 20 * time) > 0),
+        }
+        log = Log.from_arrays(channels, rate_hz=500.0, units={"Sollwert": "V", torque: "mV"})
+        log.write(tmp_path / "a log.parquet")
+        assert cli.main(["init", str(tmp_path), "--log", str(tmp_path / "a log.parquet")]) == 0
+        found = Trial.load(tmp_path / "TRIAL.toml").channels
+        assert found.set_point.column == "Sollwert"
+        assert (found.torque and (found.torque.column, found.torque.unit)) == (
+            (torque, "mV") if measured else None
+        )
+        assert [tacho.column for tacho in found.tachos.values()] == ['Impuls "4"']
+        text = (tmp_path / "TRIAL.toml").read_text()
+        assert f"# The log has Sollwert [V], {torque} [mV], Impuls" in text
+        assert "20 pulses a second" in text
+
     def test_it_never_overwrites(self, tmp_path, capsys) -> None:
         (tmp_path / "TRIAL.toml").write_text("mine")
         assert cli.main(["init", str(tmp_path)]) == 2

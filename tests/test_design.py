@@ -133,6 +133,15 @@ class TestPlan:
         for name, value in quiet.items():
             assert loud[name] == pytest.approx(2.0 * value, rel=1e-6)
 
+    @pytest.mark.parametrize(("kind", "settle_s"), [("mix", 10.0), ("sines", 60.0)])
+    def test_an_accuracy_met_at_once_still_leaves_the_ship_time_to_settle(self, kind, settle_s) -> None:
+        plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=50.0, kind=kind, settle_s=settle_s)
+        assert plan.needed is not None
+        assert plan.needed.met
+        first, *_, last = plan.excitation.segments
+        assert first.start_s >= settle_s - 0.02
+        assert plan.excitation.duration - last.stop_s >= settle_s - 0.02
+
     def test_the_time_for_an_accuracy_is_found_and_kept(self) -> None:
         plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines")
         assert max(plan.prediction.relative_pct.values()) <= 3.0

@@ -1,28 +1,113 @@
-"""The code of the README and of every page of the documentation runs as printed; the README's figures are the command's."""
+"""What the README and every page of the documentation print runs as printed; the README's figures are the command's."""
 
 from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
 import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.rawlog import simulate_raw_log
+from tests.logger_files import sample_file
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs"))
-from page_code import RUN, SHOWN, blocks, run_page  # noqa: E402 the site's own, which builds with it
+from page_code import LEANING, RUN, SHOWN, blocks, run_page  # noqa: E402 the site's own, which builds with it
+
+from tests.page_commands import extras_exist, type_in, understood  # noqa: E402
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_code_of_a_page_runs(page, tmp_path):
-    printed = run_page(page, tmp_path)
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def own_log(folder: Path) -> None:
+    """Write a reader's log: what a tug's logger records in two minutes, as text, under names of its own."""
+    tug, chirp = (
+        fp.Vessel.load("stan-tug-1205"),
+        fp.signals.chirp(0.05, 1.5, 60.0, 40.0, law="logarithmic", rate_hz=2000.0),
+    )
+    log, _ = simulate_raw_log(tug, chirp, seed=1)
+    names = {
+        "Setpoint [V]": "U_setpoint",
+        "Torque [V]": "U_torque",
+        "Shaft pulses [V]": "PTM_4",
+        "Engine pulses [V]": "PTM_e",
+    }
+    columns = {own: np.asarray(log.read(name)) for own, name in names.items()}
+    time = np.arange(len(columns["Torque [V]"])) / 2000.0
+    pyarrow.csv.write_csv(pa.table({"Time [s]": time, **columns}), folder / "my-log.csv")
+
+
+def fill_in(folder: Path) -> None:
+    """Say what a log can't: which train is where."""
+    path = folder / "my-trial" / "TRIAL.toml"
+    text = path.read_text()
+    table = text[text.index('[channels."Shaft pulses"]') : text.index('[channels."Engine pulses"]')]
+    path.write_text(text.replace(table, re.sub("= 1 ", "= 4 ", table).replace('"engine"', '"propeller"')))
+
+
+def logger_file(kind: str, name: str) -> Callable[[Path], None]:
+    return lambda folder: folder.joinpath(name).write_bytes(sample_file(kind, folder).read_bytes())
+
+
+def fewer_draws(folder: Path) -> None:
+    plan = folder / "my-sweep" / "SWEEP.toml"
+    plan.write_text(re.sub(r"draws = \d+", "draws = 2", plan.read_text()))
+
+
+def fingerprint_of_before(folder: Path) -> None:
+    tug = fp.Vessel.load("stan-tug-1205")
+    trial = fp.simulate(
+        tug, fp.signals.chirp(0.02, 2.0, 60.0, 40.0, rate_hz=50.0), noise={"n_e": 1e-3, "M_g": 1e-3}
+    )
+    (folder / "earlier").mkdir()
+    structure = fp.Structure.linear(torque="gauge", products=True)
+    fp.identify(trial, structure, noise="white", vessel="stan-tug-1205").save(
+        folder / "earlier" / "fingerprint.json"
+    )
+
+
+READERS_OWN: dict[str, dict[str, Callable[[Path], None]]] = {
+    "README.md": {"init my-trial": own_log, "run my-trial": fill_in},
+    "docs/how-to/famos.md": {"convert": logger_file("imc FAMOS", "run.raw")},
+    "docs/how-to/dewesoft.md": {"inspect": logger_file("DEWESoft", "run.d7d")},
+    "docs/how-to/tdms.md": {"inspect": logger_file("TDMS", "run.tdms")},
+    "docs/how-to/mdf.md": {"convert": logger_file("MDF 4", "run.mf4")},
+    "docs/sweeps.md": {"sweep my-sweep/": fewer_draws},
+    "docs/design.md": {"earlier": fingerprint_of_before},
+}
+"""What a reader has, or does, before the first command of a page that holds the word."""
+
+
+@pytest.mark.filterwarnings(
+    "default::shipfp_rs.errors.LogWarning"
+)  # what a command tells is no failure of it
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_what_a_page_has_its_reader_type_runs(page, tmp_path):
+    before = dict(READERS_OWN.get(name_of(page), {}))
+
+    def typed(command: str) -> None:
+        for word in [word for word in before if word in command]:
+            before.pop(word)(tmp_path)
+        type_in(command)
+
+    printed = run_page(page, tmp_path, typed)
+    assert not before
     if page.name == "README.md":
         assert "tau_n=" in printed
+        assert (tmp_path / "my-result" / "report.html").is_file()
     if page.parent.name == "tutorials":
         assert printed
     # A picture that the page shows is one that its code makes.
@@ -31,21 +116,40 @@ def test_the_code_of_a_page_runs(page, tmp_path):
         assert (tmp_path / made).is_file(), picture
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_block_of_a_page_is_run_or_can_not_be(page):
-    assert {language for language, *_ in blocks(page)} <= {*RUN, *SHOWN}
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_is_of_a_language_that_is_run_or_shown(page):
+    assert {language for language, *_ in blocks(page)} <= {*RUN, *LEANING, *SHOWN}
 
 
-def test_a_page_whose_code_fails_is_found_out(tmp_path):
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_what_a_sentence_names_exists(page):
+    """Commands and extras between backticks, in prose and tables."""
+    for words in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", page.read_text(encoding="utf-8")):
+        if words.startswith("pip install 'shipfp_rs"):
+            extras_exist(words.split("'")[1])
+        elif words.startswith("shipfp "):
+            understood(re.sub(r"\s*\.\.\.$", "", words))
+
+
+def test_a_page_that_says_something_wrong_is_found_out(tmp_path):
     page = tmp_path / "page.md"
     for wrong in (
         "```python\n1 / 0\n```\n",
         "```sh\nshipfp simulate stan-lunch\n```\n",
         "```sh\nrm log\n```\n",
+        "    rm log\n",
+        "```bash\npip install 'shipfp_rs[famous]'\n```\n",
+        "```bash\nshipfp sweep SWEEP.toml --adress 10.0.0.1:8786\n```\n",
+        "    python -m pytest -m study -k no_such_study\n",
+        "    python -m benches.peers --quickly\n",
+        "    cargo test --release no_such_fuzz -- --ignored\n",
+        "```bash\ndask worker 10.0.0.1:8786 --threads-each 1\n```\n",
+        "    export DASK_DISTRIBUTED__WORKER__PROFIL__ENABLED=False\n",
+        "    ./try tests\n",
     ):
         page.write_text(wrong)
-        with pytest.raises((ZeroDivisionError, RuntimeError)):
-            run_page(page, tmp_path)
+        with pytest.raises((ZeroDivisionError, RuntimeError, AssertionError)):
+            run_page(page, tmp_path, type_in)
 
 
 def test_the_table_of_full_scale_results_is_what_the_command_prints(fullscale):

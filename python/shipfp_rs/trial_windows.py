@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Channel, Log
 from shipfp_rs.windows import FoundWindow, longest_rest
+
+TORQUE = "torq|moment|koppel|torsion|strain"
+"""What a channel of the torque is called, in part."""
 
 
 def set_point_of(log: Log) -> str:
@@ -42,16 +45,79 @@ def windows_toml(windows: Sequence[FoundWindow]) -> str:
     return "\n".join(lines)
 
 
-def filled_in(template: str, path: Path, set_point: Channel, windows: Sequence[FoundWindow]) -> str:
-    """Return the template of a TRIAL.toml with a log's set point, steady stretch and windows in it."""
-    text = re.sub(r'^log = "[^"]*"', f"log = {json.dumps(str(path))}", template, flags=re.MULTILINE)
-    text = text.replace('column = "U_setpoint"', f"column = {json.dumps(set_point.name)}", 1)
+def filled_in(
+    template: str,
+    log: Log,
+    path: Path,
+    set_point: str,
+    trains: Mapping[str, float],
+    windows: Sequence[FoundWindow],
+) -> str:
+    """Return the template of a TRIAL.toml with what a log tells: its channels, steady stretch and windows.
+
+    Parameters
+    ----------
+    template
+        `TRIAL_TEMPLATE`, whose tables stand apart by an empty line each.
+    log, path
+        The log and where it lies.
+    set_point
+        Channel of the set point.
+    trains
+        Channels that are pulse trains, with pulses per second.
+    windows
+        What was found in the set point.
+    """
+    tables = {_header(table): table for table in template.split("\n\n")}
+    tables["trial"] = _with(tables["trial"], "log", json.dumps(str(path)))
+    there = (f"{one.name}{f' [{one.unit}]' if one.unit else ''}" for one in log.channels.values())
+    about = f"# The log has {', '.join(there)}.\n"
+    tables["channels.set_point"] = about + _of(log.channel(set_point), tables["channels.set_point"])
+    torques = [
+        name
+        for name in log.channels
+        if name != set_point and name not in trains and re.search(TORQUE, name, re.IGNORECASE)
+    ]
+    if len(torques) == 1:
+        tables["channels.torque"] = _of(log.channel(torques[0]), tables["channels.torque"])
+    else:
+        tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
+    if trains:
+        del tables["channels.PTM_e"]
+        tables["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
     rest = longest_rest(windows)
     if rest is not None:
-        stretch = f"steady_s = [{rest.start_s:.1f}, {rest.stop_s:.1f}]"
-        text = re.sub(r"^steady_s = \[[^\]]*\]", stretch, text, flags=re.MULTILINE)
-    tables = windows_toml(windows)
-    if not tables:
-        return text
-    begin, end = text.index("[[windows]]"), text.index("[identify]")
-    return text[:begin] + tables + "\n" + text[end:]
+        stretch = f"[{rest.start_s:.1f}, {rest.stop_s:.1f}]"
+        tables["operating_point"] = _with(tables["operating_point"], "steady_s", stretch)
+    tables["windows"] = windows_toml(windows).rstrip() or tables["windows"]
+    return "\n\n".join(tables.values())
+
+
+def _header(table: str) -> str:
+    found = re.search(r"^(?:# )?\[+([\w.]+)", table, re.MULTILINE)
+    return found[1] if found else ""
+
+
+def _with(table: str, key: str, value: str) -> str:
+    """Return a table with another value of one key, the comment behind it where it was if there is room."""
+
+    def line(old: re.Match[str]) -> str:
+        new = f"{key} = {value}"
+        return new.ljust(max(len(old[0]), len(new) + 1)) if old[1] else new
+
+    return re.sub(rf"^{key} = (?:\"[^\"]*\"|\[[^\]]*\]|\S+)( *)", line, table, count=1, flags=re.MULTILINE)
+
+
+def _of(channel: Channel, table: str) -> str:
+    table = _with(table, "column", json.dumps(channel.name))
+    return _with(table, "unit", json.dumps(channel.unit)) if channel.unit else table
+
+
+def _train(name: str, pulses_hz: float) -> str:
+    """Return the table of a pulse train, of which the log does not tell where it is."""
+    return (
+        f"[channels.{json.dumps(name)}]\n"
+        f"column = {json.dumps(name)}\n"
+        f"pulses_per_rev = 1              # {pulses_hz:.4g} pulses a second in its first two minutes\n"
+        'shaft = "engine"                # or "propeller"'
+    )

@@ -27,7 +27,7 @@ def init(
     ] = None,
     sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
-    """Write a commented TRIAL.toml to fill in; with --log its sines, chirps, steps and steady stretch are in it."""
+    """Write a commented TRIAL.toml to fill in; with --log that log's channels, excitations and steady stretch are in it."""
     if sweep:
         if log is not None:
             raise InputError("--sweep: expected it without --log; a sweep has no log")
@@ -40,7 +40,9 @@ def init(
     path = _new(folder / "TRIAL.toml")
     text = TRIAL_TEMPLATE
     if log is not None:
+        from shipfp_rs.inspection.channels import pulse_rate
         from shipfp_rs.log import Log
+        from shipfp_rs.rows import Rows
         from shipfp_rs.trial_windows import filled_in, set_point_of
         from shipfp_rs.windows import find_windows
 
@@ -49,9 +51,17 @@ def init(
             notify("looking for windows")
             channel = set_point or set_point_of(recording)
             found = find_windows(recording, channel)
-        text = filled_in(text, log.resolve(), recording.channel(channel), found)
+            rates = {
+                name: pulse_rate(Rows(recording, name)) for name in recording.channels if name != channel
+            }
+        trains = {name: rate for name, rate in rates.items() if rate is not None}
+        text = filled_in(text, recording, log.resolve(), channel, trains, found)
         kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
         print_text(f"{log}, {channel}: {kinds}")
+        if trains:
+            print_text(
+                f"pulse trains: {', '.join(f'{name} at {rate:.4g} Hz' for name, rate in trains.items())}"
+            )
     _write(path, text, "run")
 
 

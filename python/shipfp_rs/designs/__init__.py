@@ -17,7 +17,7 @@ from shipfp_rs.designs.prediction import Prediction, predict
 from shipfp_rs.designs.run_sheet import Stretch, run_sheet
 from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, support
 from shipfp_rs.designs.subject import Subject
-from shipfp_rs.designs.waveforms import Kind, Setting, waveform
+from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.signals.checks import positive
@@ -174,7 +174,7 @@ def design(
         plan = made(duration_s)
         return plan if accuracy_pct is None else _judged(plan, accuracy_pct, parameters)
     assert accuracy_pct is not None
-    return _long_enough(made, accuracy_pct, parameters)
+    return _long_enough(made, accuracy_pct, parameters, max(SHORTEST_S, 3.0 * settling(kind, settle_s)))
 
 
 def _plan(
@@ -296,19 +296,19 @@ def _judged(plan: Plan, accuracy_pct: float, parameters: Sequence[str] | None) -
 
 
 def _long_enough(
-    made: Callable[[float], Plan], accuracy_pct: float, parameters: Sequence[str] | None
+    made: Callable[[float], Plan], accuracy_pct: float, parameters: Sequence[str] | None, shortest_s: float
 ) -> Plan:
     """Search the shortest plan that meets the accuracy, to about 5 %."""
-    duration, best = FIRST_S, None
+    duration, best = max(FIRST_S, shortest_s), None
     for _ in range(ROUNDS):
         plan = _judged(made(duration), accuracy_pct, parameters)
         assert plan.needed is not None
         if plan.needed.met:
             best = plan if best is None or plan.excitation.duration < best.excitation.duration else best
-            if plan.needed.duration_s > 0.9 * duration or duration <= SHORTEST_S:
+            if plan.needed.duration_s > 0.9 * duration or duration <= shortest_s:
                 break
         # The time to settle tells nothing, so what is proportional to all of the time falls a little short or long.
-        duration = max(1.03 * plan.needed.duration_s, SHORTEST_S)
+        duration = max(1.03 * plan.needed.duration_s, shortest_s)
         if duration > LONGEST_S:
             raise InputError(
                 f"accuracy_pct is {accuracy_pct:g}, {plan.needed.limited_by} would take about {duration / 3600.0:.3g} h; "

@@ -50,6 +50,11 @@ class Setting:
         return cls(lines, shares, limits, criterion, rate_hz), efficiency
 
 
+def settling(kind: Kind, settle_s: float) -> float:
+    """Return the time that a plan spends on letting the ship settle, before, between and after its parts [s]."""
+    return settle_s * (len(PARTS[kind]) + 1)
+
+
 def waveform(kind: Kind, setting: Setting, duration_s: float, settle_s: float) -> Excitation:
     """Return the time series of a plan, the ship settled before, between and after its parts.
 
@@ -59,7 +64,7 @@ def waveform(kind: Kind, setting: Setting, duration_s: float, settle_s: float) -
         Where the time does not hold the parts.
     """
     parts = PARTS[kind]
-    rest = settle_s * (len(parts) + 1)
+    rest = settling(kind, settle_s)
     if duration_s <= 2.0 * rest:
         raise InputError(
             f"duration_s is {duration_s:g}, {rest:g} s of it to settle; expected more than twice that, or a shorter settle_s"

@@ -92,7 +92,7 @@ def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
         if len(present):
             low, high = min(low, float(present.min())), max(high, float(present.max()))
             noises.append(_noise(present[: 1 << 17].astype(np.float64)))
-    pulses = _pulses_hz(rows)
+    pulses = pulse_rate(rows)
     return ChannelReport(
         channel,
         joined(gaps),
@@ -109,7 +109,8 @@ def _noise(samples: Array) -> float:
     return float(ROBUST_SIGMA * np.median(np.abs(np.diff(samples, 2))) / math.sqrt(6.0))
 
 
-def _pulses_hz(rows: Rows) -> float | None:
+def pulse_rate(rows: Rows) -> float | None:
+    """Return the pulses per second of a pulse train over its first two minutes, None for anything else."""
     channel = rows.channel
     probe = rows.read(0, min(round(PROBE_S * channel.rate_hz), channel.samples)).astype(np.float64)
     probe = probe[np.isfinite(probe)]
