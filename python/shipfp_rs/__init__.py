@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from shipfp_rs.log import Log
     from shipfp_rs.model_ladder import ladder
     from shipfp_rs.processing import process
+    from shipfp_rs.resampling import bootstrap
     from shipfp_rs.simulation import simulate
     from shipfp_rs.structure import Structure
     from shipfp_rs.sweeps import sweep
@@ -40,6 +41,7 @@ _WHERE = {
     "Structure": "structure",
     "Trial": "trial",
     "Vessel": "vessel",
+    "bootstrap": "resampling",
     "compare": "comparison",
     "cross_validation": "validation",
     "design": "designs",
@@ -68,6 +70,7 @@ __all__ = [
     "Trial",
     "Vessel",
     "__version__",
+    "bootstrap",
     "compare",
     "cross_validation",
     "design",

@@ -1,0 +1,267 @@
+"""Uncertainty without a noise model: fits to the model's own output with the residuals put back in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import IdentificationError, InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification import identify
+from shipfp_rs.prediction import simulated_about
+from shipfp_rs.structure import Structure
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_DRAWS = 20
+FEWEST_BLOCKS = 10
+"""In the shortest experiment: with fewer, draws hardly differ."""
+QUIET_LAGS = 5
+"""Successive lags of no significant correlation that end it, at least (K_N of Politis and White)."""
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Estimates of all draws, and what they say of the fingerprint's own intervals.
+
+    Parameters
+    ----------
+    fingerprint
+        The fit whose residuals were drawn from.
+    names
+        Parameters and combinations that the data tell.
+    draws
+        Their estimates, shape (B, P); NaN where a draw's data did not tell one.
+    failed
+        Draws whose search found no minimum; they are left out.
+    block_s
+        Length of a block [s], one for each experiment.
+    seed
+        Of the draws.
+    """
+
+    fingerprint: Fingerprint
+    names: tuple[str, ...]
+    draws: Array
+    failed: int
+    block_s: tuple[float, ...]
+    seed: int
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation of each over the draws."""
+        return dict(zip(self.names, np.nanstd(self.draws, axis=0, ddof=1).tolist(), strict=True))
+
+    @property
+    def covariance(self) -> Array:
+        """Of the draws in which all are told, shape (P, P)."""
+        whole = self.draws[np.isfinite(self.draws).all(axis=1)]
+        return np.atleast_2d(np.cov(whole, rowvar=False))
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Return the interval between percentiles of the draws.
+
+        Raises
+        ------
+        InputError
+            For a name that was not drawn, or a level outside (0, 1).
+        """
+        if name not in self.names:
+            raise InputError(f"bootstrap: no estimates of {name!r}, expected one of {', '.join(self.names)}")
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level is {level:g}, expected a share between 0 and 1")
+        tail = 50.0 * (1.0 - level)
+        low, high = np.nanpercentile(self.draws[:, self.names.index(name)], [tail, 100.0 - tail])
+        return float(low), float(high)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "draws": len(self.draws),
+            "failed": self.failed,
+            "block_s": list(self.block_s),
+            "seed": self.seed,
+            "std": self.std,
+            "ci95": {name: list(self.interval(name)) for name in self.names},
+        }
+
+    def __str__(self) -> str:
+        rows = [("", "estimate", "std", "bootstrap", "95 % interval by bootstrap")]
+        for name, deviation in self.std.items():
+            estimate = self.fingerprint[name]
+            own = "" if estimate.std is None else f"{estimate.std:.3g}"
+            low, high = self.interval(name)
+            rows.append((name, f"{estimate.value:.5g}", own, f"{deviation:.3g}", f"{low:.5g} to {high:.5g}"))
+        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+        first, *others = widths
+        return "\n".join(
+            "  ".join([row[0].ljust(first), *(c.rjust(w) for c, w in zip(row[1:], others, strict=True))])
+            for row in rows
+        )
+
+
+def bootstrap(
+    experiments: Experiment | Sequence[Experiment],
+    structure: Structure,
+    *,
+    draws: int = 200,
+    block_s: float | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> Bootstrap:
+    """Fit, put the residuals back in blocks drawn at random, and fit again, many times.
+
+    The scatter of the estimates is their uncertainty whatever colours the residuals, noise or model error, as long as it
+    is forgotten within a block and is alike all along the record. It takes `draws` fits, and serves to check the
+    intervals of `identify`.
+
+    Parameters
+    ----------
+    experiments
+        One or several that are fitted together.
+    structure
+        The model.
+    draws
+        Number of fits.
+    block_s
+        Length of a block [s]; by default from how long the residuals stay correlated.
+    seed
+        Of the draws.
+    progress
+        Called with (fits done, fits in all).
+    options
+        Of `identify`.
+
+    Returns
+    -------
+    Bootstrap
+
+    Raises
+    ------
+    InputError
+        For fewer than 20 draws, data that are no experiments, or blocks too long for the shortest experiment.
+    IdentificationError
+        Where the first fit fails.
+
+    Notes
+    -----
+    Circular blocks of residuals, all outputs together: D. N. Politis and J. P. Romano, "A circular block-resampling
+    procedure for stationary data", 1992, after H. R. Kunsch, 10.1214/aos/1176347265. The length of a block is the one
+    of D. N. Politis and H. White, 10.1081/ETC-120028836, corrected in 10.1080/07474930802459016.
+    """
+    records = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    for record in records:
+        if not isinstance(record, Experiment):
+            raise InputError(f"bootstrap: data of type {type(record).__name__}, expected experiments")
+    if draws < FEWEST_DRAWS:
+        raise InputError(f"draws is {draws}, expected {FEWEST_DRAWS} or more")
+    fingerprint = identify(records, structure, **options)
+    optimum = fingerprint.settings["optimum"]
+    parts = [_Residuals.of(record, structure, optimum, block_s) for record in records]
+    started = structure.with_start(
+        **{parameter.name: optimum[parameter.name] for parameter in structure.free}
+    )
+    names = _told(fingerprint)
+    random = np.random.default_rng(seed)
+    rows, failed = [], 0
+    for done in range(draws):
+        try:
+            found = identify([part.drawn(random) for part in parts], started, **{**options, "starts": 1})
+            rows.append([_value(found, name) for name in names])
+        except IdentificationError:
+            failed += 1
+        if progress is not None:
+            progress(done + 1, draws)
+    if not rows:
+        raise IdentificationError(f"none of {draws} draws led to a minimum")
+    lengths = tuple(part.block / part.record.rate_hz for part in parts)
+    return Bootstrap(fingerprint, names, np.array(rows), failed, lengths, seed)
+
+
+def block_length(residuals: Array) -> int:
+    """Return how many samples a circular block should have for a series of residuals, shape (N,).
+
+    Politis and White: from the correlogram up to where `QUIET_LAGS` lags in a row are insignificant, tapered by a flat top.
+
+    Examples
+    --------
+    >>> block_length(np.random.default_rng(0).standard_normal(10_000)) < 10
+    True
+    """
+    count = len(residuals)
+    centred = residuals - residuals.mean()
+    size = 1 << (2 * count - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
+    covariance = np.fft.irfft(spectrum, size)[: count // 2] / count
+    if covariance[0] <= 0.0:
+        return 1
+    quiet = max(QUIET_LAGS, int(np.sqrt(np.log10(count))))
+    significant = np.abs(covariance[1:] / covariance[0]) >= 2.0 * np.sqrt(np.log10(count) / count)
+    runs = np.convolve(~significant, np.ones(quiet), "valid") >= quiet
+    last = int(np.argmax(runs)) if runs.any() else len(significant) // 2
+    reach = min(2 * max(last, 1), len(covariance) - 1)
+    lags = np.arange(reach + 1)
+    taper = np.minimum(1.0, 2.0 * (1.0 - lags / reach))
+    both = np.where(lags > 0, 2.0, 1.0) * taper * covariance[: reach + 1]
+    slope, level = float((lags * both).sum()), float(both.sum())
+    if level <= 0.0:
+        return 1
+    return max(1, round(float((1.5 * count * (slope / level) ** 2) ** (1.0 / 3.0))))
+
+
+@dataclass(frozen=True)
+class _Residuals:
+    """An experiment as model and residuals, both as deviations (O, N), and its block's length in samples."""
+
+    record: Experiment
+    signals: tuple[str, ...]
+    model: Array
+    residual: Array
+    valid: npt.NDArray[np.bool_]
+    block: int
+
+    @classmethod
+    def of(
+        cls, record: Experiment, structure: Structure, values: Mapping[str, float], block_s: float | None
+    ) -> _Residuals:
+        simulated = simulated_about(structure, values, record)
+        model = np.array(list(simulated.values()))
+        residual = np.array([record.normalised(signal) for signal in simulated]) - model
+        valid = np.isfinite(residual).all(axis=0)
+        kept = residual[:, valid]
+        block = max(map(block_length, kept)) if block_s is None else round(block_s * record.rate_hz)
+        if not 1 <= block <= kept.shape[1] // FEWEST_BLOCKS:
+            raise InputError(
+                f"{record.name!r}: blocks of {block / record.rate_hz:.3g} s, expected at least a sample and a tenth of its "
+                f"{kept.shape[1] / record.rate_hz:.3g} s at most; give block_s or a longer record"
+            )
+        return cls(record, tuple(simulated), model, kept - kept.mean(axis=1, keepdims=True), valid, block)
+
+    def drawn(self, random: np.random.Generator) -> Experiment:
+        """Return the model's output with residuals in blocks of another order; masked samples stay masked."""
+        count = self.residual.shape[1]
+        starts = random.integers(0, count, -(-count // self.block))
+        order = ((starts[:, None] + np.arange(self.block)) % count).ravel()[:count]
+        deviation = np.full_like(self.model, np.nan)
+        deviation[:, self.valid] = self.model[:, self.valid] + self.residual[:, order]
+        signals = dict(self.record.signals)
+        for signal, row in zip(self.signals, deviation, strict=True):
+            origin = 0.0 if signal == "E_n" else 1.0
+            signals[signal] = self.record.operating_point[signal] * (origin + row)
+        return replace(self.record, signals=signals)
+
+
+def _told(fingerprint: Fingerprint) -> tuple[str, ...]:
+    estimates = {**fingerprint.parameters, **fingerprint.derived}
+    return tuple(name for name, estimate in estimates.items() if estimate.std is not None)
+
+
+def _value(fingerprint: Fingerprint, name: str) -> float:
+    estimate = {**fingerprint.parameters, **fingerprint.derived}.get(name)
+    return np.nan if estimate is None or estimate.value is None else estimate.value
