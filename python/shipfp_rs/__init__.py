@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from shipfp_rs.fingerprint import Fingerprint
     from shipfp_rs.frequency import FrequencyResponse
     from shipfp_rs.identification import identify
+    from shipfp_rs.likelihood import profile_likelihood
     from shipfp_rs.linear_model import linearise
     from shipfp_rs.log import Log
     from shipfp_rs.model_ladder import ladder
@@ -49,6 +50,7 @@ _WHERE = {
     "ladder": "model_ladder",
     "linearise": "linear_model",
     "process": "processing",
+    "profile_likelihood": "likelihood",
     "simulate": "simulation",
     "trend": "comparison",
     "sweep": "sweeps",
@@ -80,6 +82,7 @@ __all__ = [
     "linearise",
     "plot",
     "process",
+    "profile_likelihood",
     "published",
     "signals",
     "simulate",

@@ -42,6 +42,8 @@ class Estimates:
     """Of the sensitivities to the parameters that no bound holds."""
     samples: int
     freedom: int
+    threshold: Mapping[str, float]
+    """Rise of the cost at the ends of each searched parameter's 95 % interval."""
     evaluations: Sequence[Evaluation]
 
 
@@ -85,6 +87,11 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     inner, freedom = inside(held)
     told = inner.covariance()
     covariance = _covariance(inner, own[:, ~held], variance)
+    # Of a parameter that is not told by itself only the residuals' own variance says what a rise means.
+    threshold = dict.fromkeys(search.names, quantile**2 * float(np.mean(variance)))
+    for place, name in enumerate(inner.names):
+        if np.isfinite(covariance[place, place]) and told[place, place] > 0.0:
+            threshold[name] = quantile**2 * float(covariance[place, place] / told[place, place])
 
     parameters: dict[str, Estimate] = {}
     for parameter in search.structure.parameters:
@@ -137,6 +144,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
         inner.rank,
         samples,
         freedom,
+        threshold,
         evaluations,
     )
 

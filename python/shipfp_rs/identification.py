@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -111,11 +111,86 @@ def identify(
     from bounds that is the Gauss-Newton covariance. "variance" and "determinant":
     eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
     """
+    options = Options(
+        weighting=weighting,
+        noise=noise,
+        huber=huber,
+        ridge=ridge,
+        offsets=offsets,
+        initial_state=initial_state,
+        random_search=random_search,
+        starts=starts,
+        seed=seed,
+        max_evaluations=max_evaluations,
+        tolerance=tolerance,
+        time_limit_s=time_limit_s,
+        progress=progress,
+    )
+    return _fingerprint(search_minima(data, structure, options), vessel=vessel)
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search: the options of `identify`, where they are explained."""
+
+    weighting: Weighting
+    noise: NoiseModel | None
+    huber: float | None
+    ridge: Mapping[str, tuple[float, float]] | None
+    offsets: bool
+    initial_state: Literal["estimated", "zero"] | Mapping[str, float]
+    random_search: int
+    starts: int | None
+    seed: int | None
+    max_evaluations: int
+    tolerance: float
+    time_limit_s: float | None
+    progress: Callable[[int, int], None] | None
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Options:
+        """Return those given, the others as `identify` has them.
+
+        Raises
+        ------
+        InputError
+            For an option that it has not.
+        """
+        usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name != "vessel"}
+        for name in given:
+            if name not in usual:
+                raise InputError(
+                    f"identify has no option {name!r} here, {slips.suggestion(name, list(usual))}"
+                )
+        return cls(**{**usual, **given})
+
+
+@dataclass(frozen=True)
+class Found:
+    """A search, the minima that it found, the best one of them refined, and the settings for the record."""
+
+    search: Search
+    best: Minimum
+    minima: Sequence[Minimum]
+    settings: Mapping[str, Any]
+    seed: int | None
+
+
+def search_minima(data: Data | Sequence[Data], structure: Structure, options: Options) -> Found:
+    """Search as `identify` does, and judge nothing yet.
+
+    Raises
+    ------
+    InputError, IdentificationError
+        As `identify`.
+    """
+    starts, noise, offsets, ridge = options.starts, options.noise, options.offsets, dict(options.ridge or {})
+    weighting, initial_state = options.weighting, options.initial_state
     if starts is None:
         starts = 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
     _check(weighting, noise, starts)
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
-    _check_names(structure, ridge or {}, given)
+    _check_names(structure, ridge, given)
     if weighting == "none" and any(parameter.prior is not None for parameter in structure.free):
         raise InputError(
             "a prior needs residuals in units of their deviation; choose weighting 'determinant' or 'variance'"
@@ -135,12 +210,12 @@ def identify(
         blocks,
         weighting,
         noise,
-        max_evaluations,
-        tolerance,
-        huber=huber,
-        ridge=dict(ridge or {}),
+        options.max_evaluations,
+        options.tolerance,
+        huber=options.huber,
+        ridge=ridge,
         initial=given,
-        time_limit_s=time_limit_s,
+        time_limit_s=options.time_limit_s,
     )
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
@@ -151,32 +226,26 @@ def identify(
         ", ".join(block.data.name for block in blocks),
         starts,
     )
-    vectors = start_vectors(search, starts, seed)
-    if random_search:
-        vectors[0] = best_of_random(search, random_search, seed)
-    minima = _minima(search, vectors, progress)
+    vectors = start_vectors(search, starts, options.seed)
+    if options.random_search:
+        vectors[0] = best_of_random(search, options.random_search, options.seed)
+    minima = _minima(search, vectors, options.progress)
     # A start that ended in a worse minimum is not worth the noise models: they take most of the time.
     best = search.refine(minima[0])
-    return _fingerprint(
-        search,
-        best,
-        minima,
-        vessel=vessel,
-        seed=seed,
-        settings={
-            "weighting": weighting,
-            "noise": noise,
-            "offsets": offsets,
-            "initial_state": initial_state if isinstance(initial_state, str) else given,
-            "huber": huber,
-            "ridge": {name: list(pair) for name, pair in (ridge or {}).items()},
-            "random_search": random_search,
-            "starts": starts,
-            "max_evaluations": max_evaluations,
-            "tolerance": tolerance,
-            "time_limit_s": time_limit_s,
-        },
-    )
+    settings = {
+        "weighting": weighting,
+        "noise": noise,
+        "offsets": offsets,
+        "initial_state": initial_state if isinstance(initial_state, str) else given,
+        "huber": options.huber,
+        "ridge": {name: list(pair) for name, pair in ridge.items()},
+        "random_search": options.random_search,
+        "starts": starts,
+        "max_evaluations": options.max_evaluations,
+        "tolerance": options.tolerance,
+        "time_limit_s": options.time_limit_s,
+    }
+    return Found(search, best, minima, settings, options.seed)
 
 
 def _blocks(
@@ -275,15 +344,8 @@ def _minima(
     return [best, *(minimum for minimum in found if minimum is not best)]
 
 
-def _fingerprint(
-    search: Search,
-    best: Minimum,
-    minima: Sequence[Minimum],
-    *,
-    vessel: str | None,
-    seed: int | None,
-    settings: dict[str, Any],
-) -> Fingerprint:
+def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
+    search, best = ended.search, ended.best
     structure, count = search.structure, len(search.free)
     found = estimates(search, best)
     parameters, derived, identifiability = found.parameters, found.derived, found.identifiability
@@ -304,7 +366,7 @@ def _fingerprint(
         structure=structure.to_dict(),
         vessel=vessel,
         data=data,
-        settings=settings
+        settings=dict(ended.settings)
         | {
             "optimum": {name: found.values[name] for name in structure.names},
             "kalman_gain": {
@@ -315,9 +377,9 @@ def _fingerprint(
             "criterion": best.criterion,
             "converged": best.converged,
             "message": best.message,
-            "minima": [_minimum_row(search, minimum) for minimum in minima],
+            "minima": [_minimum_row(search, minimum) for minimum in ended.minima],
         },
-        seed=seed,
+        seed=ended.seed,
         versions={
             "shipfp_rs": __version__,
             "python": platform.python_version(),

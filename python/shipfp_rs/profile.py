@@ -28,6 +28,12 @@ TRIALS = 40
 GROWTH = 4.0
 
 
+JUMP = 10.0
+"""Deviations from which on a point says nothing of where the level is passed: more likely the others lost their way."""
+INSIDE = 0.5
+"""Deviations below which a point within `CLOSE` of one past the level shows that the others lost their way there."""
+DOUBTS = 8
+"""Times that such a point is forgotten once one nearer was reached, from where the others may find their way."""
 EDGE = 0.05
 """Part of a bracket that the next value keeps from its ends, and least growth of a step."""
 
@@ -73,7 +79,7 @@ class Profile:
         if room == 0.0:
             return End(bound, "bound")
         near, inner, outer = self._origin, (0.0, 0.0), (np.inf, np.inf)
-        deviation = step
+        deviation, doubts = step, DOUBTS
         for _ in range(TRIALS):
             cut = abs(deviation) >= abs(room)
             deviation = room if cut else deviation
@@ -91,8 +97,37 @@ class Profile:
                 return End(bound, "bound")
             else:
                 before, inner, near = inner, tried, point
+                touching = abs(outer[0] - deviation) < CLOSE * abs(deviation) and level < INSIDE
+                if doubts and (outer[1] > JUMP or touching):
+                    doubts, outer = doubts - 1, (np.inf, np.inf)
             deviation = _between(inner, outer) if np.isfinite(outer[0]) else _beyond(before, inner)
-        return End(float(np.copysign(np.inf, step)) if np.isinf(outer[0]) else start + inner[0], "open")
+        if np.isinf(outer[0]):
+            return End(float(np.copysign(np.inf, step)), "open")
+        # Of a wall that was closed in on no more is known than that it is there.
+        closed = abs(outer[0] - inner[0]) < CLOSE * abs(outer[0])
+        return End(start + inner[0], "data" if closed else "open")
+
+    @property
+    def minimum(self) -> Array:
+        """The unknowns that the search does not eliminate, at the minimum, shape (P,)."""
+        return self._origin.vector
+
+    def trace(self, index: int, values: Array) -> tuple[Array, Array]:
+        """Return the rise of the cost (K,) and the other parameters' best values (K, P) along values of this one.
+
+        The values lead away from the minimum, each from where the last one left the others; a rise is infinite where no
+        values of theirs can be simulated.
+        """
+        near, rise, vectors = (
+            self._origin,
+            np.empty(len(values)),
+            np.empty((len(values), len(self._origin.vector))),
+        )
+        for place, value in enumerate(values):
+            point = self._best_at(near, index, float(value), 1.0)
+            rise[place], vectors[place] = max(point.cost - self._origin.cost, 0.0), point.vector
+            near = point if np.isfinite(point.cost) else near
+        return rise, vectors
 
     def gain_without(self, on_bound: Mask) -> Array:
         """Fall of the cost that the linear model promises when one bound, and only it, is lifted, shape (P,)."""
@@ -153,7 +188,7 @@ class Profile:
 
 def _between(inner: tuple[float, float], outer: tuple[float, float]) -> float:
     """Deviation between two (deviation, level) where the line through them meets level 1, away from both."""
-    share = (1.0 - inner[1]) / (outer[1] - inner[1]) if np.isfinite(outer[1]) else 0.5
+    share = (1.0 - inner[1]) / (outer[1] - inner[1]) if outer[1] < JUMP else 0.5
     return inner[0] + (outer[0] - inner[0]) * min(
         max(share, EDGE), 1.0 - EDGE if outer[1] > 1.0 + CLOSE else np.inf
     )
