@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.closed_loop import closed_loop
+from shipfp_rs.fingerprint import Estimate, Fingerprint
 from shipfp_rs.model_ladder import climb
 from shipfp_rs.reproduce import Row
 
@@ -49,7 +50,10 @@ def of(
 
 
 def _shown(fingerprint: Fingerprint, name: str, unit: str = "") -> str:
-    estimate = fingerprint[name]
+    return _interval(name, fingerprint[name], unit)
+
+
+def _interval(name: str, estimate: Estimate, unit: str = "") -> str:
     if estimate.value is None or estimate.ci95 is None:
         return f"{name} unknown"
     low, high = estimate.ci95
@@ -58,12 +62,15 @@ def _shown(fingerprint: Fingerprint, name: str, unit: str = "") -> str:
 
 def _told(found: Fingerprint) -> tuple[str, ...]:
     open_ = [name for name, estimate in found.parameters.items() if estimate.status == "unidentifiable"]
+    loop = closed_loop(found)
     return (
         f"Known with 95 % intervals: {_shown(found, 'p')}, {_shown(found, 'tau_prop', ' s')}, "
         f"{_shown(found, 'T_d', ' s')} in the loop, {_shown(found, 'T_set', ' s')} in the set point's path.",
         f"A slow set point is followed {_shown(found, '(p-g)/(vK_i)+T_set', ' s')} late, which is the delay of about "
         f"{STEP_DELAY_S} s that the thesis saw at every step and could not explain.",
-        f"Not known: {', '.join(open_)}.",
+        f"Not known: {', '.join(open_)}. The speed loop as a whole is: "
+        f"{_interval('bandwidth', loop['bandwidth'], ' Hz')}, {_interval('phase margin', loop['phase margin'], ' deg')}, "
+        f"{_interval('gain margin', loop['gain margin'])}.",
     )
 
 

@@ -1,0 +1,121 @@
+"""Poles, margins and gains of the loop: closed forms, exact roots with a dead time, bands that hold the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+
+from shipfp_rs import signals
+from shipfp_rs.closed_loop import closed_loop, poles_of
+from shipfp_rs.errors import InputError
+from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification import identify
+from shipfp_rs.linear_model import linearise
+from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
+from shipfp_rs.structure import Structure
+from shipfp_rs.vessel import Vessel
+from tests.launch import LAUNCH, noisy_record
+
+CHIRP = signals.chirp(0.01, 5.0, 120.0, 13.0, rate_hz=50.0)
+
+
+@pytest.fixture(scope="module")
+def launch() -> Fingerprint:
+    return identify(noisy_record(CHIRP, 0.01, 0.0, 1), Structure.linear(products=True))
+
+
+@pytest.fixture(scope="module")
+def tug() -> Fingerprint:
+    return identify(measured_response(1.637), extended_structure(), weighting="std", starts=8)
+
+
+def margins(T_d: float = 0.0) -> dict[str, float]:
+    """What python-control says of the launch's loop, its dead time by a Pade approximation of high order."""
+    plant = control.tf([LAUNCH.v], [LAUNCH.tau_n, LAUNCH.p - LAUNCH.g])
+    loop = plant * control.tf([LAUNCH.K_p, LAUNCH.K_i], [1.0, 0.0])
+    if T_d:
+        loop = loop * control.tf(*control.pade(T_d, 8))
+    gain, phase, _, crossing = control.margin(loop)
+    return {"gain margin": gain, "phase margin": phase, "crossover": crossing / (2.0 * np.pi)}
+
+
+def test_without_a_dead_time_the_poles_are_those_of_the_quadratic() -> None:
+    np.testing.assert_allclose(np.sort(poles_of(LAUNCH).real), np.sort(LAUNCH.poles.real), rtol=1e-9)
+
+
+@pytest.mark.parametrize("T_d", [0.01, 0.05, 0.12, 0.2])
+def test_with_one_they_are_roots_of_the_exact_equation(T_d: float) -> None:
+    model = replace(linearise(Vessel.load("stan-tug-1205")), T_d=T_d)
+    poles = poles_of(model)
+    left = poles * (model.tau_n * poles + model.p - model.g)
+    right = model.v * (model.K_p * poles + model.K_i) * np.exp(-poles * T_d)
+    np.testing.assert_allclose(left, -right, rtol=1e-8)
+    assert len(set(poles.round(6))) == len(poles) == 2
+
+
+def test_bands_hold_what_python_control_says_of_the_true_loop(launch: Fingerprint) -> None:
+    found = closed_loop(launch)
+    for name, truth in margins().items():
+        if np.isfinite(truth):
+            assert abs(found[name].value - truth) < 4.0 * found[name].std
+        else:
+            assert found[name].value is None
+            assert found[name].reason == "there is none"
+    for estimate, truth in zip(
+        (found["pole 1, real"], found["pole 2, real"]), sorted(LAUNCH.poles.real, reverse=True), strict=True
+    ):
+        assert abs(estimate.value - truth) < 4.0 * estimate.std
+    assert found["dM_b(inf)"].value == pytest.approx(LAUNCH.v * LAUNCH.K_p, abs=4.0 * found["dM_b(inf)"].std)
+
+
+def test_a_dead_time_gives_the_margins_of_python_control(launch: Fingerprint) -> None:
+    exact = {
+        "tau_n": LAUNCH.tau_n,
+        "g": LAUNCH.g,
+        "vK_p": LAUNCH.v * LAUNCH.K_p,
+        "vK_i": LAUNCH.v * LAUNCH.K_i,
+    }
+    late = replace(launch, settings={**launch.settings, "optimum": exact | {"p": 2.0, "T_d": 0.05}})
+    found = closed_loop(late)
+    for name, truth in margins(0.05).items():
+        assert found[name].value == pytest.approx(truth, rel=1e-5)
+
+
+def test_the_tugs_loop_is_known_though_none_of_its_gains_is(tug: Fingerprint) -> None:
+    found = closed_loop(tug)
+    assert tug["K_p"].value is None
+    assert found["phase margin"].value == pytest.approx(63.0, abs=4.0)
+    assert found["phase margin"].std < 2.0
+    assert found["dM_g(0)"].value == pytest.approx(tug["p"].value)
+    low, high = found["bandwidth"].ci95
+    assert 1.0 < low < high < 1.5
+
+
+def test_the_deviations_are_the_scatter_over_repeated_trials() -> None:
+    trials = [
+        closed_loop(identify(noisy_record(CHIRP, 0.05, 0.0, seed), Structure.linear(products=True)))
+        for seed in range(40)
+    ]
+    for name in ("crossover", "phase margin", "bandwidth", "pole 1, real"):
+        values = [trial[name].value for trial in trials]
+        told = np.median([trial[name].std for trial in trials])
+        # The ratio of a deviation from 40 values scatters by 11 %.
+        assert np.std(values, ddof=1) == pytest.approx(told, rel=0.4)
+
+
+def test_what_the_data_leave_open_has_no_value() -> None:
+    speed_only = identify(noisy_record(CHIRP, 0.01, 0.0, 1), Structure.linear(products=True, outputs=("dn",)))
+    found = closed_loop(speed_only)
+    assert speed_only["vK_p"].value is None
+    assert found["dM_b(inf)"].value is None
+    assert "changes along what the data leave open" in found["dM_b(inf)"].reason
+    assert found["crossover"].std < 0.1 * found["crossover"].value
+
+
+def test_a_structure_without_poles_is_refused(launch: Fingerprint) -> None:
+    other = replace(launch, structure={**launch.structure, "kind": "plant", "name": "plant"})
+    with pytest.raises(InputError, match="structure 'plant' of the fingerprint is not linear, expected one"):
+        closed_loop(other)
