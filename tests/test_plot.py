@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -173,3 +174,21 @@ def test_a_bar_never_reaches_zero_on_the_logarithmic_axis() -> None:
     amplitude, _ = plot.bode(measured)
     (bars,) = amplitude.containers[0].lines[2]
     np.testing.assert_allclose([segment[:, 1] for segment in bars.get_segments()], [[0.8, 1.2], [0.1, 7.0]])
+
+
+def test_a_correlogram_shows_every_lag_the_band_and_what_is_outside(fingerprint):
+    test = {"lags": [0, 1, 2, 4], "correlation": [0.01, 0.3, -0.02, -0.4], "band": [0.1, 0.1, 0.1, 0.1]}
+    found = replace(
+        fingerprint, residuals={"dn": {"autocorrelation": test, "set_point": test}}, data=({"rate_hz": 50.0},)
+    )
+    own, by_set_point = plot.correlogram(found, "dn")
+    for ax in (own, by_set_point):
+        within, outside = (line.get_xydata() for line in ax.lines[:2])
+        np.testing.assert_allclose(within, [[0.0, 0.01], [0.04, -0.02]])
+        np.testing.assert_allclose(outside, [[0.02, 0.3], [0.08, -0.4]])
+        assert UNIT.search(ax.get_xlabel())
+        assert UNIT.search(ax.get_ylabel())
+    left, right = by_set_point.get_xlim()
+    assert left < 0.0 < 0.08 < right
+    with pytest.raises(InputError, match="residuals of 'dM' are not in the fingerprint, found dn"):
+        plot.correlogram(found, "dM")

@@ -73,6 +73,12 @@ def report(tmp_path_factory) -> Path:
         derived={},
         identifiability=Identifiability(3, 4, np.inf),
         fit={"dn": {"nrmse_pct": 98.8, "whiteness_p": 0.3, "input_correlation_p": 1e-9}},
+        residuals={
+            "dn": {
+                kind: {"lags": [1, 2, 5], "correlation": [0.02, -0.4, 0.01], "band": [0.05, 0.05, 0.05]}
+                for kind in ("autocorrelation", "set_point")
+            }
+        },
         structure={"name": HOSTILE},
         vessel=HOSTILE,
         verdict=(f"Known: tau_n. {HOSTILE}",),
@@ -298,6 +304,18 @@ def test_it_can_be_read_aloud_and_walked_through_by_key(visit) -> None:
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.closest('.plot, .toolbar, thead, nav')?.className"))
     assert {"plot", "toolbar"} <= reached
+
+
+def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(visit) -> None:
+    page = visit(PHONE).page
+    figure = page.locator("section[aria-labelledby=residuals] figure")
+    assert figure.count() == 1
+    told = figure.locator("svg[role=img]").get_attribute("aria-label")
+    assert "their own past, 1 of 3 lags outside the band" in told
+    assert told == figure.locator("figcaption").inner_text()
+    page.keyboard.press("End")
+    region = figure.get_by_role("region")
+    assert region.evaluate("box => box.scrollWidth > box.clientWidth && box.tabIndex === 0")  # a key moves it
 
 
 def test_it_prints_with_its_plots_without_its_buttons_and_in_ink_on_white(visit) -> None:

@@ -57,6 +57,30 @@ def test_coloured_noise_taken_for_white_is_noticed_and_not_blamed_on_the_structu
     assert line.startswith("The noise is not what was assumed: whitened residuals are still correlated in dn")
 
 
+def outside(test):
+    return np.mean(np.abs(test["correlation"]) > test["band"])
+
+
+def test_the_correlogram_shows_what_the_tests_say():
+    """One lag in twenty outside the band by chance (60 draws, 25 lags), most of them where noise was taken for white."""
+    white = [
+        identify(noisy_record(EXCITATION, 0.05, 0.0, [2, k]), STRUCTURE, noise="white") for k in range(60)
+    ]
+    for kind in ("autocorrelation", "set_point"):
+        shares = [outside(found.residuals[output][kind]) for found in white for output in ("dn", "dM")]
+        assert np.mean(shares) == pytest.approx(0.05, abs=0.02)
+    coloured = identify(noisy_record(EXCITATION, 0.05, 0.9, 5), STRUCTURE, noise="white").residuals["dn"]
+    assert outside(coloured["autocorrelation"]) > 0.5
+    # The first-order noise's own correlation, 0.9 to the power of the lag.
+    assert coloured["autocorrelation"]["correlation"][:3] == pytest.approx([0.9, 0.81, 0.729], abs=0.05)
+    late = identify(
+        noisy_record(EXCITATION, 0.05, 0.0, 5, replace(LAUNCH, T_set=0.06)), STRUCTURE, noise="white"
+    )
+    followed = late.residuals["dM"]["set_point"]
+    assert outside(followed) > 0.3
+    assert followed["lags"][0] == 0
+
+
 def test_outliers_that_the_cost_holds_back_do_not_alarm():
     experiment = noisy_record(EXCITATION, 0.05, 0.0, 6)
     speed = np.array(experiment.signals["n_e"])

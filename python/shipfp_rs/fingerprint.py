@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -92,6 +92,9 @@ class Fingerprint:
     covariance
         "names" of the parameters searched for and not held by a bound, and the "matrix" of their covariances on the
         directions that the data tell.
+    residuals
+        Output to {"autocorrelation": ..., "set_point": ...}: "lags" [samples], "correlation" [-] of the whitened residuals
+        with themselves and with the set point that long before, and the half width of the "band" of 95 % by chance.
     """
 
     parameters: Mapping[str, Estimate]
@@ -106,6 +109,7 @@ class Fingerprint:
     versions: Mapping[str, str] = field(default_factory=dict)
     verdict: tuple[str, ...] = ()
     covariance: Mapping[str, Any] = field(default_factory=lambda: {"names": [], "matrix": []})
+    residuals: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """Return a parameter or derived combination by name."""
@@ -152,6 +156,7 @@ class Fingerprint:
             "versions": dict(self.versions),
             "verdict": list(self.verdict),
             "covariance": dict(self.covariance),
+            "residuals": {output: dict(tests) for output, tests in self.residuals.items()},
         }
 
     def save(self, path: str | Path) -> Path:
@@ -205,6 +210,7 @@ class Fingerprint:
             versions=content["versions"],
             verdict=tuple(content["verdict"]),
             covariance=content["covariance"],
+            residuals=content.get("residuals", {}),  # older files have none
         )
 
 

@@ -21,7 +21,7 @@ from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.innovations import with_innovations
 from shipfp_rs.problem import Block, Data
-from shipfp_rs.residuals import residual_figures
+from shipfp_rs.residuals import residual_tests
 from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
 from shipfp_rs.statistics import information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
@@ -349,9 +349,12 @@ def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
     structure, count = search.structure, len(search.free)
     found = estimates(search, best)
     parameters, derived, identifiability = found.parameters, found.derived, found.identifiability
-    figures = residual_figures(search, best)
+    tests = residual_tests(search, best)
     by_block = _fit_by_block(search, best.vector)
-    fit = {output: row | figures.get(output, {}) for output, row in _fit(search, by_block).items()}
+    fit = {
+        output: row | (tests[output].figures() if output in tests else {})
+        for output, row in _fit(search, by_block).items()
+    }
     data = tuple(_record(block, figures) for block, figures in zip(search.blocks, by_block, strict=True))
     unknown = (search.size - count) + found.rank
     overall = information_criteria(scatter_of(found.evaluations), found.samples, unknown)
@@ -363,6 +366,7 @@ def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
         covariance=found.covariance,
         identifiability=identifiability,
         fit={**fit, "overall": overall},
+        residuals={output: test.correlograms() for output, test in tests.items()},
         structure=structure.to_dict(),
         vessel=vessel,
         data=data,

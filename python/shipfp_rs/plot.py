@@ -278,6 +278,59 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
+    """Draw the correlations of an output's whitened residuals with their own past and with the set point, by lag.
+
+    What a right model leaves over stays within the band, which holds 95 % of the correlations of white noise, and of
+    noise that knows nothing of the set point (Ljung 1999, section 16.6).
+
+    Parameters
+    ----------
+    fingerprint
+        The result; its `residuals` hold what is drawn.
+    output
+        One of its outputs, such as "dn".
+    axes
+        Two, own past and set point; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+
+    Raises
+    ------
+    InputError
+        Where the fingerprint holds no residuals of the output.
+    """
+    if output not in fingerprint.residuals:
+        known = ", ".join(fingerprint.residuals) or "none: what was fitted has no order in time"
+        raise InputError(f"residuals of {output!r} are not in the fingerprint, found {known}")
+    panels = _panels(axes, 2)
+    rates = {record["rate_hz"] for record in fingerprint.data if "rate_hz" in record}
+    step, unit = (1.0 / rates.pop(), "s") if len(rates) == 1 else (1.0, "samples")
+    tests = fingerprint.residuals[output]
+    labels = ("autocorrelation [-]", "with the set point [-]")
+    for ax, kind, label in zip(panels, ("autocorrelation", "set_point"), labels, strict=True):
+        lags, correlation, band = (
+            np.asarray(tests[kind][name], dtype=np.float64) for name in ("lags", "correlation", "band")
+        )
+        lags = lags * step
+        outside = np.abs(correlation) > band
+        ax.fill_between(lags, -band, band, color=GREY, alpha=0.3, lw=0.0, step="mid", label="95 % by chance")
+        ax.vlines(lags, 0.0, correlation, colors=BLUE, lw=1.0)
+        ax.plot(lags[~outside], correlation[~outside], "o", color=BLUE, ms=4, label="within")
+        ax.plot(lags[outside], correlation[outside], "D", color=RED, ms=5, label="outside")
+        ax.axhline(0.0, color=GREY, lw=0.8)
+        dress(ax, label, legend=ax is panels[0])
+        ax.set_xlabel(f"lag [{unit}]")
+    # Lags of the set point grow by a factor: its answer may be missing at any time scale.
+    panels[1].set_xscale("symlog", linthresh=step, linscale=0.5)
+    panels[1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
+    panels[1].xaxis.set_major_formatter("{x:g}")
+    panels[1].set_xlabel(f"residual after the set point [{unit}]")
+    return panels
+
+
 def pulse_intervals(
     pulses: PulseTimes, pulses_per_rev: int, angles: ReflectorAngles | None = None, ax: Axes | None = None
 ) -> Axes:

@@ -62,6 +62,36 @@ class ResidualTest:
         """Probability of such correlations by chance."""
         return float(chi2.sf(self.statistic, self.freedom)) if self.freedom > 0 else None
 
+    def by_lag(self) -> dict[str, list[float]]:
+        """Return lags, correlations and bands as lists; lags without a pair of samples are left out."""
+        known = np.isfinite(self.band)
+        return {
+            "lags": self.lags[known].tolist(),
+            "correlation": self.correlation[known].tolist(),
+            "band": self.band[known].tolist(),
+        }
+
+
+@dataclass(frozen=True)
+class OutputTests:
+    """Both tests of one output's residuals, and how many samples they had."""
+
+    whiteness: ResidualTest
+    by_input: ResidualTest
+    samples: int
+
+    def figures(self) -> dict[str, float | None]:
+        """Return the two p-values and what the set point still explains [%], for the fingerprint's fit."""
+        return {
+            "whiteness_p": self.whiteness.p,
+            "input_correlation_p": self.by_input.p,
+            "input_explained_pct": 100.0 * min(self.by_input.statistic / self.samples, 1.0),
+        }
+
+    def correlograms(self) -> dict[str, dict[str, list[float]]]:
+        """Return the JSON form of the correlations by lag."""
+        return {"autocorrelation": self.whiteness.by_lag(), "set_point": self.by_input.by_lag()}
+
 
 def whiteness(
     records: Sequence[tuple[Array, Mask]], fitted: int = 0, lags: int = WHITENESS_LAGS
@@ -294,11 +324,8 @@ def responds(search: Search, minimum: Minimum) -> bool:
     return bool(chi2.sf(ratio, search.size) < STILL)
 
 
-def residual_figures(search: Search, minimum: Minimum) -> dict[str, dict[str, float | None]]:
-    """Return each output's figures for the fingerprint: the two p-values and what the set point still explains [%].
-
-    They are None for frequency responses, which have no order in time to test.
-    """
+def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:
+    """Test each output's residuals; nothing for frequency responses, which have no order in time."""
     experiments = [isinstance(block.data, Experiment) for block in search.blocks]
     if not any(experiments):
         return {}
@@ -306,13 +333,9 @@ def residual_figures(search: Search, minimum: Minimum) -> dict[str, dict[str, fl
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
     models = minimum.noise.models
-    figures: dict[str, dict[str, float | None]] = {}
+    tests: dict[str, OutputTests] = {}
     for index, (output, by_input) in enumerate(input_correlations(search, minimum, evaluations).items()):
         fitted = 0 if models is None else int(np.count_nonzero(models[index][1:]))
         white = whiteness([(record.residual[index], record.valid) for record in records], fitted)
-        figures[output] = {
-            "whiteness_p": white.p,
-            "input_correlation_p": by_input.p,
-            "input_explained_pct": 100.0 * min(by_input.statistic / samples, 1.0),
-        }
-    return figures
+        tests[output] = OutputTests(white, by_input, samples)
+    return tests

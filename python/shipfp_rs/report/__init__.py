@@ -91,7 +91,7 @@ def render(
         ("identifiability", "What the data can tell", findings.identifiability(fingerprint)),
         ("fit", "Fit", [*findings.fits(fingerprint), *_signals(experiments, simulated, pictures)]),
         ("responses", "Frequency responses", _responses(responses, pictures)),
-        ("residuals", "Residual tests", findings.residual_tests(fingerprint)),
+        ("residuals", "Residual tests", findings.residual_tests(fingerprint, pictures)),
         ("quality", "Log quality", fate.log_quality(experiments)),
         ("settings", "Settings and versions", _settings(fingerprint)),
     ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -154,8 +155,8 @@ def fits(fingerprint: Fingerprint) -> Iterable[str]:
         yield paragraph(f"All outputs together: {told}.", "lead")
 
 
-def residual_tests(fingerprint: Fingerprint) -> Iterable[str]:
-    """Yield what the residuals say of structure and noise model."""
+def residual_tests(fingerprint: Fingerprint, pictures: Pictures) -> Iterable[str]:
+    """Yield what the residuals say of structure and noise model, and their correlations by lag."""
     tested = {
         output: row
         for output, row in fingerprint.fit.items()
@@ -183,6 +184,21 @@ def residual_tests(fingerprint: Fingerprint) -> Iterable[str]:
     ]
     head = ["output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"]
     yield table("residual tests of each output", head, rows)
+    for output, correlations in fingerprint.residuals.items():
+        own, by_set_point = (_outside(correlations[kind]) for kind in ("autocorrelation", "set_point"))
+        yield pictures.draw(
+            2,
+            partial(plot.correlogram, fingerprint, output),
+            f"Whitened residuals of {wording.OUTPUTS.get(output, output)}: correlation with their own past, {own}, and "
+            f"with the set point, {by_set_point}. Of noise one lag in twenty is outside.",
+            height=1.7,
+            sharex=False,
+        )
+
+
+def _outside(test: Mapping[str, Sequence[float]]) -> str:
+    count = sum(abs(size) > band for size, band in zip(test["correlation"], test["band"], strict=True))
+    return f"{count or 'none'} of {len(test['lags'])} lags outside the band"
 
 
 def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell]:

@@ -22,7 +22,13 @@ class Pictures:
         self._count = 0
 
     def draw(
-        self, panels: int, paint: Callable[[Sequence[Axes]], object], caption: str, *, height: float = 2.0
+        self,
+        panels: int,
+        paint: Callable[[Sequence[Axes]], object],
+        caption: str,
+        *,
+        height: float = 2.0,
+        sharex: bool = True,
     ) -> str:
         """Return a figure element with `panels` axes above each other, painted by `paint`, each that high [in]."""
         from matplotlib import rc_context
@@ -34,7 +40,7 @@ class Pictures:
         self._count += 1
         with rc_context(style):
             figure = Figure(figsize=(9.0, 1.0 + height * panels), layout="constrained")
-            axes = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+            axes = figure.subplots(panels, 1, sharex=sharex, squeeze=False)[:, 0]
             for ax in axes:
                 ax.patch.set_alpha(0.0)
             paint([*axes])
