@@ -157,6 +157,22 @@ class TestInit:
         assert f"# The log has Sollwert [V], {torque} [mV], Impuls" in text
         assert "20 pulses a second" in text
 
+    def test_what_is_recorded_in_rpm_and_knm_needs_no_calibration(self, tmp_path, capsys) -> None:
+        """A text log of two lines of figures without time, unit-bearing heads, and nothing but rest in it."""
+        rows = "\n".join(f"{1183.8 + 0.1 * (k % 3):.1f};{1.725 + 1e-3 * (k % 5):.3f}" for k in range(6000))
+        (tmp_path / "run.csv").write_text(f"n_set [rpm];Torque [kNm]\n{rows}\n".replace(".", ","))
+        arguments = ["init", str(tmp_path / "new"), "--log", str(tmp_path / "run.csv")]
+        assert cli.main(arguments) == 2
+        assert "give rate_hz (--rate)" in one_line(capsys.readouterr().err)
+        assert cli.main([*arguments, "--rate", "100"]) == 0
+        told = " ".join(capsys.readouterr().out.split())
+        assert "no channel is a pulse train" in told
+        assert "nothing but rest" in told
+        trial = Trial.load(tmp_path / "new" / "TRIAL.toml")
+        assert trial.trial.rate_hz == 100.0
+        assert trial.channels.set_point.calibration.scale == 1.0
+        assert (trial.channels.torque.unit, trial.channels.torque.calibration.scale) == ("kNm", 1000.0)
+
     def test_it_never_overwrites(self, tmp_path, capsys) -> None:
         (tmp_path / "TRIAL.toml").write_text("mine")
         assert cli.main(["init", str(tmp_path)]) == 2

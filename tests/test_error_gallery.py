@@ -124,7 +124,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({"log.csv": "time,torque\n0,1\n"}, ["convert", "log.csv", "out.csv"]),
-        "log.csv: time column 'time' does not increase from row to row; give rate_hz",
+        "log.csv: time column 'time' does not increase from row to row; give rate_hz (--rate)",
     ),
     (
         ({"log.zip": "PK"}, ["convert", "log.zip", "out.parquet"]),
@@ -132,7 +132,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({"log.csv": "torque\n1\n2\n3\n"}, ["convert", "log.csv", "out.parquet"]),
-        "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz",
+        "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz (--rate)",
     ),
     (
         ({"TRIAL.toml": TRIAL_TEMPLATE}, ["inspect", "TRIAL.toml"]),

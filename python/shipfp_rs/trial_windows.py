@@ -13,6 +13,9 @@ from shipfp_rs.windows import FoundWindow, longest_rest
 
 TORQUE = "torq|moment|koppel|torsion|strain"
 """What a channel of the torque is called, in part."""
+TO_RPM: Mapping[str, float] = {"rpm": 1.0, "1/min": 1.0, "rev/min": 1.0, "U/min": 1.0, "rev/s": 60.0}
+TO_NM: Mapping[str, float] = {"Nm": 1.0, "N·m": 1.0, "kNm": 1e3, "kN·m": 1e3}
+"""Factors of units that need no calibration of their own."""
 
 
 def set_point_of(log: Log) -> str:
@@ -52,6 +55,7 @@ def filled_in(
     set_point: str,
     trains: Mapping[str, float],
     windows: Sequence[FoundWindow],
+    rate_hz: float | None = None,
 ) -> str:
     """Return the template of a TRIAL.toml with what a log tells: its channels, steady stretch and windows.
 
@@ -67,19 +71,25 @@ def filled_in(
         Channels that are pulse trains, with pulses per second.
     windows
         What was found in the set point.
+    rate_hz
+        Sample rate, where the log told none.
     """
     tables = {_header(table): table for table in template.split("\n\n")}
     tables["trial"] = _with(tables["trial"], "log", json.dumps(str(path)))
+    if rate_hz is not None:
+        tables["trial"] = re.sub(
+            "^# rate_hz = .*", f"rate_hz = {rate_hz!r}", tables["trial"], flags=re.MULTILINE
+        )
     there = (f"{one.name}{f' [{one.unit}]' if one.unit else ''}" for one in log.channels.values())
     about = f"# The log has {', '.join(there)}.\n"
-    tables["channels.set_point"] = about + _of(log.channel(set_point), tables["channels.set_point"])
+    tables["channels.set_point"] = about + _of(log.channel(set_point), tables["channels.set_point"], TO_RPM)
     torques = [
         name
         for name in log.channels
         if name != set_point and name not in trains and re.search(TORQUE, name, re.IGNORECASE)
     ]
     if len(torques) == 1:
-        tables["channels.torque"] = _of(log.channel(torques[0]), tables["channels.torque"])
+        tables["channels.torque"] = _of(log.channel(torques[0]), tables["channels.torque"], TO_NM)
     else:
         tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
     if trains:
@@ -105,12 +115,18 @@ def _with(table: str, key: str, value: str) -> str:
         new = f"{key} = {value}"
         return new.ljust(max(len(old[0]), len(new) + 1)) if old[1] else new
 
-    return re.sub(rf"^{key} = (?:\"[^\"]*\"|\[[^\]]*\]|\S+)( *)", line, table, count=1, flags=re.MULTILINE)
+    return re.sub(
+        rf"^{key} = (?:\"[^\"]*\"|\[[^\]]*\]|\{{[^}}]*\}}|\S+)( *)", line, table, count=1, flags=re.MULTILINE
+    )
 
 
-def _of(channel: Channel, table: str) -> str:
+def _of(channel: Channel, table: str, factors: Mapping[str, float]) -> str:
+    """Return a table for a channel; one of a known unit needs no calibration but that unit's factor."""
     table = _with(table, "column", json.dumps(channel.name))
-    return _with(table, "unit", json.dumps(channel.unit)) if channel.unit else table
+    if channel.unit:
+        table = _with(table, "unit", json.dumps(channel.unit))
+    factor = factors.get(channel.unit.replace(" ", ""))
+    return table if factor is None else _with(table, "calibration", f"{{ scale = {factor} }}")
 
 
 def _train(name: str, pulses_hz: float) -> str:

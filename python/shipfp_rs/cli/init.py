@@ -33,7 +33,7 @@ def init(
             raise InputError("--sweep: expected it without --log; a sweep has no log")
         from shipfp_rs.sweeps.template import SWEEP_TEMPLATE
 
-        _write(folder / "SWEEP.toml", SWEEP_TEMPLATE, "sweep")
+        _write(folder / "SWEEP.toml", SWEEP_TEMPLATE, "sweep", "ship, factors and noise")
         return
     from shipfp_rs.trial import TRIAL_TEMPLATE
 
@@ -55,14 +55,20 @@ def init(
                 name: pulse_rate(Rows(recording, name)) for name in recording.channels if name != channel
             }
         trains = {name: rate for name, rate in rates.items() if rate is not None}
-        text = filled_in(text, recording, log.resolve(), channel, trains, found)
+        text = filled_in(text, recording, log.resolve(), channel, trains, found, rate_hz)
         kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
         print_text(f"{log}, {channel}: {kinds}")
         if trains:
+            told = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in trains.items())
+            print_text(f"pulse trains: {told}; say in the file where each is and how many it gives a turn")
+        else:
             print_text(
-                f"pulse trains: {', '.join(f'{name} at {rate:.4g} Hz' for name, rate in trains.items())}"
+                "no channel is a pulse train, from which speed is found; of a speed recorded as such make a "
+                "shipfp_rs.Experiment in Python"
             )
-    _write(path, text, "run")
+        if all(window.kind == "steady" for window in found):
+            print_text("nothing but rest: the windows in the file are examples")
+    _write(path, text, "run", "ship, calibrations and pulses")
 
 
 def _new(path: Path) -> Path:
@@ -71,8 +77,8 @@ def _new(path: Path) -> Path:
     return path
 
 
-def _write(path: Path, text: str, command: str) -> None:
+def _write(path: Path, text: str, command: str, what: str) -> None:
     from shipfp_rs.files import write_text_atomically
 
     write_text_atomically(_new(path), text)
-    print_text(f"wrote {path}", f"Fill it in, then: shipfp {command} {path}")
+    print_text(f"wrote {path}", f"Fill in {what}, then: shipfp {command} {path}")

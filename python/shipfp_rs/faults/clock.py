@@ -131,7 +131,7 @@ class ClockScan:
             return Clock(self._start, np.nan, whole, ())
         if not self._interval > 0.0:
             raise InputError(
-                f"{name}: time column {column!r} does not increase from row to row; give rate_hz"
+                f"{name}: time column {column!r} does not increase from row to row; give rate_hz (--rate)"
             )
         rows, jumps = np.concatenate([[], *self._rows]).astype(np.int64), np.concatenate([[], *self._jumps])
         unknown = np.flatnonzero(~np.isfinite(jumps))
@@ -141,7 +141,7 @@ class ClockScan:
             raise InputError(
                 f"{name}: time column {column!r} is not uniform at row {rows[worst] + 1}: a step of "
                 f"{jumps[worst]:g} s, expected {self._interval:g} s; {len(rows)} such rows in {self._count} are no "
-                "clock: cut the file there or give rate_hz"
+                "clock: cut the file there or give rate_hz (--rate)"
             )
         rate_hz = even / float(self._last - self._start - jumps.sum())
         rate_hz = float(
@@ -174,7 +174,7 @@ class ClockScan:
             if moved > LONGEST_GAP * self._count:
                 raise InputError(
                     f"{name}: time column {column!r} jumps by {jump:g} s at row {row + 1}; cut the file there, or "
-                    "give rate_hz"
+                    "give rate_hz (--rate)"
                 )
             first = row
             if moved > 0 and behind and abs(moved - behind) <= 1:

@@ -49,7 +49,9 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
             )
         step = channel.x_step_width
         if rate_hz is None and not (math.isfinite(step) and step > 0):
-            raise InputError(f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz")
+            raise InputError(
+                f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz (--rate)"
+            )
         if channel.name in keys:
             raise InputError(f"{path}: channel {channel.name!r} stands there twice; give each its own name")
         scaled = channel.y_factor != 1.0 or channel.y_offset != 0.0

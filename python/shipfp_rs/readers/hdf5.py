@@ -175,7 +175,7 @@ def _time_of(path: Path, key: str, length: int, times: dict[str, _Row]) -> str:
         if not above:
             raise InputError(
                 f"{path}: no time base for {key!r}: neither an attribute rate_hz nor a dataset time of its "
-                f"{length} samples; add one or give rate_hz"
+                f"{length} samples; add one or give rate_hz (--rate)"
             )
         above = posixpath.dirname(above)
 

@@ -82,7 +82,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
         if length not in clocks and rate is None:
             raise InputError(
                 f"{path}: no time base for {name!r}: neither a scalar rate_hz nor a vector time of its {length} "
-                "samples; add one or give rate_hz"
+                "samples; add one or give rate_hz (--rate)"
             )
         start_s, own_rate = clocks.get(length, (0.0, rate))
         channels.append(Channel(name, "", float(own_rate or 0.0), length, start_s))

@@ -76,7 +76,7 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
 def _group_time(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> tuple[float, float]:
     """Start [s] and rate [Hz] of a channel group."""
     if file.masters_db.get(number) is None and rate_hz is None:
-        raise InputError(f"{path}: group {number} has no time channel; give rate_hz")
+        raise InputError(f"{path}: group {number} has no time channel; give rate_hz (--rate)")
     master = (
         file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
         for start in range(0, count, BLOCK)

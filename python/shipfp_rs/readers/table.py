@@ -72,7 +72,7 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
         if rate is None:
             raise InputError(
                 f"{path}: no time base for {name!r}: neither a column {TIME_NAMES[0]!r} nor a rate; add the "
-                "column or give rate_hz"
+                "column or give rate_hz (--rate)"
             )
         begin = facts.get("start_s", start_s)
         # A column with a rate of its own does not go by the time column.

@@ -39,7 +39,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             continue
         step = float(channel.properties.get("wf_increment", math.nan))
         if rate_hz is None and not 0.0 < step < math.inf:
-            raise InputError(f"{path}: channel {name!r} tells no wf_increment above 0; give rate_hz")
+            raise InputError(f"{path}: channel {name!r} tells no wf_increment above 0; give rate_hz (--rate)")
         offset = float(channel.properties.get("wf_start_offset", 0.0))
         if not math.isfinite(offset):
             raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")

@@ -60,7 +60,7 @@ def time_base(
             last = start - interval
             if check and not interval > 0.0:
                 raise InputError(
-                    f"{path}: time column {name!r} does not increase from row to row; give rate_hz"
+                    f"{path}: time column {name!r} does not increase from row to row; give rate_hz (--rate)"
                 )
         if check:
             steps = np.diff(block, prepend=last)
@@ -68,7 +68,7 @@ def time_base(
             if bad.size:
                 raise InputError(
                     f"{path}: time column {name!r} is not uniform at row {count + int(bad[0]) + 1}: a step "
-                    f"of {steps[bad[0]]:g} s, expected {interval:g} s; cut the file there or give rate_hz"
+                    f"of {steps[bad[0]]:g} s, expected {interval:g} s; cut the file there or give rate_hz (--rate)"
                 )
         last = float(block[-1])
         count += len(block)
