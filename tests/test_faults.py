@@ -7,16 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shipfp_rs._core import RepeatScan
 from shipfp_rs.faults import Fault, simulated
 from shipfp_rs.faults.chirp import constant_frequency
 from shipfp_rs.faults.extremes import BlockExtremes
 from shipfp_rs.faults.hum import HumScan, without_hum
 from shipfp_rs.faults.levels import BLOCK, find_level_faults
-from shipfp_rs.faults.repeats import RepeatScan
+from shipfp_rs.faults.repeats import TAPS
 from shipfp_rs.faults.scan import scan
 from shipfp_rs.log import Log
 from shipfp_rs.rows import Rows
 from shipfp_rs.spans import apart_from, clipped_to, joined, marks, runs
+from tests.twins.repeats import recurring
 
 RATE_HZ = 2000.0
 SAMPLES = 40_000
@@ -118,6 +120,28 @@ def test_steps_and_jumps_are_no_hum() -> None:
     assert found(samples, mains_hz=50.0) == {}
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    rest=st.integers(0, 60),
+    levels=st.sampled_from([2, 5, 4000]),
+    start=st.integers(0, 300),
+    count=st.integers(130, 300),
+)
+def test_prints_recur_only_where_samples_do(
+    seed: int, rest: int, levels: int, start: int, count: int
+) -> None:
+    rounded = np.random.default_rng(seed).integers(0, levels, 600) * 0.25
+    rounded[:rest] = rounded[0]
+    samples = simulated.write_twice({"u": rounded}, start, count, over=False)["u"].astype(np.float32)
+    scanner = RepeatScan()
+    scanner.feed(samples)
+    candidates = {tuple(pair) for pair in scanner.candidates().tolist()}
+    assert candidates <= recurring(samples, TAPS)
+    if levels > 5 and count > 250:
+        assert {lag for _, lag in candidates} == {count}
+
+
 @settings(max_examples=15, deadline=None)
 @given(start=st.integers(0, 20_000), count=st.integers(300, 5_000), over=st.booleans())
 def test_rows_recorded_twice_are_told_to_the_sample(start: int, count: int, over: bool) -> None:
@@ -149,7 +173,7 @@ def test_chunks_make_no_difference(cuts: list[int]) -> None:
     prints_whole, prints_parts = RepeatScan(), RepeatScan()
     twice = simulated.write_twice({"u": samples[:20_000]}, 4_000, 900, over=False)["u"]
     fed(prints_whole, twice, []), fed(prints_parts, twice, [cut for cut in cuts if cut < len(twice)])
-    assert prints_whole.candidates() == prints_parts.candidates()
+    assert prints_whole.candidates().tolist() == prints_parts.candidates().tolist()
 
 
 def test_integers_are_looked_at_as_they_are() -> None:

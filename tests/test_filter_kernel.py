@@ -1,4 +1,4 @@
-"""The running median, the decimating low-pass and the all-pole filter give what their twins, and SciPy, give."""
+"""The running median, spikes, the decimating low-pass, slopes and the all-pole filter: as their twins, and SciPy, say."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import signal
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 
-from shipfp_rs._core import Decimator, all_pole_backwards, running_median
+from shipfp_rs._core import Decimator, all_pole_backwards, find_spikes, running_median, slope_at_even_times
 from shipfp_rs.errors import InputError
 from tests.twins import filter as twin
 
@@ -29,6 +30,57 @@ def test_a_long_signal_has_scipys_running_median(window):
     rng = np.random.default_rng(3)
     torque = 1725.0 + 60.0 * np.sin(np.arange(50_000) * 0.19) + rng.normal(0.0, 21.0, 50_000)
     np.testing.assert_array_equal(running_median(torque, window), median_filter(torque, window))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    level=st.sampled_from([-1725.0, 0.0, 1184.0]),
+    swing=st.sampled_from([0.0, 30.0, 200.0]),
+    noise=st.sampled_from([0.0, 0.5, 20.0]),
+    strikes=st.lists(
+        st.tuples(st.integers(0, 1499), st.integers(1, 60), st.sampled_from([-900.0, 100.0, 3000.0]))
+    ),
+    step=st.sampled_from([0.0, 80.0]),
+    least=st.sampled_from([0.0, 0.05, 0.5]),
+)
+def test_any_signal_has_the_twins_spikes(seed, level, swing, noise, strikes, step, least):
+    samples = (
+        level + swing * np.sin(np.arange(1500) * 0.02) + np.random.default_rng(seed).normal(0.0, noise, 1500)
+    )
+    samples[seed % 1500 :] += step
+    for start, length, height in strikes:
+        samples[start : start + length] += height
+    rule = {"longest": 40, "stride": 3, "scale_window": 101, "threshold": 6.0, "least": least}
+    np.testing.assert_array_equal(find_spikes(samples, **rule), twin.spikes(samples, **rule))
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    steps=st.lists(st.floats(1e-3, 0.5), min_size=2, max_size=60),
+    seed=st.integers(0, 1000),
+    start=st.floats(-2.0, 8.0),
+    rate=st.sampled_from([7.3, 200.0, 2000.0]),
+)
+def test_a_splines_slopes_are_scipys_to_the_last_bit(steps, seed, start, rate):
+    edges = 1.0 + np.cumsum(steps)
+    spline = CubicSpline(edges, np.random.default_rng(seed).normal(size=len(edges)), bc_type="natural")
+    grid = start + np.arange(900) / rate
+    first, slopes = slope_at_even_times(edges, spline.c, start, rate, 900)
+    inside = slice(*np.searchsorted(grid, edges[[0, -1]]))
+    assert (first, len(slopes)) == (inside.start, inside.stop - inside.start)
+    np.testing.assert_array_equal(slopes, spline(grid[inside], 1))
+
+
+def test_spikes_and_slopes_refuse_what_makes_no_sense():
+    with pytest.raises(InputError, match="longest, stride: found 0 and 1"):
+        find_spikes(np.zeros(9), 0, 1, 3, 6.0, 0.05)
+    with pytest.raises(InputError, match="expected \\[4, N - 1\\]"):
+        slope_at_even_times(np.arange(3.0), np.zeros((4, 3)), 0.0, 1.0, 5)
+    with pytest.raises(InputError, match="ascend"):
+        slope_at_even_times(np.array([1.0, 0.0]), np.zeros((4, 1)), 0.0, 1.0, 5)
+    with pytest.raises(InputError, match="the rate positive"):
+        slope_at_even_times(np.array([0.0, 1.0]), np.zeros((4, 1)), 0.0, 0.0, 5)
 
 
 def test_numbers_that_differ_in_their_last_bits_only_are_told_apart():

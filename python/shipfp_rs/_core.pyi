@@ -13,11 +13,13 @@ __all__ = [
     "PLANT_PARAMETERS",
     "Decimator",
     "PulseCrossings",
+    "RepeatScan",
     "__version__",
     "_panic_for_test",
     "_spin_for_test",
     "all_pole_backwards",
     "drive_train_rates",
+    "find_spikes",
     "linear_cost",
     "linear_cost_batch",
     "linear_products",
@@ -31,6 +33,7 @@ __all__ = [
     "simulate_plant",
     "simulate_plant_batch",
     "simulate_statespace",
+    "slope_at_even_times",
     "statespace_response",
 ]
 
@@ -194,4 +197,25 @@ class Decimator:
 def all_pole_backwards(
     rows: NDArray[np.float64], model: NDArray[np.float64], after: NDArray[np.float64]
 ) -> NDArray[np.float64]: ...
+def find_spikes(
+    samples: NDArray[np.float64],
+    longest: int,
+    stride: int,
+    scale_window: int,
+    threshold: float,
+    least: float,
+) -> NDArray[np.int64]: ...
 def running_median(samples: NDArray[np.float64], window: int) -> NDArray[np.float64]: ...
+def slope_at_even_times(
+    edges: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
+    start: float,
+    rate: float,
+    count: int,
+) -> tuple[int, NDArray[np.float64]]: ...
+
+@final
+class RepeatScan:
+    def __new__(cls) -> Self: ...
+    def feed(self, samples: NDArray[np.float32]) -> None: ...
+    def candidates(self) -> NDArray[np.int64]: ...

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs._core import running_median
-from shipfp_rs.spans import Spans, joined, runs
+from shipfp_rs import _core
+from shipfp_rs.spans import Spans
 
 Array = npt.NDArray[np.float64]
 
@@ -18,12 +18,6 @@ SCALE_WINDOW_S = 1.0
 
 SCALE_SAMPLES = 500
 """Samples in that stretch which are looked at, where there are so many."""
-
-COMES_BACK = 0.3
-"""Largest difference of level before and after a spike, as a share of its height."""
-
-SHOULDER = 0.5
-"""Share of the threshold down to which a spike's flanks belong to it."""
 
 
 def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: float, least: float) -> Spans:
@@ -51,26 +45,16 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     -----
     F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
-    longest = max(round(longest_s * rate_hz), 1)
-    baseline = running_median(samples, 2 * longest + 1)
-    distance = np.abs(samples - baseline)
     # A few hundred samples tell a spread; the others say the same again.
     stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
-    scale_window = 2 * round(0.5 * SCALE_WINDOW_S * rate_hz / stride) + 1
-    spread = ROBUST_SIGMA * np.repeat(running_median(distance[::stride].copy(), scale_window), stride)
-    limit = np.maximum(
-        threshold * spread[: len(samples)], least * float(np.median(np.abs(baseline[::stride])))
+    return _core.find_spikes(
+        np.ascontiguousarray(samples, dtype=np.float64),
+        longest=max(round(longest_s * rate_hz), 1),
+        stride=stride,
+        scale_window=2 * round(0.5 * SCALE_WINDOW_S * rate_hz / stride) + 1,
+        threshold=threshold,
+        least=least,
     )
-    suspects = runs(distance > SHOULDER * limit)
-    # A spike that swings through the baseline is one spike.
-    suspects = joined([suspects], gap=max(longest // 10, 1))
-    spikes = [
-        (start, stop)
-        for start, stop in suspects.tolist()
-        if stop - start <= longest
-        and _comes_back(samples, distance, limit, start, stop, max(longest // 2, 1))
-    ]
-    return np.array(spikes, dtype=np.int64).reshape(-1, 2)
 
 
 def bridge(samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
@@ -81,15 +65,3 @@ def bridge(samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
     bridged = samples.copy()
     bridged[missing] = np.interp(index[missing], index[~missing], samples[~missing])
     return bridged
-
-
-def _comes_back(samples: Array, distance: Array, limit: Array, start: int, stop: int, nearby: int) -> bool:
-    """Whether the suspects from `start` to `stop` are high enough and the signal goes on where it was left."""
-    peak = start + int(np.argmax(distance[start:stop]))
-    if distance[peak] <= limit[peak]:
-        return False
-    sides = samples[max(start - nearby, 0) : start], samples[stop : stop + nearby]
-    if not (sides[0].size and sides[1].size):
-        return True
-    before, after = (float(np.median(side)) for side in sides)
-    return abs(after - before) < COMES_BACK * abs(float(samples[peak]) - before)

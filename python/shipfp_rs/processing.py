@@ -27,7 +27,7 @@ from shipfp_rs.log import Channel, Log
 from shipfp_rs.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
 from shipfp_rs.plausibility import require_sense, require_unit
 from shipfp_rs.pulse_train import PulseTrain
-from shipfp_rs.rows import Rows
+from shipfp_rs.rows import STRETCH_BYTES, Rows
 from shipfp_rs.spans import clipped_to, joined, marks
 from shipfp_rs.tacho import resample
 from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Tacho, Torque, Trial, Window
@@ -146,8 +146,15 @@ class _Recording:
         self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
-    def _rows(self, sensor: SetPoint | Torque | Tacho) -> Rows:
-        return Rows(self.log, sensor.column, delay_s=sensor.delay_s, size=self._chunk, stopped=self._stopped)
+    def _rows(self, sensor: SetPoint | Torque | Tacho, kept_bytes: int = 0) -> Rows:
+        return Rows(
+            self.log,
+            sensor.column,
+            delay_s=sensor.delay_s,
+            size=self._chunk,
+            kept_bytes=kept_bytes,
+            stopped=self._stopped,
+        )
 
     def _grid(self, label: str) -> _Grid:
         """Times from a sample of the set point on; whatever else is evaluated at them."""
@@ -185,7 +192,7 @@ class _Recording:
 
     def _cleaned(self, sensor: SetPoint | Torque) -> dict[str, _Cleaned]:
         """Calibrate, repair and resample a channel in every stretch."""
-        rows = self._rows(sensor)
+        rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
         for label, grid in self.grids.items():
             cleaner = Cleaner(rows, sensor, self.trial.processing, *self._within(rows, label))

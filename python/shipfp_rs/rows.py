@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from shipfp_rs.log import BLOCK, Log, Samples
 
 KEPT = 1 << 17
 """Samples that stay at hand behind the last one read: stretches overlap by filter margins of a second or two."""
+STRETCH_BYTES = 1 << 27
+"""Memory for a channel whose stretches are gone through more than once: over four hours at 2 kHz as float32."""
 
 
 class Stopped(Exception):
@@ -30,6 +33,8 @@ class Rows:
         How late the channel tells what happened [s]; its samples are taken to be that much older.
     size
         Samples read at once; results do not depend on it.
+    kept_bytes
+        Memory in which samples stay at hand behind the last one read; whoever goes further back reads again.
     stopped
         Set by another thread to end the reading.
     """
@@ -41,6 +46,7 @@ class Rows:
         *,
         delay_s: float = 0.0,
         size: int | None = None,
+        kept_bytes: int = 0,
         stopped: threading.Event | None = None,
     ) -> None:
         self.log = log
@@ -48,9 +54,10 @@ class Rows:
         self._start_s = recorded.start_s
         self.channel = replace(recorded, start_s=recorded.start_s - delay_s)
         self._size = size or BLOCK
+        self._kept_bytes = kept_bytes
         self._stopped = stopped or threading.Event()
         self._chunks: Iterator[Samples] = iter(())
-        self._held: deque[tuple[int, Samples]] = deque()
+        self._held: list[tuple[int, Samples]] = []  # one after the other, up to the row that comes next
         self._at = -1  # row that the next chunk begins with
 
     def within(self, start_s: float, stop_s: float) -> tuple[int, int]:
@@ -74,25 +81,20 @@ class Rows:
             )
             self._at = first
             self._held.clear()
-        held = 0
         while first < stop:
-            if held == len(self._held):
-                held -= self._read_on()
-            start, chunk = self._held[held]
-            held += 1
-            if first < start + len(chunk):
-                yield chunk[first - start : stop - start]
-                first = start + len(chunk)
+            while first >= self._at:
+                self._read_on()
+            start, chunk = self._held[bisect_right(self._held, first, key=itemgetter(0)) - 1]
+            yield chunk[first - start : stop - start]
+            first = start + len(chunk)
 
-    def _read_on(self) -> int:
-        """Hold one chunk more; return how many old ones were given up."""
+    def _read_on(self) -> None:
+        """Hold one chunk more, and give up old ones."""
         if self._stopped.is_set():
             raise Stopped
         chunk = next(self._chunks)
         self._held.append((self._at, chunk))
+        kept_from = self._at - max(KEPT, self._kept_bytes // chunk.itemsize)
         self._at += len(chunk)
-        given_up = 0
-        while len(self._held) > 1 and self._held[1][0] <= self._at - len(chunk) - KEPT:
-            self._held.popleft()
-            given_up += 1
-        return given_up
+        given_up = bisect_right(self._held, kept_from, key=itemgetter(0)) - 1
+        del self._held[: max(given_up, 0)]

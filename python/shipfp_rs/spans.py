@@ -45,8 +45,7 @@ def clipped_to(spans: Spans, first: int, stop: int) -> Spans:
 
 def marks(spans: Spans, first: int, stop: int) -> npt.NDArray[np.bool_]:
     """Return a flag for each sample of [first, stop) that tells whether a span holds it."""
-    change = np.zeros(stop - first + 1, dtype=np.int64)
-    cut = np.clip(spans, first, stop) - first
-    np.add.at(change, cut[:, 0], 1)
-    np.add.at(change, cut[:, 1], -1)
-    return np.asarray(np.cumsum(change[:-1]) > 0)
+    flags = np.zeros(stop - first, dtype=np.bool_)
+    for start, end in (clipped_to(spans, first, stop) - first).tolist():
+        flags[start:end] = True
+    return flags

@@ -10,6 +10,7 @@ pub mod linear;
 pub mod plant;
 pub mod pool;
 pub mod pulse;
+pub mod repeats;
 pub mod statespace;
 pub mod stop;
 

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from shipfp_rs.spans import joined, runs
+
 
 def running_median(samples: np.ndarray, window: int) -> np.ndarray:
     """Sort every window of the signal reflected at its ends."""
@@ -19,3 +21,27 @@ def decimated(samples: np.ndarray, taps: np.ndarray, up: int, down: int, total: 
     stuffed = np.zeros((ahead + len(samples) + behind) * up)
     stuffed[::up] = np.pad(samples, (ahead, behind), mode="edge")
     return up * np.convolve(stuffed, taps, mode="same")[ahead * up :: down][:total]
+
+
+def spikes(
+    samples: np.ndarray, longest: int, stride: int, scale_window: int, threshold: float, least: float
+) -> np.ndarray:
+    """Hampel's rule sample by sample, then a look at every run of suspects."""
+    baseline = running_median(samples, 2 * longest + 1)
+    distance = np.abs(samples - baseline)
+    spread = 1.4826 * np.repeat(running_median(distance[::stride], scale_window), stride)[: len(samples)]
+    limit = np.maximum(threshold * spread, least * np.median(np.abs(baseline[::stride])))
+    nearby = max(longest // 2, 1)
+
+    def is_spike(start: int, stop: int) -> bool:
+        peak = start + int(np.argmax(distance[start:stop]))
+        before, after = samples[max(start - nearby, 0) : start], samples[stop : stop + nearby]
+        if stop - start > longest or distance[peak] <= limit[peak]:
+            return False
+        if not (before.size and after.size):
+            return True
+        left = np.median(before)
+        return bool(abs(np.median(after) - left) < 0.3 * abs(samples[peak] - left))
+
+    suspects = joined([runs(distance > 0.5 * limit)], gap=max(longest // 10, 1))
+    return np.array([span for span in suspects.tolist() if is_spike(*span)], dtype=np.int64).reshape(-1, 2)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs._core import RepeatScan
 from shipfp_rs.faults.extremes import BlockExtremes
 from shipfp_rs.faults.hum import HumScan
 from shipfp_rs.faults.levels import BLOCK, LevelLimits, find_level_faults
-from shipfp_rs.faults.repeats import RepeatScan, repeated_rows
+from shipfp_rs.faults.repeats import repeated_rows
 from shipfp_rs.spans import Spans
 
 if TYPE_CHECKING:
@@ -59,10 +60,9 @@ def scan(
         if hum is not None:
             hum.feed(chunk)
         if prints is not None:
-            prints.feed(chunk)
-    reader = _Reader(log, about.name)
+            prints.feed(np.ascontiguousarray(chunk, dtype=np.float32))
     found = find_level_faults(
-        extremes, lambda start, end: reader(first + start, first + end), about.rate_hz, limits
+        extremes, lambda start, end: channel_rows.read(first + start, first + end), about.rate_hz, limits
     )
     if hum is not None:
         found["D2"] = hum.spans(least_hum * extremes.typical)

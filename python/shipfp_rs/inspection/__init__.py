@@ -27,7 +27,7 @@ from shipfp_rs.inspection.checks import (
 from shipfp_rs.inspection.spectrum import Peak, amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.log import Log
 from shipfp_rs.low_pass import PASSBAND
-from shipfp_rs.rows import Rows
+from shipfp_rs.rows import STRETCH_BYTES, Rows
 from shipfp_rs.trial import SIGNAL_OF_LOCATION, Trial
 from shipfp_rs.trial_windows import set_point_of
 from shipfp_rs.vessel import Vessel
@@ -206,7 +206,8 @@ def _recorded(log: Log, reports: Sequence[ChannelReport]) -> list[Fault]:
     for report in reports:
         channel = report.channel
         if report.pulses_hz is None and channel.samples:
-            spans = scan(Rows(log, channel.name), 0, channel.samples, repeats=True)
+            rows = Rows(log, channel.name, kept_bytes=STRETCH_BYTES)
+            spans = scan(rows, 0, channel.samples, repeats=True)
         else:
             spans = {"gap": report.gaps}
         found += [Fault(kind, channel.name, "as recorded", where) for kind, where in spans.items()]

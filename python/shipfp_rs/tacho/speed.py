@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from shipfp_rs._core import slope_at_even_times
 from shipfp_rs.errors import InputError
 from shipfp_rs.tacho.angles import ReflectorAngles, align_angles
 from shipfp_rs.tacho.tracks import Track, checked_times, cut_tracks, require_positive
@@ -138,11 +139,11 @@ def resample(
     count = round((stop_s - start_s) * rate_hz)
     if not count > 0:
         raise InputError(f"stop_s: found {stop_s} with start_s = {start_s}, expected later")
-    grid = start_s + np.arange(count) / rate_hz
     speed = np.full(count, np.nan)
     for _, edges, turned in unbroken(interval_speed):
-        inside = slice(*np.searchsorted(grid, edges[[0, -1]]))
-        speed[inside] = CubicSpline(edges, turned, bc_type="natural")(grid[inside], 1)
+        spline = CubicSpline(edges, turned, bc_type="natural")
+        first, slopes = slope_at_even_times(edges, spline.c, start_s, rate_hz, count)
+        speed[first : first + len(slopes)] = slopes
     masked = np.isnan(speed)
     return speed, masked
 

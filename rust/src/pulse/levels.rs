@@ -1,5 +1,7 @@
 //! The two state levels of a pulse train, from histograms.
 
+use multiversion::multiversion;
+
 use super::sample::Sample;
 use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
@@ -13,6 +15,7 @@ const LANES: usize = 8;
 /// What lies beyond is taken for saturated, as infinity is: differences of what lies within are finite.
 const LARGEST: f64 = f64::MAX / 4.0;
 
+#[inline(always)]
 fn is_usable(x: f64) -> bool {
     x.abs() <= LARGEST
 }
@@ -52,40 +55,43 @@ pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)>
     Ok((low, high))
 }
 
-/// Call `take` with every sample and a lane; neighbours are in different lanes, so that they need not wait for one
-/// another.
-#[allow(clippy::inline_always)]
-#[inline(always)]
-fn by_lane<T: Sample>(samples: &[T], stop: &Stop, mut take: impl FnMut(usize, f64)) -> Result<()> {
-    for part in samples.chunks(CHECK_EVERY) {
-        stop.check()?;
-        let (rows, rest) = part.as_chunks::<LANES>();
-        for row in rows {
-            for (lane, &x) in row.iter().enumerate() {
-                take(lane, x.into());
-            }
-        }
-        for &x in rest {
-            take(0, x.into());
-        }
-    }
-    Ok(())
-}
-
 /// Least and greatest finite sample, and how many are finite.
 fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)> {
+    let (mut low, mut high, mut count) = (f64::INFINITY, f64::NEG_INFINITY, 0);
+    for part in samples.chunks(CHECK_EVERY) {
+        stop.check()?;
+        let found = range_of(part);
+        (low, high, count) = (low.min(found.0), high.max(found.1), count + u64::from(found.2));
+    }
+    Ok((low, high, count))
+}
+
+/// The same of a few samples; compiled once for each instruction set and chosen at run time.
+///
+/// Neighbours are in different lanes, so that they need not wait for one another.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
+fn range_of<T: Sample>(samples: &[T]) -> (f64, f64, u32) {
     let mut low = [f64::INFINITY; LANES];
     let mut high = [f64::NEG_INFINITY; LANES];
     let mut count = [0; LANES];
-    by_lane(samples, stop, |lane, x| {
-        let finite = is_usable(x);
-        low[lane] = if finite && x < low[lane] { x } else { low[lane] };
-        high[lane] = if finite && x > high[lane] { x } else { high[lane] };
-        count[lane] += u64::from(finite);
-    })?;
+    let (rows, rest) = samples.as_chunks::<LANES>();
+    // By index: an iterator over the lanes would keep them in memory.
+    #[allow(clippy::needless_range_loop)]
+    for row in rows {
+        for lane in 0..LANES {
+            let x: f64 = row[lane].into();
+            let finite = is_usable(x);
+            low[lane] = if finite && x < low[lane] { x } else { low[lane] };
+            high[lane] = if finite && x > high[lane] { x } else { high[lane] };
+            count[lane] += u32::from(finite);
+        }
+    }
+    for x in rest.iter().map(|&x| x.into()).filter(|&x| is_usable(x)) {
+        (low[0], high[0], count[0]) = (low[0].min(x), high[0].max(x), count[0] + 1);
+    }
     let low = low.into_iter().fold(f64::INFINITY, f64::min);
     let high = high.into_iter().fold(f64::NEG_INFINITY, f64::max);
-    Ok((low, high, count.iter().sum()))
+    (low, high, count.iter().sum())
 }
 
 /// Counts in bins of `width` from `low` on; what lies outside is counted at the ends.
@@ -93,12 +99,36 @@ fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Res
     // What is not finite goes to the bin past the last.
     let mut lanes = [[0_u64; BINS + 1]; LANES];
     let scale = width.recip();
-    by_lane(samples, stop, |lane, x| {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped
-        let bin = ((x - low) * scale).clamp(0.0, (BINS - 1) as f64) as u8;
-        lanes[lane][if is_usable(x) { usize::from(bin) } else { BINS }] += 1;
-    })?;
+    let mut places = [0; CHECK_EVERY];
+    for part in samples.chunks(CHECK_EVERY) {
+        stop.check()?;
+        places_of(part, low, scale, &mut places[..part.len()]);
+        let (rows, rest) = places[..part.len()].as_chunks::<LANES>();
+        // Neighbours mostly fall into one bin: in tables of their own they need not wait for one another.
+        for row in rows {
+            for (table, &place) in lanes.iter_mut().zip(row) {
+                table[usize::from(place)] += 1;
+            }
+        }
+        for &place in rest {
+            lanes[0][usize::from(place)] += 1;
+        }
+    }
     Ok(std::array::from_fn(|bin| lanes.iter().map(|bins| bins[bin]).sum()))
+}
+
+/// The bin of each sample; compiled once for each instruction set and chosen at run time.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
+fn places_of<T: Sample>(samples: &[T], low: f64, scale: f64, places: &mut [u8]) {
+    for (place, &x) in places.iter_mut().zip(samples) {
+        let x: f64 = x.into();
+        // Clamped in floating point: a bin fits in a byte. What is not finite clamps to something, too.
+        let bin =
+            if is_usable(x) { ((x - low) * scale).max(0.0).min((BINS - 1) as f64) } else { BINS as f64 };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let bin = bin as i32 as u8;
+        *place = bin;
+    }
 }
 
 /// The first bin that does not lie wholly within the tail.

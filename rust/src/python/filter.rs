@@ -20,6 +20,45 @@ fn running_median<'py>(
     Ok(medians.into_pyarray(py))
 }
 
+/// The spikes of a signal, int64 [K, 2]: first sample and first one after; see ARCHITECTURE.md.
+#[pyfunction]
+fn find_spikes<'py>(
+    py: Python<'py>,
+    samples: &Bound<'py, PyAny>,
+    longest: usize,
+    stride: usize,
+    scale_window: usize,
+    threshold: f64,
+    least: f64,
+) -> PyResult<Bound<'py, PyArray2<i64>>> {
+    let samples: Vector<'_> = borrow("samples", samples)?;
+    let samples = samples.as_slice()?;
+    let rule = filter::SpikeRule { longest, stride, scale_window, threshold, least };
+    let spikes = guard::run(py, samples.len(), |stop| filter::find_spikes(samples, &rule, stop))?;
+    let flat: Vec<i64> =
+        spikes.iter().flat_map(|&(start, end)| [start, end]).map(|at| (at as u64).cast_signed()).collect();
+    hand_back(py, flat, [spikes.len(), 2])
+}
+
+/// Slopes of a piecewise cubic at the times `start + k / rate` within its edges, and the first such k < `count`.
+#[pyfunction]
+fn slope_at_even_times<'py>(
+    py: Python<'py>,
+    edges: &Bound<'py, PyAny>,
+    coefficients: &Bound<'py, PyAny>,
+    start: f64,
+    rate: f64,
+    count: usize,
+) -> PyResult<(usize, Bound<'py, PyArray1<f64>>)> {
+    let edges: Vector<'_> = borrow("edges", edges)?;
+    let coefficients: PyReadonlyArray2<'_, f64> = borrow("coefficients", coefficients)?;
+    let (edges, coefficients) = (edges.as_slice()?, coefficients.as_slice()?);
+    let (first, slopes) = guard::run(py, count, |stop| {
+        filter::slope_at_even_times(edges, coefficients, start, rate, count, stop)
+    })?;
+    Ok((first, slopes.into_pyarray(py)))
+}
+
 /// Rows [R, N] through `y[k] = x[k] - sum_i model[i] y[k + 1 + i]`; `after` [R, P] are the results that follow.
 #[pyfunction]
 fn all_pole_backwards<'py>(
@@ -70,6 +109,8 @@ impl Decimator {
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Decimator>()?;
     module.add_function(wrap_pyfunction!(all_pole_backwards, module)?)?;
+    module.add_function(wrap_pyfunction!(find_spikes, module)?)?;
     module.add_function(wrap_pyfunction!(running_median, module)?)?;
+    module.add_function(wrap_pyfunction!(slope_at_even_times, module)?)?;
     Ok(())
 }

@@ -11,6 +11,7 @@ mod guard;
 mod linear;
 mod plant;
 mod pulse;
+mod repeats;
 mod statespace;
 
 use pyo3::prelude::*;
@@ -25,6 +26,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     linear::register(module)?;
     plant::register(module)?;
     pulse::register(module)?;
+    repeats::register(module)?;
     statespace::register(module)?;
     Ok(())
 }

@@ -1,0 +1,133 @@
+//! Short excursions of a signal from its running median: Hampel's rule, and a look at where each one comes back to.
+
+use super::running_median;
+use crate::error::{Result, require};
+use crate::stop::Stop;
+
+/// Standard deviation over median absolute deviation of Gaussian noise.
+const ROBUST_SIGMA: f64 = 1.4826;
+/// Largest difference of level before and after a spike, as a share of its height.
+const COMES_BACK: f64 = 0.3;
+/// Share of the threshold down to which a spike's flanks belong to it.
+const SHOULDER: f64 = 0.5;
+/// Samples in a block whose extremes bound the signal's swing.
+const BLOCK: usize = 64;
+
+/// What counts as a spike.
+#[derive(Debug, Clone, Copy)]
+pub struct SpikeRule {
+    /// Samples in the longest one; the running median reaches so far on either side.
+    pub longest: usize,
+    /// Distance of the samples whose distances from the median tell the spread.
+    pub stride: usize,
+    /// How many of them tell it, an odd number.
+    pub scale_window: usize,
+    /// Height in robust standard deviations.
+    pub threshold: f64,
+    /// Least height, as a share of the median magnitude of the running median.
+    pub least: f64,
+}
+
+/// The spikes of a signal, each its first sample and the first one after.
+///
+/// A sample is suspect where its distance from the running median is more than half of the least height there. Suspects
+/// that stand close together are a spike if they last no longer than the longest one, their peak is high enough and the
+/// signal goes on where it was left.
+///
+/// # Errors
+/// For a rule that makes no sense, or on a stop.
+pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec<(usize, usize)>> {
+    require(rule.longest > 0 && rule.stride > 0, || {
+        format!("longest, stride: found {} and {}, expected positive numbers", rule.longest, rule.stride)
+    })?;
+    if !may_have_suspects(samples, rule) {
+        return Ok(Vec::new());
+    }
+    let baseline = running_median(samples, 2 * rule.longest + 1, stop)?;
+    let distance: Vec<f64> = samples.iter().zip(&baseline).map(|(x, median)| (x - median).abs()).collect();
+    let strided: Vec<f64> = distance.iter().step_by(rule.stride).copied().collect();
+    let spread = running_median(&strided, rule.scale_window, stop)?;
+    let mut magnitude: Vec<f64> = baseline.iter().step_by(rule.stride).map(|median| median.abs()).collect();
+    let least = rule.least * median(&mut magnitude);
+    let limits: Vec<f64> =
+        spread.iter().map(|spread| (rule.threshold * (ROBUST_SIGMA * spread)).max(least)).collect();
+    let limit = |at: usize| limits[at / rule.stride];
+
+    let mut suspects: Vec<(usize, usize)> = Vec::new();
+    for (index, (group, limit)) in distance.chunks(rule.stride).zip(&limits).enumerate() {
+        let shoulder = SHOULDER * limit;
+        for (place, _) in group.iter().enumerate().filter(|&(_, &distance)| distance > shoulder) {
+            let at = index * rule.stride + place;
+            match suspects.last_mut() {
+                // One that swings through the baseline is one spike.
+                Some((_, end)) if at - *end <= (rule.longest / 10).max(1) => *end = at + 1,
+                _ => suspects.push((at, at + 1)),
+            }
+        }
+    }
+    let nearby = (rule.longest / 2).max(1);
+    suspects.retain(|&(start, end)| {
+        let peak = (start..end).rev().max_by(|&a, &b| distance[a].total_cmp(&distance[b])).unwrap_or(start);
+        end - start <= rule.longest
+            && distance[peak] > limit(peak)
+            && comes_back(
+                &samples[start.saturating_sub(nearby)..start],
+                samples[peak],
+                &samples[end..samples.len().min(end + nearby)],
+            )
+    });
+    Ok(suspects)
+}
+
+/// False where no sample is as far from another one within the median's reach as a suspect is from the median.
+///
+/// The median lies within its window, and no window's median has a lesser magnitude than the signal's least sample.
+fn may_have_suspects(samples: &[f64], rule: &SpikeRule) -> bool {
+    let extremes: Vec<(f64, f64)> = samples.chunks(BLOCK).map(extremes).collect();
+    let (lowest, highest) = join(&extremes);
+    // NaN and infinity are no bounds.
+    let nearest_zero = if lowest > 0.0 { lowest } else { (-highest).max(0.0) };
+    let shoulder = SHOULDER * (rule.least * nearest_zero);
+    let reach = rule.longest.div_ceil(BLOCK);
+    (0..extremes.len()).any(|block| {
+        let (low, high) = join(&extremes[block.saturating_sub(reach)..extremes.len().min(block + reach + 1)]);
+        high - low > shoulder
+    })
+}
+
+fn extremes(samples: &[f64]) -> (f64, f64) {
+    samples.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
+        (if x < low { x } else { low }, if x > high { x } else { high })
+    })
+}
+
+fn join(extremes: &[(f64, f64)]) -> (f64, f64) {
+    extremes
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), pair| (low.min(pair.0), high.max(pair.1)))
+}
+
+/// Whether the signal goes on where it was left; at the signal's ends nobody knows.
+fn comes_back(before: &[f64], peak: f64, after: &[f64]) -> bool {
+    if before.is_empty() || after.is_empty() {
+        return true;
+    }
+    let (before, after) = (median(&mut before.to_vec()), median(&mut after.to_vec()));
+    (after - before).abs() < COMES_BACK * (peak - before).abs()
+}
+
+/// Median of numbers, the mean of the middle two where there is no middle one; NaN where there are none.
+fn median(values: &mut [f64]) -> f64 {
+    let half = values.len() / 2;
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let even = values.len().is_multiple_of(2);
+    let (below, &mut upper, _) = values.select_nth_unstable_by(half, f64::total_cmp);
+    if even {
+        let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        f64::midpoint(lower, upper)
+    } else {
+        upper
+    }
+}
