@@ -20,7 +20,8 @@ from shipfp_rs.operating_point import steady_state
 from shipfp_rs.rawlog import TABLE_6_6, simulate_raw_log
 from shipfp_rs.simulation import simulate
 from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel, _built_in
+from shipfp_rs.toml_files import built_in
+from shipfp_rs.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 FULL = Vessel.load("stan-tug-1205-full")
@@ -281,5 +282,5 @@ def test_a_set_point_beyond_the_rack_is_refused() -> None:
 
 def test_the_file_of_the_full_tug_is_a_ship_of_ones_own(tmp_path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text((_built_in() / "stan-tug-1205-full.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    path.write_text(built_in("vessels")["stan-tug-1205-full"].read_text(encoding="utf-8"), encoding="utf-8")
     assert Vessel.load(path) == FULL

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import logging
+import os
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -178,6 +179,33 @@ class TestNotebooks:
             assert [isinstance(ax, Axes) for ax in axes] == [True] * panels
             assert list(thing.plot(ax=axes)) == list(axes)  # drawn into those given
             pyplot.close(axes[0].figure)
+
+
+class TestTabCompletion:
+    def test_python_offers_public_names_and_parameters(self, chirp) -> None:
+        assert set(fp.__all__) <= set(dir(fp))
+        found = fp.identify(chirp, fp.Structure.linear(products=True), noise="white")
+        assert {"tau_n", "g", "vK_p", "vK_i"} <= set(found._ipython_key_completions_())
+
+    @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+    def test_a_shell_is_offered_commands_and_options(self, shell) -> None:
+        def offered(typed: str) -> str:
+            words = {
+                "COMP_WORDS": typed,
+                "COMP_CWORD": str(len(typed.split()) - 1),
+                "_TYPER_COMPLETE_ARGS": typed,
+            }
+            wanted = {"_SHIPFP_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+            return subprocess.run(
+                [sys.executable, "-m", "shipfp_rs.cli"],
+                env={**os.environ, **words, **wanted},
+                capture_output=True,
+                text=True,
+                check=False,
+            ).stdout
+
+        assert "sweep" in offered("shipfp sw")
+        assert "--accuracy" in offered("shipfp design --acc")
 
 
 def test_the_log_is_silent_until_someone_listens(capfd, caplog) -> None:

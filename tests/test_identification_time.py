@@ -178,6 +178,14 @@ def test_coloured_noise_gets_wider_and_honest_intervals():
     assert np.sqrt(np.mean(np.square(errors["white"]))) > 1.8
 
 
+def test_a_search_in_doubt_names_the_parameter_that_it_doubts(monkeypatch):
+    doubted = "entry 1 of the vector still wants to move by 1.0e-03 of its size"
+    monkeypatch.setattr("shipfp_rs.least_squares.doubt", lambda *_: doubted)
+    structure = Structure.linear(products=True)
+    found = identify(made(structure, LAUNCH, noise=0.02), structure)
+    assert found.settings["message"] == doubted.replace("entry 1 of the vector", "g")
+
+
 def test_limits_and_failures_are_typed():
     structure = Structure.linear(products=True)
     data = made(structure, LAUNCH, noise=0.02)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.vessel import Vessel, _built_in
+from shipfp_rs.toml_files import built_in
+from shipfp_rs.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205")
-LAUNCH_TOML = (_built_in() / "stan-launch-804.toml").read_text(encoding="utf-8")
+LAUNCH_TOML = built_in("vessels")["stan-launch-804"].read_text(encoding="utf-8")
 
 
 def test_the_ships_that_are_built_in() -> None:

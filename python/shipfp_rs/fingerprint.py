@@ -119,6 +119,9 @@ class Fingerprint:
         known = ", ".join([*self.parameters, *self.derived])
         raise InputError(f"no parameter {name!r} in the fingerprint; it holds {known}")
 
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.parameters, *self.derived]
+
     def __repr__(self) -> str:
         shown = ", ".join(
             f"{name}={estimate.value:.4g}" if estimate.value is not None else f"{name}=?"

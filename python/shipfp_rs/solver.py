@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -270,6 +271,11 @@ class Search:
             return noise
         return self.noise_at(minimum.vector, noise, *self.scatter(minimum.vector, noise))[0]
 
+    def _named(self, message: str, linear: npt.NDArray[np.bool_]) -> str:
+        """Call the entries of the vector that was searched, all but the `linear` unknowns, by their names."""
+        searched = [name for name, left_out in zip(self.unknowns, linear, strict=True) if not left_out]
+        return re.sub(r"entry (\d+) of the vector", lambda found: searched[int(found[1])], message)
+
     @property
     def _reweighs(self) -> bool:
         return self.weighting in ("variance", "determinant")
@@ -299,7 +305,7 @@ class Search:
             vector=vector,
             criterion=criterion,
             converged=solution.converged,
-            message=solution.message,
+            message=self._named(solution.message, linear),
             evaluations=used,
             noise=noise,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
@@ -57,6 +58,41 @@ def read_toml(path: str | Path, model: type[Model]) -> Model:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from error
     return validated(content, model, str(path))
+
+
+def built_in(kind: str) -> dict[str, Path]:
+    """Return the files of a kind ("vessels", "sweeps") that come with the package, by name."""
+    folder = Path(str(resources.files("shipfp_rs") / "data" / kind))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"), key=lambda path: path.stem)}
+
+
+def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str, what: str) -> Model:
+    """Read what comes with the package, by its name, or a file of the user's own, by its path.
+
+    Parameters
+    ----------
+    name_or_path
+        Either; a name goes before a file that is called so.
+    model
+        As for `read_toml`.
+    kind
+        As for `built_in`.
+    key, what
+        What is asked for, as a message calls it: a key such as "vessel", and what it is, such as "ship".
+
+    Raises
+    ------
+    InputError
+        Where there is neither, or as `read_toml`.
+    """
+    name, known = str(name_or_path), built_in(kind)
+    path = known.get(name, Path(name_or_path))
+    if name not in known and path.suffix != ".toml" and not path.exists():
+        raise InputError(
+            f"{key} {name!r}: found no built-in {what} of this name, {suggestion(name, [*known])} "
+            f"(a {what} of your own is given by the path of its .toml file)"
+        )
+    return read_toml(path, model)
 
 
 def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Model:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -17,7 +16,7 @@ from shipfp_rs import slips
 from shipfp_rs.calibration import Calibration
 from shipfp_rs.elements import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
 from shipfp_rs.errors import InputError
-from shipfp_rs.toml_files import Section, read_toml, unexpected, validated
+from shipfp_rs.toml_files import Section, built_in, read_named, unexpected, validated
 
 Array = npt.NDArray[np.float64]
 
@@ -34,8 +33,6 @@ def _no_percentage(value: object) -> object:
 Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(gt=0.0, le=1.0)]
 # A TOML array is a list; only the container may change its type, the numbers in it stay strict.
 Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
-
-_SUFFIX = ".toml"
 
 
 class Water(Section):
@@ -342,7 +339,7 @@ class Vessel(Section):
     @staticmethod
     def names() -> tuple[str, ...]:
         """Return the names of the built-in ships."""
-        return tuple(sorted(entry.name.removesuffix(_SUFFIX) for entry in _built_in().iterdir()))
+        return tuple(built_in("vessels"))
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
@@ -353,16 +350,7 @@ class Vessel(Section):
         InputError
             Where there is no such ship or file, or the file's content can't be a ship.
         """
-        name = str(name_or_path)
-        if name in cls.names():
-            with resources.as_file(_built_in() / f"{name}{_SUFFIX}") as path:
-                return read_toml(path, cls)
-        if name.endswith(_SUFFIX) or Path(name).exists():
-            return read_toml(name, cls)
-        raise InputError(
-            f"vessel {name!r}: found no built-in ship of this name, {slips.suggestion(name, cls.names())} "
-            "(a ship of your own is given by the path of its .toml file)"
-        )
+        return read_named(name_or_path, cls, "vessels", "vessel", "ship")
 
     def replace(self, changes: Mapping[str, Any]) -> Self:
         """Return a ship with some values changed, checked anew.
@@ -519,7 +507,3 @@ class Vessel(Section):
                 -np.inf if minimum is None else minimum,
             ]
         )
-
-
-def _built_in() -> resources.abc.Traversable:
-    return resources.files("shipfp_rs") / "data" / "vessels"

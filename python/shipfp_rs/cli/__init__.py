@@ -31,7 +31,6 @@ app = typer.Typer(
     help="Find the dynamic parameters of a ship's propulsion drive train, its fingerprint, from a trial log.",
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
-    add_completion=False,
 )
 for command in (demo, run, init, inspect, simulate, design, sweep, convert, compare):
     app.command()(command)

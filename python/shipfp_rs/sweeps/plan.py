@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -22,7 +21,7 @@ from shipfp_rs.pipeline import structure_from
 from shipfp_rs.signals import Kind
 from shipfp_rs.structure import Structure
 from shipfp_rs.sweeps.design import Design, place, seed_of
-from shipfp_rs.toml_files import Section, read_toml, unexpected, validated
+from shipfp_rs.toml_files import Section, built_in, read_named, unexpected, validated
 from shipfp_rs.trial import Identify as TrialIdentify
 from shipfp_rs.vessel import Vessel
 
@@ -30,7 +29,6 @@ Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Value = float | bool | str
 
-_SUFFIX = ".toml"
 VARIED_OF_IDENTIFY = ("weighting", "noise", "starts")
 """Keys of [identify] that may be factors; the others would change which columns the table has."""
 
@@ -232,7 +230,7 @@ class Plan(Conditions):
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the names of the built-in studies."""
-        return tuple(sorted(entry.name.removesuffix(_SUFFIX) for entry in _built_in().iterdir()))
+        return tuple(built_in("sweeps"))
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
@@ -243,18 +241,9 @@ class Plan(Conditions):
         InputError
             Where there is no such study or file, or a key or value is wrong; one line names it.
         """
-        name = str(name_or_path)
-        if name in cls.names():
-            with resources.as_file(_built_in() / f"{name}{_SUFFIX}") as path:
-                return read_toml(path, cls).checked(name)
+        plan = read_named(name_or_path, cls, "sweeps", "sweep", "study")
         path = Path(name_or_path)
-        if not name.endswith(_SUFFIX) and not path.exists():
-            raise InputError(
-                f"sweep {name!r}: found no built-in study of this name, {slips.suggestion(name, cls.names())} "
-                "(a sweep of your own is given by the path of its .toml file)"
-            )
-        plan = read_toml(path, cls)
-        if (path.parent / plan.sweep.vessel).is_file():
+        if str(name_or_path) not in cls.names() and (path.parent / plan.sweep.vessel).is_file():
             header = plan.sweep.model_copy(update={"vessel": str(path.parent / plan.sweep.vessel)})
             plan = plan.model_copy(update={"sweep": header})
         return plan.checked(str(path))
@@ -357,7 +346,3 @@ def _keys_of(section: str) -> tuple[str, ...] | None:
     if section == "identify":
         return VARIED_OF_IDENTIFY
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None
-
-
-def _built_in() -> resources.abc.Traversable:
-    return resources.files("shipfp_rs") / "data" / "sweeps"
