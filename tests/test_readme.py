@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import sys
 from collections.abc import Callable
@@ -123,12 +124,15 @@ def test_every_block_is_of_a_language_that_is_run_or_shown(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_what_a_sentence_names_exists(page):
-    """Commands and extras between backticks, in prose and tables."""
+    """Commands, extras and names of the package between backticks, in prose and tables."""
     for words in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", page.read_text(encoding="utf-8")):
         if words.startswith("pip install 'shipfp_rs"):
             extras_exist(words.split("'")[1])
         elif words.startswith("shipfp "):
             understood(re.sub(r"\s*\.\.\.$", "", words))
+        elif not words.endswith((".toml", ".json", ".csv")):
+            for name in re.findall(r"\b(?:fp|shipfp_rs)\.([A-Za-z_][\w.]*)", words):
+                pkgutil.resolve_name(f"shipfp_rs.{name.rstrip('.')}")
 
 
 def test_a_page_that_says_something_wrong_is_found_out(tmp_path):
