@@ -15,6 +15,7 @@ from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, desc
 from shipfp_rs.problem import Evaluation
 from shipfp_rs.profile import End, Profile
 from shipfp_rs.residuals import responds
+from shipfp_rs.sandwich import score_covariance
 from shipfp_rs.solver import Minimum, Search
 from shipfp_rs.structure import Parameter
 
@@ -87,6 +88,8 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     inner, freedom = inside(held)
     told = inner.covariance()
     covariance = _covariance(inner, own[:, ~held], variance)
+    if search.covariance == "sandwich" and np.isfinite(covariance).all():
+        covariance = told @ _scores(search, best)[np.ix_(~held, ~held)] @ told
     # Of a parameter that is not told by itself only the residuals' own variance says what a rise means.
     threshold = dict.fromkeys(search.names, quantile**2 * float(np.mean(variance)))
     for place, name in enumerate(inner.names):
@@ -201,6 +204,21 @@ def _covariance(inner: Sensitivity, jacobian: Array, variance: Array) -> Array:
     if not np.isfinite(variance).all():
         return np.full_like(base, np.inf)
     return np.asarray(base @ (jacobian.T @ (jacobian * variance[:, None])) @ base)
+
+
+def _scores(search: Search, best: Minimum) -> Array:
+    """Covariance (P, P) of J'e from the residuals' own spectral matrix, each experiment's own unknowns taken out."""
+    count, outputs = len(search.free), len(search.structure.outputs)
+    evaluations = search.filtered(best.vector, best.noise)
+    parts = list(search.parts(evaluations, best.noise))
+    priors = search.priors(best.vector)[:, :-1]
+    stacked = np.concatenate([*(part[:-1].reshape(len(part) - 1, -1).T for part in parts), priors])
+    own = without_nuisance(stacked, count).T
+    ends = np.cumsum([0, *(part[0].size for part in parts)])
+    rows = [own[:, ends[i] : ends[i + 1]].reshape(count, outputs, -1) for i in range(len(parts))]
+    records = [(part[-1], evaluation.valid) for part, evaluation in zip(parts, evaluations, strict=True)]
+    known = own[:, ends[-1] : own.shape[1] - len(search.ridge)]
+    return score_covariance(rows, records) + known @ known.T
 
 
 def _ends(

@@ -30,6 +30,7 @@ from shipfp_rs.verdict import verdict
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
 NoiseModel = Literal["white", "ar", "innovations"]
+Covariance = Literal["model", "sandwich"]
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -43,6 +44,7 @@ def identify(
     *,
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
+    covariance: Covariance = "model",
     huber: float | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
     offsets: bool = True,
@@ -72,6 +74,9 @@ def identify(
         coloured noise; "white": take them as they are; "innovations": minimise the one-step prediction error with a
         Kalman gain estimated for each experiment, for disturbances of the drive train itself (linear structure without
         dead time in the loop). Default: "ar" for experiments, "white" for responses.
+    covariance
+        "model": as if the noise models were right; "sandwich": from the spectral matrix of what they leave over, for noise
+        of one source that reaches several outputs, each in its own way; experiments only.
     huber
         Threshold in robust standard deviations above which a residual counts linearly (eq. 4.7); None: never.
     ridge
@@ -114,6 +119,7 @@ def identify(
     options = Options(
         weighting=weighting,
         noise=noise,
+        covariance=covariance,
         huber=huber,
         ridge=ridge,
         offsets=offsets,
@@ -135,6 +141,7 @@ class Options:
 
     weighting: Weighting
     noise: NoiseModel | None
+    covariance: Covariance
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
     offsets: bool
@@ -205,6 +212,16 @@ def search_minima(data: Data | Sequence[Data], structure: Structure, options: Op
     )
     if noise is None:
         noise = "ar" if any(isinstance(block.data, Experiment) for block in blocks) else "white"
+    if options.covariance not in get_args(Covariance):
+        raise InputError(
+            f"covariance {options.covariance!r}, expected one of {', '.join(get_args(Covariance))}"
+        )
+    if options.covariance == "sandwich" and any(
+        isinstance(block.data, FrequencyResponse) for block in blocks
+    ):
+        raise InputError(
+            "covariance 'sandwich' is for experiments, a frequency response has no order in time"
+        )
     search = Search(
         structure,
         blocks,
@@ -216,6 +233,7 @@ def search_minima(data: Data | Sequence[Data], structure: Structure, options: Op
         ridge=ridge,
         initial=given,
         time_limit_s=options.time_limit_s,
+        covariance=options.covariance,
     )
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
@@ -235,6 +253,7 @@ def search_minima(data: Data | Sequence[Data], structure: Structure, options: Op
     settings = {
         "weighting": weighting,
         "noise": noise,
+        "covariance": options.covariance,
         "offsets": offsets,
         "initial_state": initial_state if isinstance(initial_state, str) else given,
         "huber": options.huber,

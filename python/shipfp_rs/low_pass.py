@@ -42,7 +42,8 @@ def nearest_rate(channel: Channel, wanted_hz: float) -> float:
             f"processing.rate_hz is {wanted_hz:g}, expected no more than the {channel.rate_hz:g} Hz of channel "
             f"{channel.name!r}"
         )
-    return channel.rate_hz * float(Fraction(wanted_hz / channel.rate_hz).limit_denominator(100))
+    share = wanted_hz / channel.rate_hz
+    return channel.rate_hz * float(Fraction(share).limit_denominator(max(100, round(1.0 / share))))
 
 
 class LowPass:

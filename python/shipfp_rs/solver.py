@@ -66,6 +66,7 @@ class Search:
     ridge: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     initial: Mapping[str, float] = field(default_factory=dict)
     time_limit_s: float | None = None
+    covariance: str = "model"
 
     @property
     def free(self) -> tuple[Parameter, ...]:

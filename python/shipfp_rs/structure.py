@@ -14,6 +14,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 
 if TYPE_CHECKING:
+    from shipfp_rs.extended_linear import Place
     from shipfp_rs.own_equations import Matrices, Response, Simulate
     from shipfp_rs.vessel import Vessel
 
@@ -133,6 +134,12 @@ class Structure:
         free_exponent: bool = False,
         dead_time_loop: bool = False,
         dead_time_set_point: bool = False,
+        actuator_lag: bool = False,
+        derivative: bool = False,
+        sampling: bool = False,
+        twist: bool = False,
+        curvature: bool = False,
+        speed: Place = "engine",
         outputs: Sequence[str] = ("dn", "dM"),
         name: str | None = None,
     ) -> Structure:
@@ -150,19 +157,35 @@ class Structure:
             Free the propeller torque exponent p; otherwise it is 2 as in the thesis.
         dead_time_loop, dead_time_set_point
             Add the dead time T_d in the fuel path, T_set in the set-point path.
+        actuator_lag, derivative, sampling
+            Add the fuel actuator's time constant tau_act; the governor's derivative gain K_d; the period T_s at which it
+            samples and holds.
+        twist
+            Add the shaft's twist between engine and propeller, tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k
+            [Nm/rad]; with gauge torque.
+        curvature
+            Add the second order of the propeller's torque, p (p - 1) / 2 n_s*^2: swings of 6 % make 2 % of it.
+        speed
+            Whose speed is measured, "engine" or "propeller"; the same unless the shaft twists.
         outputs
-            Of "dn", "dM", "dE", "dX".
+            Of "dn", "dM", "dE", "dX"; not "dE" with one of the five before.
 
         Raises
         ------
         InputError
-            For an unknown output or torque.
+            For an unknown output, torque or place of the speed, or what can't go together.
+
+        Notes
+        -----
+        All from actuator lag to curvature is computed by FFT (`TransferEquations`): exact for signals that one and the
+        same low-pass has passed, as those of `process`, whatever their sample rate.
 
         Examples
         --------
         >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
+        from shipfp_rs.extended_linear import ExtendedLinear
         from shipfp_rs.linear_equations import LinearEquations
 
         if torque not in ("brake", "gauge"):
@@ -172,15 +195,20 @@ class Structure:
                 raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
         if not outputs or len(set(outputs)) != len(outputs):
             raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+        if speed not in ("engine", "propeller"):
+            raise InputError(f"speed {speed!r}, expected 'engine' or 'propeller'")
         gauge = torque == "gauge" and "dM" in outputs
+        if twist and not gauge:
+            raise InputError("twist: found no gauge torque, expected torque='gauge' and the output 'dM'")
+        extended = actuator_lag or derivative or sampling or twist or curvature
+        if extended and "dE" in outputs:
+            raise InputError("outputs: found 'dE' with an extended drive train, expected some of dn, dM, dX")
+        letter = "v" if products else ""
         governor = (
-            (Parameter("vK_p", "-", 5.0, 1e-4, 1e3), Parameter("vK_i", "1/s", 5.0, 1e-4, 1e3))
-            if products
-            else (
-                Parameter("v", "-", 1.5, 0.01, 10.0),
-                Parameter("K_p", "-", 5.0, 1e-4, 1e3),
-                Parameter("K_i", "1/s", 5.0, 1e-4, 1e3),
-            )
+            *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
+            Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
+            Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
+            *((Parameter(f"{letter}K_d", "s", 0.1, 0.0, 10.0),) if derivative else ()),
         )
         parameters = (
             Parameter("tau_n", "s", 1.2, 0.01, 10.0),
@@ -190,6 +218,9 @@ class Structure:
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 10.0),) if gauge else ()),
             *((Parameter("T_d", "s", 0.05, 0.0, 0.5),) if dead_time_loop else ()),
             *((Parameter("T_set", "s", 0.05, 0.0, 2.0),) if dead_time_set_point else ()),
+            *((Parameter("tau_act", "s", 0.05, 0.0, 1.0),) if actuator_lag else ()),
+            *((Parameter("T_s", "s", 0.02, 1e-4, 0.5),) if sampling else ()),
+            *((Parameter("tau_twist", "s", 1e-3, 0.0, 0.1),) if twist else ()),
         )
         extras = [
             text
@@ -198,14 +229,22 @@ class Structure:
                 (free_exponent, "free exponent"),
                 (dead_time_loop, "dead time in the loop"),
                 (dead_time_set_point, "dead time of the set point"),
+                (actuator_lag, "actuator lag"),
+                (derivative, "derivative gain"),
+                (sampling, "sampling governor"),
+                (twist, "twist"),
+                (curvature, "curvature"),
             )
             if present
         ]
+        equations: Equations = LinearEquations(tuple(outputs), gauge=gauge)
+        if extended:
+            equations = ExtendedLinear(tuple(outputs), gauge, speed).equations(curvature=curvature)
         return cls(
             name=name or ("linear" + (": " + ", ".join(extras) if extras else "")),
             parameters=parameters,
             signals=_signals(outputs, torque),
-            equations=LinearEquations(tuple(outputs), gauge=gauge),
+            equations=equations,
             settings={
                 "kind": "linear",
                 "torque": torque,
@@ -213,6 +252,7 @@ class Structure:
                 "free_exponent": free_exponent,
                 "dead_time_loop": dead_time_loop,
                 "dead_time_set_point": dead_time_set_point,
+                **({"speed": speed} if extended else {}),
             },
         )
 

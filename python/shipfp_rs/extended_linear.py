@@ -1,0 +1,190 @@
+"""The linear drive train beyond eq. 3.14-3.54: lag of the fuel actuator, derivative gain, sampling governor, twist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.transfer_equations import INPUT, WATER, TransferEquations, Values
+
+Place = Literal["engine", "propeller"]
+Spectrum = npt.NDArray[Any]
+Part = Spectrum | float
+
+DERIVATIVE_FILTER = 0.1
+"""Time constant of the derivative's filter over the derivative time K_d / K_p, a customary choice
+(Astrom, Hagglund, "Advanced PID Control", 2006, section 3.3)."""
+STATES = ("initial dn", "initial dE")
+GAINS = ("K_p", "K_i", "K_d")
+
+
+@dataclass(frozen=True)
+class ExtendedLinear:
+    """Transfer functions of the drive train by the names of parameters; of those that are missing nothing acts.
+
+    The governor C = K_p + K_i/s + K_d s/(1 + T_f s) reaches the rack through A = exp(-s T_d) / (1 + tau_act s), times
+    (1 - exp(-s T_s)) / (s T_s) of one that samples every T_s and holds; the loop is L = v C A. The propeller's side
+    takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists: n_e* = (1 + tau_twist s (p + tau_prop s)) n_s*,
+    with tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The governor acts on the engine's side, where
+    (tau_n - tau_prop) s n_e* = (g - L) n_e* + L n_set* - M_g*. Without any of this: eq. 3.31 and 3.38.
+    """
+
+    outputs: tuple[str, ...]
+    gauge: bool
+    speed: Place
+    """Whose speed is measured."""
+
+    def equations(self, *, curvature: bool = False) -> TransferEquations:
+        """Return these equations, ready for a structure, with the second order of the propeller's torque or without."""
+        bent = replace(self, outputs=("n_s",)).equations() if curvature else None
+        return TransferEquations(self.transfer, self.outputs, self.return_difference, STATES, bent)
+
+    def transfer(
+        self, values: Values, s: Spectrum, source: str, names: Sequence[str]
+    ) -> tuple[Spectrum, Spectrum]:
+        """Return the outputs (O, F) over a source, and their derivatives (W, O, F).
+
+        The source is the set point, one unit of a state, or torque that the water takes beside p n_s* (`WATER`).
+        """
+        q, loop = values, _Loop.of(values, s)
+        v, C, A, W = loop.v, loop.governor, loop.path, loop.twisted
+        # What drives the shaft: the rack's command, an impulse, the water, which the twist lets through to the engine.
+        nothing = np.zeros_like(s)
+        delay = np.exp(-s * q.get("T_set", 0.0)) if source == INPUT else nothing
+        command = loop.integral / s if source == STATES[1] else C * delay
+        momentum = q["tau_n"] if source == STATES[0] else 0.0
+        water = float(source == WATER)
+        given_way = water * q.get("tau_twist", 0.0) * s
+        engine_side = loop.engine + v * C * A
+        closed = engine_side * W + loop.propeller
+        n_s = (v * A * command + momentum - water - engine_side * given_way) / closed
+        n_e = W * n_s + given_way
+        rack = A * (command - C * n_e)
+
+        slopes = np.empty((len(names), len(self.outputs), len(s)), dtype=np.complex128)
+        for slope, name in zip(slopes, names, strict=True):
+            d = loop.change(name)
+            dcommand = d.governor * delay + nothing
+            if source == INPUT and name == "T_set":
+                dcommand -= s * command
+            if source == STATES[1]:
+                dcommand += d.integral / s
+            dmomentum = float(source == STATES[0] and name == "tau_n")
+            dgiven_way = water * (name == "tau_twist") * s
+            dengine_side = d.engine + d.v * C * A + v * (d.governor * A + C * d.path)
+            dclosed = dengine_side * W + engine_side * d.twisted + d.propeller
+            dn_s = (
+                (d.v * A + v * d.path) * command
+                + v * A * dcommand
+                + dmomentum
+                - dengine_side * given_way
+                - engine_side * dgiven_way
+                - n_s * dclosed
+            ) / closed
+            dn_e = d.twisted * n_s + W * dn_s + dgiven_way
+            drack = d.path * (command - C * n_e) + A * (dcommand - d.governor * n_e - C * dn_e)
+            dM_b = d.g * n_e + loop.g * dn_e + d.v * rack + v * drack
+            dM_g = d.propeller * n_s + loop.propeller * dn_s
+            slope[:] = self._measured(dn_e, dn_s, dM_b, dM_g, drack)
+        M_b, M_g = loop.g * n_e + v * rack, loop.propeller * n_s + water
+        return self._measured(n_e, n_s, M_b, M_g, rack), slopes
+
+    def _measured(self, n_e: Spectrum, n_s: Spectrum, M_b: Spectrum, M_g: Spectrum, X: Spectrum) -> Spectrum:
+        rows = {
+            "dn": n_e if self.speed == "engine" else n_s,
+            "dM": M_g if self.gauge else M_b,
+            "dX": X,
+            "n_s": n_s,
+        }
+        return np.array([rows[output] for output in self.outputs])
+
+    def return_difference(self, values: Values, s: Spectrum) -> Spectrum:
+        """Return 1 + L n_e*/M_b* (F,)."""
+        loop = _Loop.of(values, s)
+        turned = 1.0 + loop.v * loop.governor * loop.path * loop.twisted / (
+            loop.engine * loop.twisted + loop.propeller
+        )
+        return np.asarray(turned)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What the parameters make of governor, way to the rack and shaft, or how a parameter changes these, each (F,)."""
+
+    v: float = 0.0
+    g: float = 0.0
+    integral: float = 0.0
+    governor: Part = 0.0
+    path: Part = 0.0
+    propeller: Part = 0.0
+    twisted: Part = 0.0
+    """Speed of the engine over the propeller's."""
+    engine: Part = 0.0
+    """Torque that the engine's side takes without fuel, over its speed."""
+
+
+@dataclass(frozen=True)
+class _Loop(_Part):
+    """The parts, and what their derivatives need."""
+
+    q: Values = field(default_factory=dict)
+    s: Spectrum = field(default_factory=lambda: np.empty(0, dtype=np.complex128))
+
+    @classmethod
+    def of(cls, q: Values, s: Spectrum) -> _Loop:
+        gains = [q.get(f"v{name}", q.get(name, 0.0)) for name in GAINS]
+        proportional, integral, derivative = gains
+        governor = proportional + integral / s
+        if derivative:
+            governor = governor + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
+        path = np.exp(-s * q.get("T_d", 0.0)) / (1.0 + q.get("tau_act", 0.0) * s)
+        if "T_s" in q:
+            path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
+        propeller = q["p"] + q.get("tau_prop", 0.0) * s
+        twisted = 1.0 + q.get("tau_twist", 0.0) * s * propeller
+        engine = (q["tau_n"] - q.get("tau_prop", 0.0)) * s - q["g"]
+        return cls(q.get("v", 1.0), q["g"], integral, governor, path, propeller, twisted, engine, q, s)
+
+    def change(self, name: str) -> _Part:
+        """Return the derivatives of the parts by a parameter."""
+        q, s = self.q, self.s
+        if name.removeprefix("v") in GAINS:
+            return self._change_of_governor(name.removeprefix("v"))
+        if name in ("T_d", "tau_act", "T_s"):
+            return _Part(path=self.path * self._relative_change_of_path(name))
+        propeller = {"p": 1.0 + 0.0 * s, "tau_prop": s}.get(name, 0.0 * s)
+        twisted = q.get("tau_twist", 0.0) * s * propeller
+        if name == "tau_twist":
+            twisted = s * self.propeller
+        inertia = {"tau_n": 1.0, "tau_prop": -1.0}.get(name, 0.0)
+        g = float(name == "g")
+        engine = inertia * s - g
+        return _Part(
+            v=float(name == "v"),
+            g=g,
+            propeller=propeller,
+            twisted=twisted,
+            engine=engine,
+        )
+
+    def _relative_change_of_path(self, name: str) -> Spectrum:
+        q, s = self.q, self.s
+        if name == "T_d":
+            return -s
+        if name == "tau_act":
+            return np.asarray(-s / (1.0 + q["tau_act"] * s))
+        return np.asarray(s / np.expm1(s * q["T_s"]) - 1.0 / q["T_s"])
+
+    def _change_of_governor(self, gain: str) -> _Part:
+        proportional, derivative = (self.q.get(f"v{name}", self.q.get(name, 0.0)) for name in ("K_p", "K_d"))
+        if gain == "K_i":
+            return _Part(integral=1.0, governor=1.0 / self.s)
+        lag = DERIVATIVE_FILTER * derivative / proportional
+        filtered = self.s / (1.0 + lag * self.s)
+        if gain == "K_d":
+            return _Part(governor=filtered * (1.0 - lag * filtered))
+        return _Part(governor=1.0 + derivative * lag / proportional * filtered**2)

@@ -1,0 +1,90 @@
+"""Covariance of estimates whose residuals are correlated in time and from one output to the other."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from shipfp_rs import Structure, Vessel, identify, signals, simulate
+from shipfp_rs.errors import InputError
+from shipfp_rs.inflow import Inflow, disturbed
+from shipfp_rs.linear_model import linearise
+from shipfp_rs.sandwich import score_covariance, vector_autoregression
+
+TUG = Vessel.load("stan-tug-1205")
+
+
+def correlated(samples: int, random: np.random.Generator) -> np.ndarray:
+    """Two outputs of one source, the second late."""
+    source = random.normal(size=samples + 3)
+    slow = np.convolve(source, [1.0, 0.8, 0.5], "valid")[:samples]
+    return np.array([slow, 0.7 * np.roll(slow, 2) + 0.3 * random.normal(size=samples)])
+
+
+def test_scores_scatter_as_the_spectral_matrix_says():
+    random = np.random.default_rng(5)
+    samples, draws = 400, 3000
+    time = np.arange(samples)
+    columns = np.array(
+        [
+            [np.sin(0.3 * time), np.cos(0.2 * time)],
+            [np.ones(samples), np.sin(0.05 * time)],
+            [np.cos(1.5 * time), -np.sin(0.3 * time)],
+        ]
+    )
+    scores = np.array([np.einsum("pon,on->p", columns, correlated(samples, random)) for _ in range(draws)])
+    long = correlated(40000, random)
+    predicted = score_covariance([columns], [(long, np.ones(40000, dtype=bool))])
+    deviations = np.sqrt(np.diag(predicted))
+    assert np.allclose(scores.std(axis=0), deviations, rtol=0.08)
+    found = np.corrcoef(scores.T)
+    assert np.allclose(found, predicted / np.outer(deviations, deviations), atol=0.08)
+
+
+def test_samples_next_to_a_gap_are_left_out():
+    values = correlated(5000, np.random.default_rng(2))
+    valid = np.ones(5000, dtype=bool)
+    whole, _ = vector_autoregression([(values, valid)])
+    values[:, 1000:1010], valid[1000:1010] = 100.0, False
+    assert np.allclose(vector_autoregression([(values, valid)])[0], whole, atol=0.05)
+
+
+def test_disturbed_water_is_what_the_propeller_meets():
+    tug = linearise(TUG)
+    still = simulate(TUG, signals.steps([0.0], 300.0, rate_hz=20.0))
+    moving = disturbed(still, tug, Inflow(share=0.02, memory_s=0.5), seed=4)
+    n, M = moving.normalised("n_e"), moving.normalised("M_g")
+    slope = np.gradient(n, 1.0 / 20.0)
+    water = M - tug.p * n - tug.tau_prop * slope
+    assert water.std() == pytest.approx(0.02, rel=0.1)
+    assert np.corrcoef(water[10:], water[:-10])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.1)
+    # Engine's side: what the shaft's inertia takes beside the gauge is what governor and engine give.
+    integral = np.cumsum(-n) / 20.0
+    brake = tug.g * n + tug.v * (tug.K_i * integral - tug.K_p * n)
+    rest = (tug.tau_n - tug.tau_prop) * slope + M - brake
+    assert np.std(rest - rest.mean()) < 0.2 * M.std()
+
+
+def test_intervals_by_the_sandwich_hold_the_truth_in_moving_water():
+    # The water's torque reaches gauge and speed, each in its own way; the chirp is small, so that nothing bends.
+    excitation = signals.chirp(0.02, 1.0, 100.0, 20.0, rate_hz=10.0)
+    truth = dataclasses.asdict(linearise(TUG))
+    clean = simulate(TUG, excitation)
+    structure = Structure.linear(torque="gauge", products=True, free_exponent=True)
+    structure = structure.with_fixed(tau_n=truth["tau_n"], g=truth["g"])
+    inside = []
+    for seed in range(12):
+        experiment = disturbed(clean, linearise(TUG), Inflow(), seed)
+        found = identify(experiment, structure, covariance="sandwich")
+        inside += [
+            low <= truth[name] <= high for name in ("p", "tau_prop") for low, high in [found[name].ci95]
+        ]
+    assert np.mean(inside) >= 0.8
+
+
+def test_a_word_that_is_no_covariance_is_refused():
+    excitation = signals.steps([30.0], 20.0, rate_hz=10.0)
+    with pytest.raises(InputError, match="'bread', expected one of model, sandwich"):
+        identify(simulate(TUG, excitation), Structure.linear(), covariance="bread")
