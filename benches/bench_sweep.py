@@ -1,18 +1,18 @@
 """Sweeps: what a draw costs, two cores against one, Dask against plain processes, and what millions of draws would take.
 
-`python -m benches.bench_sweep`; all figures come from one run. Wall times count from the first task that comes back, so
-that starting processes is left out, and other people's work on the machine is in; CPU times have neither.
+`python -m benches.bench_sweep`; all figures come from one run, and with --scaling only those of two workers against one.
+Wall times count from when all processes have made a draw, so that starting them is left out, and other people's work on
+the machine is in; CPU times have neither.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import multiprocessing
 import os
+import statistics
 import tempfile
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benches.timing import print_table
+from benches.timing import print_table, spread
 from shipfp_rs.sweeps import Plan, Progress, sweep
 from shipfp_rs.sweeps.draw import run_draws
 from shipfp_rs.sweeps.pools import Pool, available_workers, pool_of
@@ -30,6 +30,8 @@ from shipfp_rs.sweeps.worker import begin_process, one_thread_for_linear_algebra
 from shipfp_rs.toml_files import validated
 
 DRAWS_PER_TASK = 50
+FEW_DRAWS = 4
+"""Draws a task where two workers are compared with one: at the end one of them waits for the other's last."""
 LARGE = (10**6, 10**9)
 
 
@@ -81,8 +83,8 @@ class Clock:
 
     @property
     def wall_per_draw(self) -> float:
-        (began, before), (ended, after) = next(mark for mark in self.marks if mark[1]), self.marks[-1]
-        return (ended - began) / (after - before) if after > before else math.nan
+        (began, before), (ended, after) = self.marks[0], self.marks[-1]
+        return (ended - began) / (after - before)
 
 
 def measure(
@@ -90,7 +92,7 @@ def measure(
 ) -> dict[str, float]:
     """Make a sweep; wall seconds a draw, CPU seconds of all workers, of the busiest one, and of the driver."""
     notes, clock = folder / "notes", Clock()
-    notes.mkdir(parents=True)
+    notes.mkdir(parents=True, exist_ok=True)
     timing = Timed(executor, notes)
     driver = time.process_time()
     sweep(
@@ -108,8 +110,64 @@ def measure(
 
 def on_processes(plan: Plan, workers: int, draws_per_task: int, folder: Path) -> dict[str, float]:
     context = multiprocessing.get_context("spawn")
+    there = folder / "there"
+    there.mkdir(parents=True)
     with ProcessPoolExecutor(workers, mp_context=context, initializer=begin_process) as processes:
+        for waiting in [processes.submit(begin, plan, there, workers) for _ in range(workers)]:
+            waiting.result()
         return measure(plan, processes, workers, draws_per_task, folder)
+
+
+def begin(plan: Plan, there: Path, workers: int) -> None:
+    """Make a draw, then wait until every worker has."""
+    run_draws(plan, range(1))
+    (there / str(os.getpid())).touch()
+    while len(list(there.iterdir())) < workers:
+        time.sleep(0.01)
+
+
+def scaling(plan: Plan, rounds: int, folder: Path) -> float:
+    """Print how two processes and two threads fare against one; return the CPU seconds of a draw."""
+    found: dict[int, list[dict[str, float]]] = {1: [], 2: []}
+    # Alternating, so that a busy spell of the machine strikes both.
+    for round_ in range(rounds):
+        for workers, runs in found.items():
+            runs.append(on_processes(plan, workers, FEW_DRAWS, folder / f"{workers}-{round_}"))
+
+    def middle(workers: int, figure: Callable[[dict[str, float]], float]) -> float:
+        return statistics.median(map(figure, found[workers]))
+
+    print_table(
+        ["workers", "ms a draw, wall", "CPU of the workers", "CPU of the driver", "cores in use"],
+        [
+            [
+                str(workers),
+                f"{1e3 * middle(workers, lambda run: run['wall']):.1f}",
+                f"{1e3 * middle(workers, lambda run: run['cpu'] / plan.draws):.1f}",
+                f"{1e3 * middle(workers, lambda run: run['driver'] / plan.draws):.1f}",
+                f"{middle(workers, lambda run: (run['cpu'] + run['driver']) / plan.draws / run['wall']):.2f}",
+            ]
+            for workers in found
+        ],
+    )
+    faster = [one["wall"] / two["wall"] for one, two in zip(found[1], found[2], strict=True)]
+    print(
+        f"two processes over one: {spread(faster)} times faster as it was, on {available_workers()} cores with a load of "
+        f"{os.getloadavg()[0]:.1f}"
+    )
+    # On cores of their own the busier worker sets the pace, or else all work, the driver's too, over two cores.
+    ideal = [
+        one["cpu"] / max(two["longest"], 0.5 * (two["cpu"] + two["driver"]))
+        for one, two in zip(found[1], found[2], strict=True)
+    ]
+    print(f"on cores of their own: {spread(ideal)}, one worker's CPU time over the longer of two paces:")
+    print("that of the busier of two, or of all work shared by two cores, the driver's counted in")
+    threads = []
+    for round_ in range(rounds):
+        one, two = (on_threads(plan, workers, folder / f"threads-{workers}-{round_}") for workers in (1, 2))
+        threads.append(one / two)
+    print(f"two threads over one, in one interpreter: {spread(threads)} times faster as it was")
+    return min(run["cpu"] / plan.draws for runs in found.values() for run in runs)
 
 
 def on_dask(plan: Plan, draws_per_task: int, folder: Path) -> dict[str, float]:
@@ -181,51 +239,19 @@ def writing(plan: Plan, rows: pa.RecordBatch, parts: int, folder: Path) -> float
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=160)
-    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--scaling", action="store_true", help="only two workers against one")
     parser.add_argument("--quick", action="store_true", help="a few draws, just to see that it runs")
     options = parser.parse_args()
     if options.quick:
         options.draws, options.rounds = 20, 1
     plan = plan_of(options.draws)
-    found: dict[int, list[dict[str, float]]] = defaultdict(list)
     with tempfile.TemporaryDirectory() as name, one_thread_for_linear_algebra():
         folder = Path(name)
-        # Alternating, so that a busy spell of the machine strikes both.
-        for round_ in range(options.rounds):
-            for workers in (1, 2):
-                place = folder / f"{workers}-{round_}"
-                found[workers].append(on_processes(plan, workers, 5, place))
-        best = {workers: min(runs, key=lambda run: run["wall"]) for workers, runs in found.items()}
-        print_table(
-            ["workers", "ms a draw, wall", "CPU of the workers", "CPU of the driver"],
-            [
-                [
-                    str(workers),
-                    *(
-                        f"{1e3 * value:.1f}"
-                        for value in (run["wall"], run["cpu"] / plan.draws, run["driver"] / plan.draws)
-                    ),
-                ]
-                for workers, run in best.items()
-            ],
-        )
-        one, two = best[1], best[2]
-        faster = one["wall"] / two["wall"]
-        print(f"two workers over one: {faster:.2f} times faster as it was, on {available_workers()} cores")
-        # On cores of their own the busier worker sets the pace, or else all work, the driver's too, over two cores.
-        pace = max(two["longest"], 0.5 * (two["cpu"] + two["driver"]))
-        print(
-            f"ideal, all workers' CPU time over the busier one's, the driver counted in: {two['cpu'] / pace:.2f}"
-        )
-        threads = [
-            on_threads(plan_of(options.draws // 2), workers, folder / f"threads-{workers}")
-            for workers in (1, 2)
-        ]
-        print(
-            f"two threads over one, in one interpreter: {threads[0] / threads[1]:.2f} times faster as it was"
-        )
-
+        cost = scaling(plan, options.rounds, folder)
+        if options.scaling:
+            return
         plain = on_processes(plan, 1, DRAWS_PER_TASK, folder / "plain")
         dask = on_dask(plan, DRAWS_PER_TASK, folder / "dask")
         more = (dask["cpu"] + dask["driver"]) / (plain["cpu"] + plain["driver"]) - 1.0
@@ -233,7 +259,6 @@ def main() -> None:
             f"Dask over plain processes, {DRAWS_PER_TASK} draws a task: {100.0 * more:+.1f} % CPU time in all"
         )
 
-        cost = min(run["cpu"] / plan.draws for runs in found.values() for run in runs)
         rows, sample = [], rows_of_a_task(plan)
         tasks = 20 if options.quick else 200
         for where in ("processes", "dask"):

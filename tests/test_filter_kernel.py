@@ -1,4 +1,4 @@
-"""The running median, spikes, the decimating low-pass, slopes and the all-pole filter: as their twins, and SciPy, say."""
+"""The running median, spikes, the decimating low-pass and slopes: as their twins, and SciPy, say."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from scipy import signal
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 
-from shipfp_rs._core import Decimator, all_pole_backwards, find_spikes, running_median, slope_at_even_times
+from shipfp_rs._core import Decimator, find_spikes, running_median, slope_at_even_times
 from shipfp_rs.errors import InputError
 from tests.twins import filter as twin
 
@@ -132,13 +132,3 @@ def test_a_filter_is_never_left_without_samples_or_middle():
         Decimator(np.ones(1), 1, 0)
     with pytest.raises(InputError, match="none were fed"):
         Decimator(np.ones(1), 1, 1).finish(3)
-
-
-def test_the_all_pole_filter_runs_scipys_backwards():
-    rng = np.random.default_rng(7)
-    rows, model = rng.normal(size=(11, 500)), np.array([-1.2, 0.5, -0.1])
-    expected = signal.lfilter([1.0], [1.0, *model], rows[:, ::-1], axis=1)[:, ::-1]
-    late = all_pole_backwards(np.ascontiguousarray(rows[:, 200:]), model, np.zeros((11, 3)))
-    after = np.ascontiguousarray(late[:, :3])
-    early = all_pole_backwards(np.ascontiguousarray(rows[:, :200]), model, after)
-    np.testing.assert_allclose(np.hstack([early, late]), expected, rtol=1e-12, atol=1e-12)

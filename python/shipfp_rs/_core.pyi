@@ -17,9 +17,9 @@ __all__ = [
     "__version__",
     "_panic_for_test",
     "_spin_for_test",
-    "all_pole_backwards",
     "drive_train_rates",
     "find_spikes",
+    "leftover_sums",
     "linear_cost",
     "linear_cost_batch",
     "linear_products",
@@ -194,9 +194,6 @@ class Decimator:
     def feed(self, samples: NDArray[np.float64]) -> NDArray[np.float64]: ...
     def finish(self, total: int) -> NDArray[np.float64]: ...
 
-def all_pole_backwards(
-    rows: NDArray[np.float64], model: NDArray[np.float64], after: NDArray[np.float64]
-) -> NDArray[np.float64]: ...
 def find_spikes(
     samples: NDArray[np.float64],
     longest: int,
@@ -205,6 +202,15 @@ def find_spikes(
     threshold: float,
     least: float,
 ) -> NDArray[np.int64]: ...
+def leftover_sums(
+    set_points: NDArray[np.float64],
+    lags: Sequence[int],
+    slopes: NDArray[np.float64],
+    mix: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    models: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 def running_median(samples: NDArray[np.float64], window: int) -> NDArray[np.float64]: ...
 def slope_at_even_times(
     edges: NDArray[np.float64],

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.products import Products, cleared, condense, regression
 
 if TYPE_CHECKING:
-    from shipfp_rs.solver import Noise, Search
+    from shipfp_rs.solver import Minimum, Noise, Search
 
 Array = npt.NDArray[np.float64]
-
-NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
 
 REPEATED = 1e-4
 """Part of the cost that better values of the eliminated unknowns may save before another pass is made there."""
@@ -45,13 +43,13 @@ class Elimination:
     there, exactly.
     """
 
-    def __init__(self, search: Search, start: Array) -> None:
+    def __init__(self, search: Search, start: Array, known: Minimum | None = None) -> None:
         self._search = search
         self._linear = search.linear
         kept, best = start[~self._linear], start[self._linear]
         # Where it was last, the best values there, and their slopes by the kept unknowns.
         self._lead = kept, best, np.zeros((len(best), len(kept)))
-        self._known: list[_Pass] = []
+        self._known = [] if known is None else [_Pass(known.vector, known.noise.models, known.sums)]
 
     def __call__(self, kept: Array, noise: Noise) -> tuple[Array, Array]:
         """Return a residual (K + 1,) and Jacobian (K + 1, K) with the cost, gradient and J'J of the whole problem.
@@ -62,19 +60,17 @@ class Elimination:
         _, gram, coefficients = self._at(kept, noise)
         return condense(cleared(gram, np.append(self._linear, False), coefficients))
 
-    def complete(self, kept: Array, noise: Noise) -> tuple[Array, int, Array]:
-        """Return the full vector (Q,), the number of samples and the scatter (O, O) of their filtered residuals."""
+    def complete(self, kept: Array, noise: Noise) -> tuple[Array, list[Products]]:
+        """Return the full vector (Q,) and every block's sums there."""
         search = self._search
         done, _, coefficients = self._at(kept, noise)
         step = np.zeros(search.size)
         step[self._linear] = -coefficients[:, -1]
-        count = sum(part.count for part in done.sums)
-        if count == 0:
-            raise InputError(NOTHING_LEFT)
-        scatter = np.zeros((len(search.structure.outputs),) * 2)
-        for part, own in zip(done.sums, search.places(), strict=True):
-            scatter += part.moved(np.append(step[: len(search.free)], step[own])).scatter
-        return done.vector + step, count, scatter / count
+        sums = [
+            part.moved(np.append(step[: len(search.free)], step[own]))
+            for part, own in zip(done.sums, search.places(), strict=True)
+        ]
+        return done.vector + step, sums
 
     def _at(self, kept: Array, noise: Noise) -> tuple[_Pass, Array, Array]:
         """Return the sums for `kept`, their gram matrix, and what the eliminated columns explain of the others."""

@@ -56,7 +56,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     without an interval, and those of the others hold only with it there.
     """
     count = len(search.free)
-    evaluations, residual, jacobian = search.whitened(best.vector, best.noise)
+    evaluations, residual, jacobian = search.whitened(best)
     if not responds(search, best):
         jacobian[: sum(evaluation.residual.size for evaluation in evaluations)] = 0.0
     values = search.values(best.vector)

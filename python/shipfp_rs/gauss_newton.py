@@ -60,7 +60,7 @@ def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
 
     Directions with a singular value of the column-scaled Jacobian below `NULL_TOLERANCE` of the largest are left alone.
     """
-    norm = np.linalg.norm(point.jacobian, axis=0)
+    norm = np.sqrt(np.einsum("rq,rq->q", point.jacobian, point.jacobian))
     scale = np.where(norm > 0.0, norm, 1.0)
     size = len(scale)
     # The triangular factor of [J r] tells all that the tall matrix does.

@@ -22,8 +22,8 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.innovations import with_innovations
 from shipfp_rs.problem import Block, Data
 from shipfp_rs.residuals import residual_tests
-from shipfp_rs.solver import Minimum, Search, best_of_random, scatter_of, start_vectors
-from shipfp_rs.statistics import information_criteria, nrmse_pct
+from shipfp_rs.solver import Minimum, Search, best_of_random, mean_scatter, start_vectors
+from shipfp_rs.statistics import fit_pct, information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
 from shipfp_rs.verdict import verdict
 
@@ -376,7 +376,7 @@ def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
     }
     data = tuple(_record(block, figures) for block, figures in zip(search.blocks, by_block, strict=True))
     unknown = (search.size - count) + found.rank
-    overall = information_criteria(scatter_of(found.evaluations), found.samples, unknown)
+    overall = information_criteria(mean_scatter(best.sums)[1], found.samples, unknown)
     if search.weighting == "std":
         overall |= {"chi_squared": best.criterion, "degrees_of_freedom": float(found.freedom)}
     return Fingerprint(
@@ -422,15 +422,23 @@ def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
 
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
     """Figures of the simulation: without the gains that lead a predictor back to what was measured."""
-    plain = replace(search, blocks=tuple(replace(block, weigh=False) for block in search.blocks))
+    plain = replace(
+        search, blocks=tuple(replace(block, weigh=False) if block.weigh else block for block in search.blocks)
+    )
     vector = np.where(_kalman_gains(search), 0.0, vector)
+    outputs = search.structure.outputs
     rows = []
-    for block, evaluation in zip(plain.blocks, plain.evaluate(vector, ()), strict=True):
-        figures = {}
-        for index, output in enumerate(search.structure.outputs):
-            measured = np.where(evaluation.valid, block.measured[index], np.nan)
-            figures[output] = {"nrmse_pct": nrmse_pct(*_complex(block, measured, evaluation.residual[index]))}
-        rows.append(figures)
+    for block, values in plain.each(vector):
+        if isinstance(block.data, Experiment):
+            squares = np.diag(block.products(values, None, None).scatter)
+            fits = [
+                fit_pct(*pair) for pair in zip(squares, np.diag(block.scatter) * block.count, strict=True)
+            ]
+        else:
+            evaluation = block.evaluate(values, ())
+            measured = _complex(np.where(evaluation.valid, block.measured, np.nan))
+            fits = [nrmse_pct(*pair) for pair in zip(measured, _complex(evaluation.residual), strict=True)]
+        rows.append({output: {"nrmse_pct": fit} for output, fit in zip(outputs, fits, strict=True)})
     return rows
 
 
@@ -440,17 +448,15 @@ def _kalman_gains(search: Search) -> list[bool]:
     return [index >= own and name.startswith("gain ") for index, name in enumerate(search.unknowns)]
 
 
-def _complex(block: Block, measured: Array, residual: Array) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    if isinstance(block.data, Experiment):
-        return measured, residual
-    half = len(measured) // 2
-    return measured[:half] + 1j * measured[half:], residual[:half] + 1j * residual[half:]
+def _complex(parts: Array) -> npt.NDArray[np.complex128]:
+    half = parts.shape[1] // 2
+    return np.asarray(parts[:, :half] + 1j * parts[:, half:])
 
 
 def _fit(
     search: Search, by_block: Sequence[Mapping[str, Mapping[str, float]]]
 ) -> dict[str, dict[str, float | None]]:
-    weights = [int(block.valid.sum()) for block in search.blocks]
+    weights = [block.count for block in search.blocks]
     return {
         output: {
             "nrmse_pct": float(np.average([rows[output]["nrmse_pct"] for rows in by_block], weights=weights)),
@@ -468,7 +474,7 @@ def _record(block: Block, figures: Mapping[str, Mapping[str, float]]) -> dict[st
         "operating_point": dict(data.operating_point),
         "fit": {output: dict(row) for output, row in figures.items()},
         "samples": len(data),
-        "used": int(block.valid.sum()) // (1 if isinstance(data, Experiment) else 2),
+        "used": block.count // (1 if isinstance(data, Experiment) else 2),
     }
     if isinstance(data, Experiment):
         record |= {"rate_hz": data.rate_hz, "duration_s": data.duration, "kind": data.kind}

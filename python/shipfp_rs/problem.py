@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -99,6 +99,27 @@ class Block:
         """True where all outputs were measured, shape (R,)."""
         return np.asarray(np.isfinite(self.measured).all(axis=0))
 
+    @cached_property
+    def mean(self) -> Array:
+        """Mean of every measured output, shape (O,)."""
+        return np.asarray(self._kept.mean(axis=1))
+
+    @cached_property
+    def scatter(self) -> Array:
+        """Mean outer product of the measured outputs about their means, shape (O, O)."""
+        centred = self._kept - self.mean[:, None]
+        return np.asarray(centred @ centred.T / self.count)
+
+    @cached_property
+    def count(self) -> int:
+        """Number of valid samples."""
+        return int(np.count_nonzero(self.valid))
+
+    @property
+    def _kept(self) -> Array:
+        """Measured outputs without masked samples, copied only where there are any."""
+        return self.measured if self.count == len(self.valid) else self.measured[:, self.valid]
+
     @property
     def linear(self) -> tuple[str, ...]:
         """Those of its own unknowns in which the model is linear: the offsets, and the states if the equations are."""
@@ -106,8 +127,18 @@ class Block:
         curved = set(equations.states) - set(getattr(equations, "linear_in", ()))
         return tuple(name for name in self.nuisance if name not in curved)
 
-    def evaluate(self, values: dict[str, float], names: Sequence[str]) -> Evaluation:
-        """Compute residuals and their model's derivatives with respect to `names` and then the nuisance."""
+    @property
+    def offsets(self) -> tuple[str, ...]:
+        """Those of its own unknowns that are constants added to an output; they stand last."""
+        return tuple(name for name in self.nuisance if name not in self.structure.equations.states)
+
+    def evaluate(
+        self, values: dict[str, float], names: Sequence[str], *, constants: bool = True
+    ) -> Evaluation:
+        """Compute residuals and their model's derivatives with respect to `names` and then the nuisance.
+
+        Without `constants` the columns of the offsets are left out.
+        """
         valid = self.valid
         if isinstance(self.data, FrequencyResponse):
             model, slopes = self.structure.equations.response(values, self.data.frequency_hz, names)
@@ -116,13 +147,14 @@ class Block:
             simulated, jacobian = _split(model), _split(slopes)
         else:
             states = [name for name in self.nuisance if name in self.structure.equations.states]
-            offsets = [name for name in self.nuisance if name not in states]
+            offsets = self.offsets
             known = {name: value for name, value in values.items() if name not in offsets}
             wanted = [*names, *states]
             simulated, jacobian = self.structure.equations.sensitivities(known, self.data, wanted)
             jacobian = jacobian.reshape(len(wanted), *simulated.shape)
             if offsets:
                 simulated = simulated + np.array([[values[name]] for name in offsets])
+            if offsets and constants:
                 constant = np.eye(len(offsets))[:, :, None] * np.ones(simulated.shape[1])
                 jacobian = np.concatenate([jacobian, constant])
         residual = self.measured - simulated
@@ -132,23 +164,32 @@ class Block:
         return Evaluation(residual, jacobian, valid)
 
     def filtered(
-        self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None
+        self,
+        values: dict[str, float],
+        names: Sequence[str],
+        models: Sequence[Array] | None,
+        *,
+        constants: bool = True,
     ) -> Evaluation:
         """Evaluate, and prewhiten an experiment with each output's noise model, if there are any."""
-        evaluation = self.evaluate(values, names)
+        evaluation = self.evaluate(values, names, constants=constants)
         if models is None or isinstance(self.data, FrequencyResponse):
             return evaluation
         return prewhiten(evaluation, models)
 
     def turned(
-        self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None, root: Array
+        self,
+        values: dict[str, float],
+        names: Sequence[str],
+        models: Sequence[Array] | None,
+        root: Array,
+        products: Products,
     ) -> Evaluation:
-        """Return what `filtered` does, turned into few rows to be weighted by a root (O, O).
+        """Return what `filtered` does, turned into few rows to be weighted by a root (O, O); `products` are its sums.
 
         Of `valid` only the number is kept where a kernel sums up.
         """
         if self._kernel is not None:
-            products = self.products(values, names, models)
             rows = products.rows(root)
             if rows is not None:
                 return Evaluation(rows[-1], rows[:-1], np.ones(products.count, dtype=bool))
@@ -162,31 +203,31 @@ class Block:
         return getattr(self.structure.equations, "products", None)
 
     def products(
-        self, values: dict[str, float], names: Sequence[str], models: Sequence[Array] | None
+        self, values: dict[str, float], names: Sequence[str] | None, models: Sequence[Array] | None
     ) -> Products:
-        """Sum up the products of what `filtered` returns, in one pass of the equations' own where they have one."""
+        """Sum up the products of what `filtered` returns, in one pass of the equations' own where they have one.
+
+        Without names (None) those of the residuals alone.
+        """
         kernel = self._kernel
         if kernel is None:
-            evaluation = self.filtered(values, names, models)
+            evaluation = self.filtered(values, names or (), models)
+            if names is None:
+                evaluation.jacobian = evaluation.jacobian[:0]
             with np.errstate(over="ignore", invalid="ignore"):
                 return Products.of(evaluation.residual, evaluation.jacobian, int(evaluation.valid.sum()))
         outputs = self.structure.outputs
-        own = [name for name in self.nuisance if name in self.structure.equations.states]
+        nuisance = () if names is None else self.nuisance
+        own = [name for name in nuisance if name in self.structure.equations.states]
+        names = names or ()
         offsets = np.array([values.get(f"offset {output}", 0.0) for output in outputs])
         models = [np.ones(1)] * len(outputs) if models is None else models
         filters = np.ascontiguousarray(np.array(models)[:, : order_of(models) + 1])
         known = {name: value for name, value in values.items() if not name.startswith("offset ")}
         sums, count = kernel(known, self.data, [*names, *own], self.measured, offsets, filters)
-        # Behind the derivatives come an offset of the output itself and its residual; an offset of another one is zero.
-        row, one = np.arange(len(outputs))[:, None], len(names) + len(own)
-        chosen = np.broadcast_to(np.arange(one), (len(outputs), one))
-        if len(own) < len(self.nuisance):
-            chosen = np.hstack([chosen, np.where(row == row.T, one, one + 2)])
-        chosen = np.hstack([chosen, np.full_like(row, one + 1)])
-        padded = np.pad(sums, [(0, 0), (0, 1)] * 2)
-        return Products(
-            padded[row[:, :, None, None], chosen[:, :, None, None], row.T[..., None], chosen], count
-        )
+        padded = np.zeros((len(outputs), sums.shape[1] + 1) * 2)
+        padded[:, :-1, :, :-1] = sums
+        return Products(padded.take(_places(len(outputs), sums.shape[1], len(own) < len(nuisance))), count)
 
     def _weighed(self, model: ComplexArray, slopes: ComplexArray) -> Evaluation:
         """Residuals of log amplitude and of phase over their deviations: a turned phase is no error of amplitude."""
@@ -199,6 +240,21 @@ class Block:
         jacobian = np.concatenate([relative.real / amplitude, relative.imag / phase], axis=-1)
         valid = self.valid
         return Evaluation(np.where(valid, residual, 0.0), np.where(valid, jacobian, 0.0), valid)
+
+
+@lru_cache(maxsize=64)
+def _places(outputs: int, columns: int, offsets: bool) -> npt.NDArray[np.intp]:
+    """Where the products of all columns (O, C, O, C) are in a kernel's, behind whose columns there is one of zeros.
+
+    Behind the derivatives come an offset of the output itself and its residual; an offset of another one is zero.
+    """
+    one, width = columns - 2, columns + 1
+    row = np.arange(outputs)[:, None]
+    chosen = np.broadcast_to(np.arange(one), (outputs, one))
+    if offsets:
+        chosen = np.hstack([chosen, np.where(row == row.T, one, one + 2)])
+    flat = row * width + np.hstack([chosen, np.full_like(row, one + 1)])
+    return np.asarray(flat[..., None, None] * outputs * width + flat)
 
 
 def _split(response: ComplexArray) -> Array:

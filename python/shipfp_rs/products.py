@@ -59,13 +59,14 @@ class Products:
         None where the columns, weighted by a root (O, O), are so nearly dependent that products tell less than they do.
         """
         weighted = self.gram(root)
-        size = np.sqrt(np.diag(weighted))
+        # A residual that a fit leaves nothing of may come out below zero by rounding.
+        size = np.sqrt(np.maximum(np.diag(weighted), 0.0))
         size[size == 0.0] = 1.0
         if not np.linalg.eigvalsh(weighted / np.outer(size, size))[0] > DISTINCT:
             return None
         outputs, columns, *_ = self.sums.shape
         gram = self.sums.reshape(outputs * columns, -1)
-        size = np.sqrt(np.diag(gram))
+        size = np.sqrt(np.maximum(np.diag(gram), 0.0))
         size[size == 0.0] = 1.0
         strength, direction = np.linalg.eigh(gram / np.outer(size, size))
         # Outputs may depend on each other, so some directions hold nothing but rounding.
@@ -74,8 +75,10 @@ class Products:
 
     def gram(self, root: Array) -> Array:
         """Products of [-d(model)/d(unknowns), e] (C, C) with the outputs weighted by a root (O, O) of their weight."""
-        sign = np.append(-np.ones(self.sums.shape[1] - 1), 1.0)
-        return np.asarray(np.einsum("iajb,ij->ab", self.sums, root.T @ root) * np.outer(sign, sign))
+        gram = np.asarray(np.einsum("iajb,ij->ab", self.sums, root.T @ root))
+        gram[:-1, -1] *= -1.0
+        gram[-1, :-1] *= -1.0
+        return gram
 
 
 def regression(gram: Array, own: Mask) -> Array:

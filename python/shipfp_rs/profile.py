@@ -55,7 +55,7 @@ class Profile:
 
     def __init__(self, search: Search, best: Minimum) -> None:
         self._search, self._noise = search, best.noise
-        self._problem = Elimination(search, best.vector)
+        self._problem = Elimination(search, best.vector, best)
         kept = ~search.linear
         lower, upper = search.bounds()
         self._bounds = Bounds(lower[kept], upper[kept])

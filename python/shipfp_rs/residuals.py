@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +11,11 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from shipfp_rs._core import all_pole_backwards
+from shipfp_rs._core import leftover_sums
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.problem import CHUNK, Block, Evaluation, prewhiten
-from shipfp_rs.products import orthonormal
-from shipfp_rs.solver import AR_ORDER, Minimum, Search, scatter_of
+from shipfp_rs.problem import Block, Evaluation, prewhiten
+from shipfp_rs.products import Products, orthonormal
+from shipfp_rs.solver import AR_ORDER, Minimum, Noise, Search, mean_scatter
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -143,131 +143,133 @@ def input_correlations(
     Ljung's test compares the correlations of residual and lagged set point with their scatter for white residuals.
     A fit has taken away what its own sensitivities J explain, so here the lagged set points U are cleared of
     J first: with A = (I - J J+) U and S the covariance of the residuals e, (A'e)' (A' S A)^-1 (A'e) is chi-squared.
-    `evaluations` are the search's filtered ones at the minimum.
+    `evaluations` are the search's filtered ones at the minimum; columns of offsets may be left out without a threshold.
     """
-    # Residuals far out count as in the fit: up to the threshold of its cost (eq. 4.7).
-    plain = replace(search, huber=None)
-    parts = list(plain.parts(evaluations, minimum.noise))
-    if search.huber is not None:
-        for part in parts:
-            np.clip(part[-1], -search.huber, search.huber, out=part[-1])
-    priors = plain.priors(minimum.vector)
-    gram = priors.T @ priors
-    for part in parts:
-        rows = part.reshape(len(part), -1)
-        gram += rows @ rows.T
+    noise, outputs = minimum.noise, search.structure.outputs
+    residuals = [noise.root @ evaluation.residual for evaluation in evaluations]
+    priors = search.priors(minimum.vector)
+    if search.huber is None:
+        gram = search.gram(minimum.vector, noise, minimum.sums)
+    else:
+        # Residuals far out count as in the fit: up to the threshold of its cost (eq. 4.7).
+        residuals = [np.clip(residual, -search.huber, search.huber) for residual in residuals]
+        gram = np.asarray(priors.T @ priors)
+        for part, residual in zip(
+            replace(search, huber=None).parts(evaluations, noise), residuals, strict=True
+        ):
+            part[-1] = residual
+            rows = part.reshape(len(part), -1)
+            gram += rows @ rows.T
     shortest = min((len(b.data) for b in search.blocks if isinstance(b.data, Experiment)), default=0)
     lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
     lags = np.append(0, lags)
-    count = sum(int(np.count_nonzero(part[-1])) for part in parts) + int(np.count_nonzero(priors[:, -1]))
+    count = sum(map(np.count_nonzero, residuals)) + int(np.count_nonzero(priors[:, -1]))
     basis = orthonormal(gram[:-1, :-1])
     along = basis.T @ gram[:-1, -1]
-    models = minimum.noise.models
+    free = range(len(search.free))
+    records = [
+        _Record.of(block, evaluation, residual, basis[[*free, *range(own.start, own.stop)]], noise, lags)
+        for block, evaluation, residual, own in zip(
+            search.blocks, evaluations, residuals, search.places(), strict=True
+        )
+    ]
     tests: dict[str, ResidualTest] = {}
-    records: list[_Record] = []
-    for index, output in enumerate(search.structure.outputs):
-        # Without noise models the lagged set points are the same for every output.
-        if index == 0 or models is not None:
-            model = np.ones(1) if models is None else models[index]
-            records = [
-                _Record.of(
-                    _lagged_inputs(block, evaluation, model, lags), part, basis, evaluation, models is None
-                )
-                for block, evaluation, part in zip(search.blocks, evaluations, parts, strict=True)
-            ]
-        factors = minimum.noise.root[:, index]
-        explained = sum(np.einsum("o,olb->bl", factors, record.onto_basis) for record in records)
-        products = sum(factors @ record.onto_residual for record in records) - explained.T @ along
-        length = np.sqrt(factors @ factors * sum(record.squares for record in records))
+    for index, output in enumerate(outputs):
+        factors = noise.root[:, index]
+        across = np.sum([np.tensordot(factors, record.across[index], 1) for record in records], axis=0)
+        explained, products = across[:, :-1].T, across[:, -1]
+        length = np.sqrt(factors @ factors * sum(record.squares[index] for record in records))
         turned = priors[:, :-1] @ basis @ explained
         covariance = turned.T @ turned
         for record in records:
-            covariance += record.covariance(factors, explained)
-        tests[output] = _test(length, covariance, products, float(gram[-1, -1]), count, lags)
+            covariance += record.covariance(index, factors, explained)
+        tests[output] = _test(
+            length, covariance, products - explained.T @ along, max(float(gram[-1, -1]), 0.0), count, lags
+        )
     return tests
-
-
-def _lagged_inputs(
-    block: Block, evaluation: Evaluation, model: Array, lags: npt.NDArray[np.int64]
-) -> Callable[[slice], Array]:
-    """Return what gives a stretch of the lagged set points (L, R), as a noise model filters them; zero where masked."""
-    samples = evaluation.residual.shape[1]
-    if not isinstance(block.data, Experiment):
-        return lambda stretch: np.zeros((len(lags), len(range(samples)[stretch])))
-    # Before the record the set point is taken to have been what it is at its first sample.
-    first = np.full(len(model) - 1, block.data.dn_set[0])
-    filtered = lfilter(model, [1.0], np.append(first, block.data.dn_set))[len(first) :]
-    reach = int(lags[-1])
-    whole = np.append(np.full(reach, block.data.dn_set[0] * model.sum()), filtered)
-
-    def lagged(stretch: slice) -> Array:
-        rows = [whole[reach - lag : reach - lag + samples][stretch] for lag in lags]
-        return np.asarray(rows * evaluation.valid[stretch])
-
-    return lagged
 
 
 @dataclass(frozen=True)
 class _Record:
     """Sums of one block's lagged set points (L), its sensitivities in an orthonormal basis (B) and its residuals.
 
-    `onto_basis` (O, L, B) and `onto_residual` (O, L) are products with the lagged set points, `squares` (L,) theirs with
-    themselves; `scattered` (L + B, L + B) in all pairs of outputs are the products of both as the residuals' own
-    scatter weighs them.
+    Each output (first axis) has the lagged set points that its noise model filters. `across` (O, L, O, B + 1) are their
+    products with the basis and the residual in each output, `squares` (O, L) those with themselves. The rows of
+    `coloured` (O (L + B), O (L + B)) are filtered once more, backwards, as the residuals' own colour asks for; `scatter`
+    (O, O) is what it leaves of them.
     """
 
-    onto_basis: Array
-    onto_residual: Array
+    across: Array
     squares: Array
-    scattered: Array
+    coloured: Array
+    scatter: Array
+    own_inputs: bool
+    """Whether the outputs' lagged set points differ, so that all of a test's are those of the output it is about."""
 
     @classmethod
     def of(
         cls,
-        lagged: Callable[[slice], Array],
-        part: Array,
-        basis: Array,
+        block: Block,
         evaluation: Evaluation,
-        coloured: bool,
+        residual: Array,
+        basis: Array,
+        noise: Noise,
+        lags: npt.NDArray[np.int64],
     ) -> _Record:
-        """Add up a block's whitened rows (Q + 1, O, R), stretch by stretch, while these fit into a cache."""
-        own = part[-1]
-        outputs, samples = own.shape
-        models = None
-        if coloured and samples > 2 * AR_ORDER:
-            # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
-            models = [_stable_model(row) for row in own]
-            own = np.stack([lfilter(model, [1.0], row) for model, row in zip(models, own, strict=True)])
-        count, size = len(lagged(slice(0, 0))), basis.shape[1]
-        after = [np.zeros((count + size, AR_ORDER))] * outputs
-        onto = np.zeros((outputs, count, size + 1))
-        squares = np.zeros(count)
-        products = np.zeros((outputs * (count + size),) * 2)
-        for start in reversed(range(0, samples, CHUNK)):
-            stretch = slice(start, start + CHUNK)
-            inputs = lagged(stretch)
-            squares += np.einsum("ls,ls->l", inputs, inputs)
-            tall = []
-            for output in range(outputs):
-                rows = np.concatenate([inputs, basis.T @ part[:-1, output, stretch]])
-                onto[output, :, :-1] += inputs @ rows[count:].T
-                onto[output, :, -1] += inputs @ part[-1, output, stretch]
-                if models is not None:
-                    rows = all_pole_backwards(rows, models[output][1:], after[output])
-                    after[output] = np.hstack([rows[:, :AR_ORDER], after[output]])[:, :AR_ORDER].copy()
-                tall.append(rows)
-            joined = np.concatenate(tall)
-            products += joined @ joined.T
-        by_output = products.reshape(outputs, count + size, outputs, count + size)
-        scatter = own @ own.T / max(int(evaluation.valid.sum()), 1)
-        return cls(onto[..., :-1], onto[..., -1], squares, scatter[:, None, :, None] * by_output)
-
-    def covariance(self, factors: Array, explained: Array) -> Array:
-        """Covariance A' S A (L, L) of the correlations, A the lagged set points, times a factor in each output, cleared."""
-        cleared = np.array(
-            [np.vstack([factor * np.eye(explained.shape[1]), -explained]) for factor in factors]
+        """Add up a block's lagged set points, whitened residuals (O, R) and sensitivities combined by a basis (Q, B)."""
+        outputs, samples = residual.shape
+        columns = len(evaluation.jacobian)
+        mix = np.zeros((outputs, basis.shape[1], columns * outputs + 1))
+        mix[..., :-1] = -np.einsum("op,qb->obqp", noise.root, basis[:columns]).reshape(*mix.shape[:2], -1)
+        filters = [np.ones(1)] if noise.models is None else list(noise.models)
+        for output, row in enumerate(basis[columns:]):
+            gain = filters[min(output, len(filters) - 1)].sum()
+            mix[..., -1] -= gain * np.outer(noise.root[:, output], row)
+        # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
+        models = np.eye(1, AR_ORDER + 1).repeat(outputs, axis=0)
+        if noise.models is None and samples > 2 * AR_ORDER:
+            models = np.array([_stable_model(row) for row in residual])
+        white = np.array([lfilter(model, [1.0], row) for model, row in zip(models, residual, strict=True)])
+        across, squares, coloured = leftover_sums(
+            np.array([_with_past(block, samples, model, int(lags[-1])) for model in filters]),
+            lags.tolist(),
+            evaluation.jacobian.reshape(-1, samples),
+            mix,
+            residual,
+            evaluation.valid,
+            np.ascontiguousarray(models[:, 1:]),
         )
-        return np.asarray(np.einsum("oai,oapb,pbj->ij", cleared, self.scattered, cleared, optimize=True))
+        return cls(
+            np.broadcast_to(across.swapaxes(1, 2), (outputs, outputs, len(lags), across.shape[-1])),
+            np.broadcast_to(squares, (outputs, len(lags))),
+            coloured.reshape(coloured.shape[0] * coloured.shape[1], -1),
+            white @ white.T / max(int(evaluation.valid.sum()), 1),
+            noise.models is not None,
+        )
+
+    def covariance(self, output: int, factors: Array, explained: Array) -> Array:
+        """Covariance A' S A (L, L) of the correlations, A an output's lagged set points, times a factor in each, cleared."""
+        outputs, (count, lags) = len(factors), explained.shape
+        cleared = np.zeros((outputs, outputs, lags + count, lags))
+        for place, factor in enumerate(factors):
+            cleared[place, output if self.own_inputs else place, :lags] = factor * np.eye(lags)
+            cleared[place, place, lags:] = -explained
+        rows = cleared.reshape(outputs, -1, lags)
+        weighed = np.einsum("op,paj->oaj", self.scatter, self.coloured @ rows)
+        return np.asarray(np.einsum("oai,oaj->ij", rows, weighed))
+
+
+def _with_past(block: Block, samples: int, model: Array, reach: int) -> Array:
+    """Return the set point as a noise model filters it, behind as much of its past; none of a response.
+
+    Before the record the set point is taken to have been what it is at its first sample.
+    """
+    if not isinstance(block.data, Experiment):
+        return np.zeros(reach + samples)
+    dn_set = block.data.dn_set
+    before = np.full(len(model) - 1, dn_set[0])
+    filtered = lfilter(model, [1.0], np.append(before, dn_set))[len(before) :]
+    return np.append(np.full(reach, dn_set[0] * model.sum()), filtered)
 
 
 def _stable_model(residual: Array) -> Array:
@@ -310,18 +312,23 @@ def responds(search: Search, minimum: Minimum) -> bool:
     """
     if not all(isinstance(block.data, Experiment) for block in search.blocks):
         return True
-    still = []
-    models = minimum.noise.models
-    for block in search.blocks:
-        mean = np.mean(block.measured[:, block.valid], axis=1, keepdims=True)
-        offsets = any(name.startswith("offset") for name in block.nuisance)
-        level = np.where(block.valid, block.measured - offsets * mean, 0.0)
-        constant = Evaluation(level, np.zeros((0, *level.shape)), block.valid)
-        still.append(constant if models is None else prewhiten(constant, models))
-    count, moved = search.scatter(minimum.vector, minimum.noise)
-    before, after = (np.linalg.slogdet(s + 1e-300 * np.eye(len(s))) for s in (scatter_of(still), moved))
-    ratio = count * (before[1] - after[1])
-    return bool(chi2.sf(ratio, search.size) < STILL)
+    still = [_of_constants(block, minimum.noise.models) for block in search.blocks]
+    (_, before), (count, after) = mean_scatter(still), mean_scatter(minimum.sums)
+    fall = [np.linalg.slogdet(scatter + 1e-300 * np.eye(len(scatter)))[1] for scatter in (before, after)]
+    return bool(chi2.sf(count * (fall[0] - fall[1]), search.size) < STILL)
+
+
+def _of_constants(block: Block, models: Sequence[Array] | None) -> Products:
+    """Sums of what constants leave of a record, zero where the fit has no offsets, filtered by the noise's models."""
+    mean = (
+        block.mean if any(name.startswith("offset") for name in block.nuisance) else np.zeros(len(block.mean))
+    )
+    if models is None:
+        scatter = block.scatter + np.outer(block.mean - mean, block.mean - mean)
+        return Products(block.count * scatter[:, None, :, None], block.count)
+    level = np.where(block.valid, block.measured - mean[:, None], 0.0)
+    left = prewhiten(Evaluation(level, np.zeros((0, *level.shape)), block.valid), models)
+    return Products.of(left.residual, left.jacobian, int(left.valid.sum()))
 
 
 def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:
@@ -329,7 +336,7 @@ def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:
     experiments = [isinstance(block.data, Experiment) for block in search.blocks]
     if not any(experiments):
         return {}
-    evaluations = search.filtered(minimum.vector, minimum.noise)
+    evaluations = search.filtered(minimum.vector, minimum.noise, constants=search.huber is not None)
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
     models = minimum.noise.models

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.elimination import NOTHING_LEFT, Elimination
+from shipfp_rs.elimination import Elimination
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.least_squares import STOPPED, Solution, approach, minimise
@@ -20,6 +20,7 @@ from shipfp_rs.structure import Parameter, Structure
 
 Array = npt.NDArray[np.float64]
 
+NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
 STABLE_DRAWS = 50
 """Vectors drawn before a random start is given up because its loop is always unstable."""
 AR_ORDER = 8
@@ -42,7 +43,10 @@ class Noise:
 
 @dataclass(frozen=True)
 class Minimum:
-    """One minimum found: the full vector (parameters, then every block's unknowns), its criterion, how it ended."""
+    """One minimum found: the full vector (parameters, then every block's unknowns), its criterion, how it ended.
+
+    `sums` are every block's there, filtered by the noise's models.
+    """
 
     vector: Array
     criterion: float
@@ -50,6 +54,7 @@ class Minimum:
     message: str
     evaluations: int
     noise: Noise
+    sums: Sequence[Products]
 
 
 @dataclass(frozen=True)
@@ -68,17 +73,17 @@ class Search:
     time_limit_s: float | None = None
     covariance: str = "model"
 
-    @property
+    @cached_property
     def free(self) -> tuple[Parameter, ...]:
         """The parameters searched for."""
         return self.structure.free
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters searched for."""
         return tuple(parameter.name for parameter in self.free)
 
-    @property
+    @cached_property
     def unknowns(self) -> tuple[str, ...]:
         """Names along the full vector; those of several experiments carry its name."""
         several = len(self.blocks) > 1
@@ -89,7 +94,7 @@ class Search:
         ]
         return (*self.names, *own)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of the full vector."""
         return len(self.free) + sum(len(block.nuisance) for block in self.blocks)
@@ -110,7 +115,7 @@ class Search:
             yield slice(start, start + len(block.nuisance))
             start += len(block.nuisance)
 
-    def _each(self, vector: Array) -> Iterator[tuple[Block, dict[str, float]]]:
+    def each(self, vector: Array) -> Iterator[tuple[Block, dict[str, float]]]:
         """Yield every block with the values of all that its model depends on."""
         values = self.values(vector)
         for block, own in zip(self.blocks, self.places(), strict=True):
@@ -119,23 +124,29 @@ class Search:
     def evaluate(self, vector: Array, names: Sequence[str] | None = None) -> list[Evaluation]:
         """Evaluate every block; each Jacobian has the block's own columns last, after those of `names` (None: all)."""
         names = self.names if names is None else names
-        return [block.evaluate(values, names) for block, values in self._each(vector)]
+        return [block.evaluate(values, names) for block, values in self.each(vector)]
 
-    def filtered(self, vector: Array, noise: Noise, names: Sequence[str] | None = None) -> list[Evaluation]:
-        """Evaluate every block and prewhiten the experiments."""
+    def filtered(
+        self, vector: Array, noise: Noise, names: Sequence[str] | None = None, *, constants: bool = True
+    ) -> list[Evaluation]:
+        """Evaluate every block and prewhiten the experiments, with or without the columns of offsets."""
         names = self.names if names is None else names
-        return [block.filtered(values, names, noise.models) for block, values in self._each(vector)]
+        return [
+            block.filtered(values, names, noise.models, constants=constants)
+            for block, values in self.each(vector)
+        ]
 
-    def whitened(self, vector: Array, noise: Noise) -> tuple[list[Evaluation], Array, Array]:
+    def whitened(self, minimum: Minimum) -> tuple[list[Evaluation], Array, Array]:
         """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
 
         The Jacobian is that of the residual, minus that of the model. Long records are turned into as few rows as have
         the same products, unless a threshold bends single residuals.
         """
+        vector, noise = minimum.vector, minimum.noise
         if self.huber is None:
             evaluations = [
-                block.turned(values, self.names, noise.models, noise.root)
-                for block, values in self._each(vector)
+                block.turned(values, self.names, noise.models, noise.root, sums)
+                for (block, values), sums in zip(self.each(vector), minimum.sums, strict=True)
             ]
         else:
             evaluations = self.filtered(vector, noise)
@@ -146,7 +157,11 @@ class Search:
     def sums(self, vector: Array, noise: Noise) -> list[Products]:
         """Pass over the data once: every block's sums of products, filtered by the noise's models."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return [block.products(values, self.names, noise.models) for block, values in self._each(vector)]
+            return [block.products(values, self.names, noise.models) for block, values in self.each(vector)]
+
+    def residual_sums(self, vector: Array, noise: Noise) -> list[Products]:
+        """The same of the residuals alone."""
+        return [block.products(values, None, noise.models) for block, values in self.each(vector)]
 
     def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
         """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.
@@ -160,13 +175,18 @@ class Search:
                 rows = part.reshape(len(part), -1)
                 gram += rows @ rows.T
             return gram
-        for own, products in zip(self.places(), sums, strict=True):
-            place = np.r_[: len(self.free), own.start : own.stop, -1]
-            with np.errstate(over="ignore", invalid="ignore"):
-                gram[np.ix_(place, place)] += products.gram(noise.root)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for grid, products in zip(self._grids, sums, strict=True):
+                gram[grid] += products.gram(noise.root)
         return gram
 
-    @property
+    @cached_property
+    def _grids(self) -> list[tuple[npt.NDArray[np.intp], ...]]:
+        """Where each block's columns and residual stand in the products of all."""
+        places = [np.r_[: len(self.free), own.start : own.stop, self.size] for own in self.places()]
+        return [np.ix_(place, place) for place in places]
+
+    @cached_property
     def linear(self) -> npt.NDArray[np.bool_]:
         """True for the unknowns in which the residual is linear and the cost quadratic, shape (Q,)."""
         own = [name in block.linear for block in self.blocks for name in block.nuisance]
@@ -222,22 +242,12 @@ class Search:
         factor = np.linalg.cholesky(scatter + floor * np.eye(outputs))
         return replace(noise, root=np.linalg.inv(factor)), criterion
 
-    def scatter(self, vector: Array, noise: Noise) -> tuple[int, Array]:
-        """Return the number of samples and the mean outer product of their filtered residuals, shape (O, O)."""
-        parts = [block.products(values, (), noise.models) for block, values in self._each(vector)]
-        count = sum(part.count for part in parts)
-        if count == 0:
-            raise InputError(NOTHING_LEFT)
-        return count, np.asarray(sum(part.scatter for part in parts) / count)
-
     def initial_noise(self) -> Noise:
         """Weights before the first fit: by the spread of each measured output."""
         outputs = len(self.structure.outputs)
         if self.weighting in ("none", "std"):
             return Noise(np.eye(outputs))
-        spread = np.zeros(outputs)
-        for block in self.blocks:
-            spread += np.nanvar(block.measured[:, block.valid], axis=1)
+        spread = np.sum([np.diag(block.scatter) for block in self.blocks], axis=0)
         return Noise(np.diag(1.0 / np.sqrt(np.maximum(spread / len(self.blocks), 1e-24))))
 
     def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
@@ -270,7 +280,8 @@ class Search:
         noise = replace(minimum.noise, models=models)
         if not self._reweighs:
             return noise
-        return self.noise_at(minimum.vector, noise, *self.scatter(minimum.vector, noise))[0]
+        sums = self.residual_sums(minimum.vector, noise)
+        return self.noise_at(minimum.vector, noise, *mean_scatter(sums))[0]
 
     def _named(self, message: str, linear: npt.NDArray[np.bool_]) -> str:
         """Call the entries of the vector that was searched, all but the `linear` unknowns, by their names."""
@@ -294,7 +305,8 @@ class Search:
             before, criterion = criterion, solution.cost
             moved = np.max(np.abs(solution.vector - kept) / (np.abs(kept) + 1e-9))
             kept = solution.vector
-            vector, count, scatter = problem.complete(kept, noise)
+            vector, sums = problem.complete(kept, noise)
+            count, scatter = mean_scatter(sums)
             if not self._reweighs:
                 break
             following, criterion = self.noise_at(vector, noise, count, scatter)
@@ -309,6 +321,7 @@ class Search:
             message=self._named(solution.message, linear),
             evaluations=used,
             noise=noise,
+            sums=sums,
         )
 
     def require_stable(self, vector: Array) -> None:
@@ -344,12 +357,12 @@ class Search:
         )
 
 
-def scatter_of(evaluations: Sequence[Evaluation]) -> Array:
-    """Mean outer product of the residuals over all valid samples, shape (O, O)."""
-    count = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+def mean_scatter(sums: Sequence[Products]) -> tuple[int, Array]:
+    """Return the number of samples and the mean outer product of their residuals, shape (O, O)."""
+    count = sum(part.count for part in sums)
     if count == 0:
         raise InputError(NOTHING_LEFT)
-    return np.asarray(sum(evaluation.residual @ evaluation.residual.T for evaluation in evaluations) / count)
+    return count, np.asarray(sum(part.scatter for part in sums) / count)
 
 
 def _weighted(evaluation: Evaluation, noise: Noise) -> Array:

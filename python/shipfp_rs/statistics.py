@@ -23,10 +23,12 @@ def nrmse_pct(measured: npt.ArrayLike, residual: npt.ArrayLike) -> float:
     """
     y, e = np.asarray(measured), np.asarray(residual)
     keep = np.isfinite(y) & np.isfinite(e)
-    spread = np.linalg.norm(y[keep] - y[keep].mean())
-    if spread == 0.0:
-        return float("nan")
-    return float(100.0 * (1.0 - np.linalg.norm(e[keep]) / spread))
+    return fit_pct(*(float(np.linalg.norm(part) ** 2) for part in (e[keep], y[keep] - y[keep].mean())))
+
+
+def fit_pct(squares: float, spread: float) -> float:
+    """Return the same from the sums of squares of the residuals and of the measured signal about its mean."""
+    return float(100.0 * (1.0 - np.sqrt(squares / spread))) if spread > 0.0 else float("nan")
 
 
 def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[str, float | None]:

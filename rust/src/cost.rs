@@ -6,9 +6,9 @@
 
 mod abreast;
 mod batch;
-mod columns;
+pub(crate) mod columns;
 mod products;
-mod sums;
+pub(crate) mod sums;
 
 use crate::error::{Result, require};
 use crate::linear::{By, Drive, Output, Parameters};

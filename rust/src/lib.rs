@@ -6,6 +6,7 @@ pub mod error;
 pub mod filter;
 mod finite;
 pub mod integrate;
+pub mod leftover;
 pub mod linear;
 pub mod plant;
 pub mod pool;

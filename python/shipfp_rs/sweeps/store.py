@@ -66,7 +66,14 @@ class Store:
         """Write the rows of a part; from its return on the part is done."""
         path = self._path(part)
         with replacing(path) as temporary:
-            pq.write_table(pa.Table.from_batches([rows]), temporary, compression="zstd")
+            # It lives as long as the sweep runs, and the driver writes every one: plain takes less than half the time.
+            pq.write_table(
+                pa.Table.from_batches([rows]),
+                temporary,
+                compression="none",
+                use_dictionary=False,
+                write_statistics=False,
+            )
         self._enter(part)
         self._write_manifest()
 

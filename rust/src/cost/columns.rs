@@ -112,13 +112,13 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Lay down combinations of a block's rows, each behind its past.
-struct Combine<'a> {
-    block: &'a [f64],
-    combinations: &'a [Combination],
-    biases: &'a [f64],
-    into: &'a mut [f64],
-    width: usize,
+/// Lay down combinations of a block's rows, each at the end of as many values as `width` says: behind its past.
+pub struct Combine<'a> {
+    pub block: &'a [f64],
+    pub combinations: &'a [Combination],
+    pub biases: &'a [f64],
+    pub into: &'a mut [f64],
+    pub width: usize,
 }
 
 impl WithSimd for Combine<'_> {

@@ -8,7 +8,7 @@ use crate::linear::walk::BLOCK;
 const TILE: usize = 4;
 const PAIR: usize = 2;
 
-/// `sum_k r_i[k] r_j[k]` for all pairs of rows, over the samples where every output was measured.
+/// `sum_k r_i[k] r_j[k]` for all pairs of rows, or of rows and others, over the samples where every output was measured.
 pub struct Sums {
     rows: usize,
     width: usize,
@@ -26,6 +26,17 @@ impl Sums {
         Self { rows, width, products: vec![0.0; rows * width], count: 0 }
     }
 
+    /// Those of rows with others.
+    pub fn across(rows: usize, others: usize) -> Self {
+        let width = Self::space(others);
+        Self { rows, width, products: vec![0.0; rows * width], count: 0 }
+    }
+
+    /// The product of a row with another of the others.
+    pub fn product_across(&self, row: usize, other: usize) -> f64 {
+        self.products[row * self.width + other]
+    }
+
     pub fn product(&self, row: usize, column: usize) -> f64 {
         self.products[row.max(column) * self.width + row.min(column)]
     }
@@ -41,14 +52,29 @@ impl Sums {
 
     /// Add a block of as many rows as [`Self::space`] says.
     pub fn add(&mut self, block: &[f64]) {
-        let (rows, width) = (self.rows, self.width);
-        Arch::new().dispatch(Multiply { block, rows, width, products: &mut self.products });
+        let (rows, width, all) = (self.rows, self.width, false);
+        Arch::new().dispatch(Multiply {
+            block,
+            others: block,
+            rows,
+            width,
+            all,
+            products: &mut self.products,
+        });
+    }
+
+    /// Add a block of rows and one of others, both of as many as [`Self::space`] says.
+    pub fn add_across(&mut self, block: &[f64], others: &[f64]) {
+        let (rows, width, all) = (self.rows, self.width, true);
+        Arch::new().dispatch(Multiply { block, others, rows, width, all, products: &mut self.products });
     }
 }
 
-/// Add up a block's products: each pair of rows with `TILE` rows at a time up to themselves.
+/// Add up a block's products: each pair of rows with `TILE` others at a time, all of them or up to themselves.
 struct Multiply<'a> {
     block: &'a [f64],
+    others: &'a [f64],
+    all: bool,
     rows: usize,
     width: usize,
     products: &'a mut [f64],
@@ -61,11 +87,11 @@ impl WithSimd for Multiply<'_> {
     #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     fn with_simd<S: Simd>(self, simd: S) {
         let vectors = BLOCK / S::F64_LANES;
-        let block = S::as_simd_f64s(self.block).0;
+        let (block, rest) = (S::as_simd_f64s(self.block).0, S::as_simd_f64s(self.others).0);
         for row in (0..self.rows).step_by(PAIR) {
             let pair = &block[row * vectors..][..PAIR * vectors];
-            for first in (0..=row).step_by(TILE) {
-                let others = &block[first * vectors..][..TILE * vectors];
+            for first in (0..if self.all { self.width } else { row + 1 }).step_by(TILE) {
+                let others = &rest[first * vectors..][..TILE * vectors];
                 let mut sums = [[simd.splat_f64s(0.0); TILE]; PAIR];
                 for at in 0..vectors {
                     for one in 0..PAIR {

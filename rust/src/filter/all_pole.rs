@@ -1,82 +1,114 @@
-//! The all-pole filter run backwards in time, over many rows side by side.
+//! The all-pole filter run backwards in time, over blocks of rows.
+
+use std::array::from_fn;
 
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::error::{Result, require};
+use crate::linear::walk::BLOCK;
 
-/// Rows in one pack of vectors.
-const ABREAST: usize = 8;
+/// Coefficients that the filter has at most, and samples that it takes at a time.
+pub const ORDER: usize = 8;
 
-type Pack = [f64; ABREAST];
-
-/// Filter rows of so many samples: `y[k] = x[k] - sum_i model[i] y[k + i]`, `model` from `i = 1` on.
+/// `y[k] = x[k] - sum_i model[i] y[k + i]`, `i` from 1 on.
 ///
-/// `after` holds as many samples of each row's result as `model` reaches to: those that follow the last sample.
-///
-/// # Errors
-/// [`Error::Invalid`](crate::error::Error::Invalid) for lengths that don't fit.
-#[allow(clippy::needless_range_loop)]
-pub fn all_pole_backwards(rows: &[f64], samples: usize, model: &[f64], after: &[f64]) -> Result<Vec<f64>> {
-    let (order, samples) = (model.len(), samples.max(1));
-    let count = rows.len() / samples;
-    require(rows.len() == count * samples && after.len() == count * order, || {
-        format!("after has {} values, expected {order} for each of {count} rows", after.len())
-    })?;
-    let mut filtered = vec![0.0; rows.len()];
-    let mut packs = vec![[0.0; ABREAST]; samples + order];
-    for first in (0..count).step_by(ABREAST) {
-        let abreast = ABREAST.min(count - first);
-        // Slices of one length and plain indices: an iterator over every eighth value would cost more than the filter.
-        let row = |lane: usize| &rows[(first + lane.min(abreast - 1)) * samples..][..samples];
-        let source: [&[f64]; ABREAST] = [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7)];
-        let into = &mut packs[..samples];
-        for k in 0..samples {
-            for lane in 0..ABREAST {
-                into[k][lane] = source[lane][k];
+/// A recursion waits for the value before; so it is solved for `ORDER` samples at once, in terms of these and of the `ORDER`
+/// results that follow.
+#[derive(Debug, Clone)]
+pub struct AllPole {
+    /// What a unit in each sample adds to the results.
+    by_sample: [[f64; ORDER]; ORDER],
+    /// What a unit in each of the results that follow adds.
+    by_result: [[f64; ORDER]; ORDER],
+    idle: bool,
+}
+
+impl AllPole {
+    /// `model` from `i = 1` on.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`](crate::error::Error::Invalid) for more than [`ORDER`] coefficients, or one that is not finite.
+    pub fn new(model: &[f64]) -> Result<Self> {
+        require(model.len() <= ORDER && model.iter().all(|factor| factor.is_finite()), || {
+            format!("model is {model:?}, expected up to {ORDER} finite numbers")
+        })?;
+        let answer = |one: usize| -> [f64; ORDER] {
+            let mut values: [f64; 2 * ORDER] = from_fn(|k| f64::from(u8::from(k == one)));
+            for k in (0..ORDER).rev() {
+                values[k] -=
+                    model.iter().zip(&values[k + 1..]).map(|(factor, later)| factor * later).sum::<f64>();
             }
-        }
-        for (i, pack) in packs[samples..].iter_mut().enumerate() {
-            for lane in 0..abreast {
-                pack[lane] = after[(first + lane) * order + i];
-            }
-        }
-        Arch::new().dispatch(Recursion { model, packs: &mut packs });
-        for lane in 0..abreast {
-            let row = &mut filtered[(first + lane) * samples..][..samples];
-            for (value, pack) in row.iter_mut().zip(&packs) {
-                *value = pack[lane];
-            }
+            from_fn(|k| values[k])
+        };
+        Ok(Self {
+            by_sample: from_fn(answer),
+            by_result: from_fn(|one| answer(ORDER + one)),
+            idle: model.iter().all(|factor| *factor == 0.0),
+        })
+    }
+
+    /// Filter a block of each of some rows in place; `after` are each row's first results of the block that follows in time,
+    /// and become those of this one.
+    pub fn run(&self, rows: &mut [f64], after: &mut [[f64; ORDER]]) {
+        if !self.idle {
+            Arch::new().dispatch(Recursion { filter: self, rows, after });
         }
     }
-    Ok(filtered)
 }
 
 struct Recursion<'a> {
-    model: &'a [f64],
-    packs: &'a mut [Pack],
+    filter: &'a AllPole,
+    rows: &'a mut [f64],
+    after: &'a mut [[f64; ORDER]],
 }
 
 impl WithSimd for Recursion<'_> {
     type Output = ();
 
     #[inline(always)]
-    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     fn with_simd<S: Simd>(self, simd: S) {
-        let Some((&nearest, far)) = self.model.split_first() else { return };
-        let nearest = simd.splat_f64s(-nearest);
-        let order = self.model.len();
-        for part in 0..ABREAST / S::F64_LANES {
-            let mut next = S::as_simd_f64s(&self.packs[self.packs.len() - order]).0[part];
-            for k in (0..self.packs.len() - order).rev() {
-                let mut sum = S::as_simd_f64s(&self.packs[k]).0[part];
-                // The value just computed comes last: nothing else waits for it.
-                let later = &self.packs[k + 2..][..far.len()];
-                for i in 0..far.len() {
-                    let value = S::as_simd_f64s(&later[i]).0[part];
-                    sum = simd.mul_add_e_f64s(simd.splat_f64s(-far[i]), value, sum);
+        match ORDER / S::F64_LANES {
+            1 => self.in_parts::<S, 1>(simd),
+            2 => self.in_parts::<S, 2>(simd),
+            4 => self.in_parts::<S, 4>(simd),
+            _ => self.in_parts::<S, ORDER>(simd),
+        }
+    }
+}
+
+impl Recursion<'_> {
+    /// `ORDER` samples are so many vectors.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
+    fn in_parts<S: Simd, const PARTS: usize>(self, simd: S) {
+        let load = |from: &[[f64; ORDER]; ORDER]| {
+            let mut vectors = [[simd.splat_f64s(0.0); ORDER]; PARTS];
+            for part in 0..PARTS {
+                for k in 0..ORDER {
+                    vectors[part][k] = S::as_simd_f64s(&from[k]).0[part];
                 }
-                next = simd.mul_add_e_f64s(nearest, next, sum);
-                S::as_mut_simd_f64s(&mut self.packs[k]).0[part] = next;
+            }
+            vectors
+        };
+        let (by_sample, by_result) = (load(&self.filter.by_sample), load(&self.filter.by_result));
+        // Rows in the inner loop: while one waits for its own results the others go on.
+        for first in (0..BLOCK).step_by(ORDER).rev() {
+            for row in 0..self.after.len() {
+                let samples = &mut self.rows[row * BLOCK + first..][..ORDER];
+                let after = &mut self.after[row];
+                let mut results = [0.0; ORDER];
+                for part in 0..PARTS {
+                    let mut sum = simd.splat_f64s(0.0);
+                    for k in 0..ORDER {
+                        sum = simd.mul_add_e_f64s(by_sample[part][k], simd.splat_f64s(samples[k]), sum);
+                    }
+                    for k in 0..ORDER {
+                        sum = simd.mul_add_e_f64s(by_result[part][k], simd.splat_f64s(after[k]), sum);
+                    }
+                    S::as_mut_simd_f64s(&mut results).0[part] = sum;
+                }
+                samples.copy_from_slice(&results);
+                *after = results;
             }
         }
     }
@@ -87,23 +119,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pieces_give_what_the_whole_gives_and_the_whole_is_the_recursion() {
-        let (count, samples, model) = (11, 40, [-1.2, 0.5, -0.1]);
-        let rows: Vec<f64> = (0..count * samples).map(|i| ((i * i) as f64).sin()).collect();
-        let rest = vec![0.0; count * 3];
-        let whole = all_pole_backwards(&rows, samples, &model, &rest).expect("fits");
-        for (x, y) in rows.chunks(samples).zip(whole.chunks(samples)) {
-            for k in 0..samples {
-                let later: f64 = (1..=3).filter(|i| k + i < samples).map(|i| model[i - 1] * y[k + i]).sum();
-                assert!((y[k] - (x[k] - later)).abs() < 1e-14);
+    fn blocks_from_the_last_to_the_first_give_the_recursion() {
+        let model = [-1.2, 0.5, -0.1];
+        let filter = AllPole::new(&model).expect("fits");
+        let length = 2 * BLOCK;
+        let series =
+            |row: usize| (0..length).map(|k| ((row + 1) * k * k) as f64).map(f64::sin).collect::<Vec<_>>();
+        let rows: Vec<Vec<f64>> = (0..3).map(series).collect();
+        let mut after = vec![[0.0; ORDER]; rows.len()];
+        let mut found = vec![vec![]; rows.len()];
+        for first in [BLOCK, 0] {
+            let mut block: Vec<f64> =
+                rows.iter().flat_map(|row| row[first..first + BLOCK].to_vec()).collect();
+            filter.run(&mut block, &mut after);
+            for (found, part) in found.iter_mut().zip(block.chunks(BLOCK)) {
+                *found = [part, &found[..]].concat();
             }
         }
-        let cut = |rows: &[f64], from: usize, to: usize| -> Vec<f64> {
-            rows.chunks(samples).flat_map(|row| row[from..to].to_vec()).collect()
-        };
-        let after = cut(&whole, 17, 20);
-        let first = all_pole_backwards(&cut(&rows, 0, 17), 17, &model, &after).expect("fits");
-        assert_eq!(first, cut(&whole, 0, 17));
-        assert!(all_pole_backwards(&rows, samples, &model, &after[1..]).is_err());
+        for (x, y) in rows.iter().zip(&found) {
+            for k in 0..length {
+                let later: f64 = model.iter().zip(&y[k + 1..]).map(|(factor, later)| factor * later).sum();
+                assert!((y[k] - (x[k] - later)).abs() < 1e-13);
+            }
+        }
+        assert!(AllPole::new(&[0.1; ORDER + 1]).is_err());
     }
 }

@@ -1,13 +1,12 @@
 //! Filters over long recorded channels: the running median and what stands out from it, the decimating low-pass, slopes of
 //! a spline, the all-pole filter backwards.
 
-mod all_pole;
+pub(crate) mod all_pole;
 mod decimate;
 mod median;
 mod slope;
 mod spikes;
 
-pub use all_pole::all_pole_backwards;
 pub use decimate::Decimator;
 pub use median::running_median;
 pub use slope::slope_at_even_times;

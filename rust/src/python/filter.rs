@@ -1,6 +1,6 @@
 //! Bindings of the filters of long channels.
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::{Vector, borrow, hand_back};
@@ -59,23 +59,6 @@ fn slope_at_even_times<'py>(
     Ok((first, slopes.into_pyarray(py)))
 }
 
-/// Rows [R, N] through `y[k] = x[k] - sum_i model[i] y[k + 1 + i]`; `after` [R, P] are the results that follow.
-#[pyfunction]
-fn all_pole_backwards<'py>(
-    py: Python<'py>,
-    rows: &Bound<'py, PyAny>,
-    model: &Bound<'py, PyAny>,
-    after: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let rows: PyReadonlyArray2<'_, f64> = borrow("rows", rows)?;
-    let model: Vector<'_> = borrow("model", model)?;
-    let after: PyReadonlyArray2<'_, f64> = borrow("after", after)?;
-    let [count, samples] = [rows.shape()[0], rows.shape()[1]];
-    let (rows, model, after) = (rows.as_slice()?, model.as_slice()?, after.as_slice()?);
-    let filtered = guard::run(py, rows.len(), |_| filter::all_pole_backwards(rows, samples, model, after))?;
-    hand_back(py, filtered, [count, samples])
-}
-
 /// Resampling by `up / down` with one zero-phase filter, the input in pieces; see ARCHITECTURE.md.
 #[pyclass(module = "shipfp_rs._core")]
 struct Decimator(filter::Decimator);
@@ -108,7 +91,6 @@ impl Decimator {
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Decimator>()?;
-    module.add_function(wrap_pyfunction!(all_pole_backwards, module)?)?;
     module.add_function(wrap_pyfunction!(find_spikes, module)?)?;
     module.add_function(wrap_pyfunction!(running_median, module)?)?;
     module.add_function(wrap_pyfunction!(slope_at_even_times, module)?)?;

@@ -8,6 +8,7 @@ mod drive_train;
 mod errors;
 mod filter;
 mod guard;
+mod leftover;
 mod linear;
 mod plant;
 mod pulse;
@@ -23,6 +24,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     drive_train::register(module)?;
     filter::register(module)?;
     guard::register(module)?;
+    leftover::register(module)?;
     linear::register(module)?;
     plant::register(module)?;
     pulse::register(module)?;
