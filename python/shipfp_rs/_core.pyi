@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "DRIVE_TRAIN_PARAMETERS",
+    "GREY_BOX_OUTPUTS",
+    "GREY_BOX_PARAMETERS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
@@ -26,6 +28,8 @@ __all__ = [
     "linear_response",
     "linear_response_sensitivities",
     "linear_sensitivities",
+    "plant_products",
+    "plant_sensitivities",
     "pulse_levels",
     "running_median",
     "simulate_drive_train",
@@ -91,6 +95,36 @@ def drive_train_rates(
     n_set: float,
     fuel: float,
 ) -> NDArray[np.float64]: ...
+
+GREY_BOX_PARAMETERS: tuple[str, ...]
+GREY_BOX_OUTPUTS: tuple[str, ...]
+
+def plant_sensitivities(
+    parameters: NDArray[np.float64],
+    limit_speed: NDArray[np.float64],
+    limit_torque: NDArray[np.float64],
+    n_set: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    directions: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def plant_products(
+    parameters: NDArray[np.float64],
+    limit_speed: NDArray[np.float64],
+    limit_torque: NDArray[np.float64],
+    n_set: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    directions: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], int]: ...
 
 LINEAR_PARAMETERS: tuple[str, ...]
 LINEAR_OUTPUTS: tuple[str, ...]

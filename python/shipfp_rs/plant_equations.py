@@ -2,55 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
+from shipfp_rs.drive_train import drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiment import Experiment, Hold
 from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+Values = Mapping[str, Any]
+"""By name; one of them may be complex, to differentiate by it."""
+Place = Callable[[Vessel, Values], Mapping[str, Any]]
+"""A vessel and a structure's values to those of the kernel's parameters that are not the vessel's own."""
 
-_INDEX = {name: index for index, name in enumerate(_core.PLANT_PARAMETERS)}
-STEP = 1e-5
-"""Relative step of the central differences: truncation and rounding are then both near 1e-10."""
-STEP_OF_FASTEST = 0.05
-"""Longest step as part of the plant's shortest time constant; RK4 then errs below 1e-8."""
+COMPLEX_STEP = 1e-30
+"""The square of it vanishes beside 1, so derivatives of the parameters are exact to rounding."""
+STEP_OF_FASTEST = 0.1
+"""Longest step as part of the plant's shortest time constant; RK4 then has it to 1e-6 of itself."""
+
+
+def about_operating_point(vessel: Vessel, values: Values) -> Mapping[str, Any]:
+    """Place the linear structure's parameters: tau_n, g, v, K_p, K_i (or vK_p, vK_i), p, tau_prop, T_set.
+
+    They mean what they mean at the vessel's operating point, which stays the plant's.
+    """
+    torque, speed, rack = vessel.nominal_brake_torque, vessel.nominal_engine_speed, _rack(vessel)
+    shaft_torque = torque * vessel.gearbox.ratio * vessel.gearbox.efficiency
+    per_time_constant = shaft_torque / (2.0 * np.pi * vessel.nominal_shaft_speed)
+    v, g, p = values.get("v", vessel.operating_point.v), values["g"], values["p"]
+    gains = [values[f"vK_{k}"] / v if f"vK_{k}" in values else values[f"K_{k}"] for k in ("p", "i")]
+    return {
+        "inertia": values["tau_n"] * per_time_constant,
+        "propeller_inertia": values.get("tau_prop", 0.0) * per_time_constant,
+        "A1": v * torque / rack,
+        "A2": g * torque / speed,
+        "A3": (1.0 - v - g) * torque,
+        "torque_exponent": p,
+        "torque_coefficient": shaft_torque / vessel.nominal_shaft_speed**p,
+        "Kp_abs": gains[0] * rack / speed,
+        "Ki_abs": gains[1] * rack / speed,
+        "limit_factor": values["limit"],
+        "set_dead_time": values.get("T_set", vessel.governor.set_point_dead_time_s),
+    }
+
+
+def as_built(vessel: Vessel, values: Values) -> Mapping[str, Any]:
+    """Place parameters in the kernel's own units; the propeller by its torque at the vessel's operating speed.
+
+    Its coefficient and exponent would make a long curved valley.
+    """
+    own = {name: value for name, value in values.items() if name in _core.GREY_BOX_PARAMETERS}
+    return own | {
+        "torque_coefficient": values["propeller_torque"]
+        / vessel.nominal_shaft_speed ** values["torque_exponent"],
+        "limit_factor": values.get("limit", 1.0),
+        "set_dead_time": values["T_set"],
+    }
+
+
+def _rack(vessel: Vessel) -> float:
+    return vessel.operating_point.X_0_mm
+
+
+_Run = tuple[Array, Array, Array, Array, float, int, Hold, list[int], Array]
 
 
 @dataclass(frozen=True)
 class PlantEquations:
-    """Plant of eq. 3.1 to 3.11 with the torque envelope of a vessel, in the linear structure's parameters.
+    """Plant of eq. 3.1 to 3.11 with a vessel's torque envelope, rate limits and dead time of the set point.
 
-    tau_n, g, v (or the products vK_p, vK_i), K_p, K_i, p and tau_prop mean what they mean at the vessel's operating
-    point; `limit` multiplies the envelope. All derivatives come from one batch of runs.
+    `place` says what a structure's parameters are to the kernel. All else is the vessel's. The derivatives are those of
+    the integration itself, carried along through its steps; at a limit they are those of the side it is on.
     """
 
     vessel: Vessel
     outputs: tuple[str, ...]
     gauge: bool
+    place: Place = about_operating_point
     states: tuple[str, ...] = ("initial dn", "initial dE")
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
-        return self._runs([values], experiment)[0]
+        return self.sensitivities(values, experiment, ())[0]
 
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
     ) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-        steps = [STEP * (abs(values.get(name, 0.0)) or 1.0) for name in names]
-        members = [values]
-        for name, step in zip(names, steps, strict=True):
-            members += [{**values, name: values.get(name, 0.0) + way * step} for way in (1.0, -1.0)]
-        runs = self._runs(members, experiment)
-        slopes = [(runs[1 + 2 * i] - runs[2 + 2 * i]) / (2.0 * step) for i, step in enumerate(steps)]
-        return runs[0], np.array(slopes).reshape(len(names), *runs[0].shape)
+        scale, shift = self._normal(experiment)
+        rows, slopes = _core.plant_sensitivities(*self._run(values, experiment, names))
+        return rows * scale[:, None] + shift[:, None], slopes * scale[:, None]
+
+    def products(
+        self,
+        values: Mapping[str, float],
+        experiment: Experiment,
+        names: Sequence[str],
+        measured: Array,
+        offsets: Array,
+        filters: Array,
+    ) -> tuple[Array, int]:
+        """Return sums of products of residuals and sensitivities and the number of samples; see `LinearEquations`."""
+        scale, shift = self._normal(experiment)
+        run = self._run(values, experiment, names)
+        return _core.plant_products(*run, scale, measured, offsets + shift, filters)
 
     def response(
         self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
@@ -60,86 +122,55 @@ class PlantEquations:
             "the plant structure has no frequency response; fit it to an Experiment, or use Structure.linear"
         )
 
-    def _parameters(self, values: Mapping[str, float]) -> Array:
-        vessel, parameters = self.vessel, self.vessel.plant_parameters()
-        torque, speed = vessel.nominal_brake_torque, vessel.nominal_engine_speed
-        shaft_torque = torque * vessel.gearbox.ratio * vessel.gearbox.efficiency
-        rack = vessel.operating_point.X_0_mm
-        v = values.get("v", vessel.operating_point.v)
-        gains = [values[f"vK_{k}"] / v if f"vK_{k}" in values else values[f"K_{k}"] for k in ("p", "i")]
-        p = values["p"]
-        parameters[_INDEX["inertia"]] = (
-            values["tau_n"] * shaft_torque / (2.0 * np.pi * vessel.nominal_shaft_speed)
-        )
-        parameters[_INDEX["A1"]] = v * torque / rack
-        parameters[_INDEX["A2"]] = values["g"] * torque / speed
-        parameters[_INDEX["A3"]] = (1.0 - v - values["g"]) * torque
-        parameters[_INDEX["torque_exponent"]] = p
-        parameters[_INDEX["torque_coefficient"]] = shaft_torque / vessel.nominal_shaft_speed**p
-        parameters[_INDEX["Kp_abs"]] = gains[0] * rack / speed
-        parameters[_INDEX["Ki_abs"]] = gains[1] * rack / speed
-        return parameters
+    def _parameters(self, values: Values) -> npt.NDArray[Any]:
+        vessel = self.vessel
+        known: Mapping[str, Any] = {
+            **drive_train(vessel).values,
+            "initial_speed": vessel.nominal_shaft_speed * (1.0 + values.get("initial dn", 0.0)),
+            "initial_error": vessel.nominal_engine_speed * values.get("initial dE", 0.0),
+            **self.place(vessel, values),
+        }
+        return np.array([known[name] for name in _core.GREY_BOX_PARAMETERS])
 
-    def _runs(self, members: Sequence[Mapping[str, float]], experiment: Experiment) -> list[Array]:
-        vessel, dt = self.vessel, 1.0 / experiment.rate_hz
-        speed, limit = vessel.envelope()
-        initial = np.array(
-            [
-                [
-                    vessel.nominal_shaft_speed * (1.0 + values.get("initial dn", 0.0)),
-                    vessel.nominal_engine_speed * values.get("initial dE", 0.0),
-                ]
-                for values in members
-            ]
+    def _run(self, values: Values, experiment: Experiment, names: Sequence[str]) -> _Run:
+        """Return what both kernels ask for."""
+        dt = 1.0 / experiment.rate_hz
+        directions = np.zeros((len(names), len(_core.GREY_BOX_PARAMETERS)))
+        for row, name in zip(directions, names, strict=True):
+            moved = self._parameters({**values, name: values.get(name, 0.0) + 1j * COMPLEX_STEP})
+            row[:] = moved.imag / COMPLEX_STEP
+        torque = "M_g" if self.gauge else "M_b"
+        outputs = [{"dn": "n_e", "dM": torque, "dE": "E_n", "dX": "X_f"}[output] for output in self.outputs]
+        return (
+            self._parameters(values).astype(np.float64),
+            *self.vessel.envelope(),
+            experiment.signals["n_set"] / 60.0,
+            dt,
+            self._substeps(dt),
+            experiment.hold,
+            [_core.GREY_BOX_OUTPUTS.index(output) for output in outputs],
+            directions,
         )
-        # One envelope serves a batch, so members with another limit run in a batch of their own.
-        limits = np.array([values.get("limit", 1.0) for values in members])
-        trajectories = np.empty((len(members), 4, len(experiment)))
-        for factor in np.unique(limits):
-            chosen = limits == factor
-            trajectories[chosen] = _core.simulate_plant_batch(
-                np.array([self._parameters(v) for v, take in zip(members, chosen, strict=True) if take]),
-                speed,
-                limit * factor,
-                experiment.signals["n_set"][None, :] / 60.0,
-                dt,
-                self._substeps(dt),
-                "rk4",
-                experiment.hold,
-                initial[chosen],
-                0,
-            )
-        return [self._normalised(v, run, experiment) for v, run in zip(members, trajectories, strict=True)]
 
     def _substeps(self, dt: float) -> int:
-        point, governor = self.vessel.operating_point, self.vessel.governor
-        torque = self.vessel.nominal_brake_torque * self.vessel.gearbox.ratio * self.vessel.gearbox.efficiency
-        tau_n = 2.0 * np.pi * self.vessel.inertia * self.vessel.nominal_shaft_speed / torque
-        rate = (self.vessel.propeller.torque_exponent - point.g + point.v * governor.K_p) / tau_n
+        vessel, point = self.vessel, self.vessel.operating_point
+        torque = vessel.nominal_brake_torque * vessel.gearbox.ratio * vessel.gearbox.efficiency
+        tau_n = 2.0 * np.pi * vessel.inertia * vessel.nominal_shaft_speed / torque
+        rate = (vessel.propeller.torque_exponent - point.g + point.v * vessel.governor.K_p) / tau_n
         return max(1, int(np.ceil(dt * rate / STEP_OF_FASTEST)))
 
-    def _normalised(self, values: Mapping[str, float], run: Array, experiment: Experiment) -> Array:
+    def _normal(self, experiment: Experiment) -> tuple[Array, Array]:
+        """Return factor and shift (O,) that turn the kernel's outputs into normalised ones."""
         vessel, point = self.vessel, experiment.operating_point
-        n_s, E_n, X_f, M_b = run
-        shaft = vessel.gearbox.ratio * vessel.gearbox.efficiency
-        rows = []
-        for output in self.outputs:
-            if output == "dn":
-                rows.append(n_s / (point.get("n_e", point["n_set"]) / 60.0 / vessel.gearbox.ratio) - 1.0)
-            elif output == "dE":
-                rows.append(E_n / vessel.nominal_engine_speed)
-            elif output == "dX":
-                rows.append(X_f / point.get("X_f", vessel.operating_point.X_0_mm) - 1.0)
-            elif self.gauge:
-                propeller_torque = (
-                    vessel.nominal_brake_torque * shaft * (n_s / vessel.nominal_shaft_speed) ** values["p"]
-                )
-                part = values["tau_prop"] / values["tau_n"]
-                gauge_torque = propeller_torque + part * (M_b * shaft - propeller_torque)
-                rows.append(gauge_torque / point.get("M_g", vessel.nominal_brake_torque * shaft) - 1.0)
-            else:
-                rows.append(M_b / self._brake_torque_at(point) - 1.0)
-        return np.array(rows)
+        shaft_torque = vessel.nominal_brake_torque * vessel.gearbox.ratio * vessel.gearbox.efficiency
+        base = {
+            "dn": point.get("n_e", point["n_set"]) / 60.0,
+            "dM": point.get("M_g", shaft_torque) if self.gauge else self._brake_torque_at(point),
+            "dE": vessel.nominal_engine_speed,
+            "dX": point.get("X_f", _rack(vessel)),
+        }
+        scale = np.array([1.0 / base[output] for output in self.outputs])
+        return scale, np.array([0.0 if output == "dE" else -1.0 for output in self.outputs])
 
     def _brake_torque_at(self, point: Mapping[str, float]) -> float:
         shaft = self.vessel.gearbox.ratio * self.vessel.gearbox.efficiency

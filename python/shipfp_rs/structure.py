@@ -262,28 +262,39 @@ class Structure:
         vessel: Vessel,
         *,
         torque: Torque = "brake",
+        products: bool = True,
         free_exponent: bool = False,
         free_limit: bool = False,
+        dead_time_set_point: bool = False,
         outputs: Sequence[str] = ("dn", "dM"),
         name: str | None = None,
     ) -> Structure:
         """Declare the nonlinear plant of a vessel, its torque envelope included (eq. 3.1 to 3.11).
 
-        The parameters are those of `linear` with `products`, at the vessel's operating point; where the data cross the
-        engine's limit or bend with the propeller curve, they are not biased by it as the linear structure's are.
+        The parameters are those of `linear`, at the vessel's operating point; where the data cross the engine's limit
+        or bend with the propeller curve, they are not biased by it as the linear structure's are. `grey_box` has the
+        same plant in the vessel's own terms.
 
         Parameters
         ----------
         vessel
-            Gives what is not searched for: operating point, gearbox, envelope.
-        torque, free_exponent, outputs
-            As for `linear`.
+            Gives what is not searched for: operating point, gearbox, envelope, rate limits of torque and rack.
+        torque, products, free_exponent, outputs
+            As for `linear`; with "dX" among the outputs, v, K_p and K_i are told apart.
         free_limit
             Free the factor `limit` on the vessel's torque envelope.
+        dead_time_set_point
+            Free the dead time T_set; otherwise it is the vessel's.
         """
         from shipfp_rs.plant_equations import PlantEquations
 
-        linear = cls.linear(torque=torque, products=True, free_exponent=free_exponent, outputs=outputs)
+        linear = cls.linear(
+            torque=torque,
+            products=products,
+            free_exponent=free_exponent,
+            dead_time_set_point=dead_time_set_point,
+            outputs=outputs,
+        )
         limit = Parameter("limit", "-", 1.0, 0.5, 2.0, fixed=not free_limit)
         return cls(
             name=name or f"plant of {vessel.name}",
@@ -296,6 +307,66 @@ class Structure:
                 "torque": torque,
                 "free_exponent": free_exponent,
             },
+        )
+
+    @classmethod
+    def grey_box(
+        cls,
+        vessel: Vessel,
+        free: Sequence[str],
+        *,
+        torque: Torque = "brake",
+        outputs: Sequence[str] = ("dn", "dM"),
+        name: str | None = None,
+    ) -> Structure:
+        """Declare the nonlinear plant of a vessel in its own terms: inertia, engine map, governor, limits (eq. 3.1 to 3.11).
+
+        Parameters
+        ----------
+        vessel
+            Gives every parameter's start, and the value of those that are not free.
+        free
+            Names of what is searched for, of "inertia", "propeller_inertia" [kg m2], "A1" [Nm/mm],
+            "A2" [Nm/(rev/s)], "A3" [Nm], "X_0" [mm], "Kp_abs" [mm/(rev/s)], "Ki_abs" [mm/rev],
+            "propeller_torque" [Nm] (at the vessel's operating speed), "torque_exponent", "gear_ratio",
+            "transmission_efficiency", "limit" (factor on the torque envelope), "minimum_torque" [Nm],
+            "rack_rate" [mm/s], "torque_rate" [Nm/s], "T_set" [s] (dead time of the set
+            point). Limits and rates need a vessel that has them.
+        torque, outputs
+            As for `linear`.
+
+        Raises
+        ------
+        InputError
+            For an unknown name or output, or an element that the vessel does not have.
+
+        Notes
+        -----
+        Speed and torque alone do not tell A1, Kp_abs and Ki_abs apart (only the products A1 Kp_abs and A1 Ki_abs), nor
+        A3 and X_0 from each other and from the initial integrated error: free one of each, or measure the fuel rack
+        ("dX"). Gauge torque tells the propeller's inertia and not the total one. A limit that the data never meet has
+        no influence: `identify` reports it as not identifiable. The same holds for a start so far off that it never
+        acts there.
+
+        Examples
+        --------
+        >>> from shipfp_rs import Vessel
+        >>> launch = Vessel.load("stan-launch-804")
+        >>> [parameter.name for parameter in Structure.grey_box(launch, ["inertia", "Kp_abs"]).free]
+        ['inertia', 'Kp_abs']
+        """
+        from shipfp_rs.grey_box import parameters
+        from shipfp_rs.plant_equations import PlantEquations, as_built
+
+        linear = cls.linear(torque=torque, outputs=outputs)
+        return cls(
+            name=name or f"grey box of {vessel.name}",
+            parameters=parameters(vessel, free),
+            signals=linear.signals,
+            equations=PlantEquations(
+                vessel, linear.outputs, gauge="tau_prop" in linear.names, place=as_built
+            ),
+            settings={"kind": "grey box", "vessel": vessel.name, "torque": torque},
         )
 
     @classmethod

@@ -12,6 +12,8 @@ pub mod plant;
 pub mod pool;
 pub mod pulse;
 pub mod repeats;
+pub mod scalar;
+pub mod sensitivity;
 pub mod statespace;
 pub mod stop;
 

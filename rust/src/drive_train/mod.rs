@@ -20,5 +20,7 @@ pub use governor::{Governor, Timing};
 pub use motion::{DriveTrain, FLOW, flow_at};
 pub use parameters::{PARAMETERS, Tables};
 pub use propeller::{Propeller, Quadrants};
+pub use ramp::Ramp;
+pub use shaft::{Answer, Shaft};
 pub use simulate::{ROWS, Run, simulate};
 pub use state::{STATES, State};

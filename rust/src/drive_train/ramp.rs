@@ -1,31 +1,33 @@
 //! A signal that changes no faster than its rate allows.
 
 use crate::plant::limited;
+use crate::scalar::Scalar;
 
 /// Follows a demand within a rate; infinite for no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ramp {
-    rate: f64,
-    value: f64,
+pub struct Ramp<T = f64> {
+    rate: T,
+    value: T,
 }
 
-impl Ramp {
+impl<T: Scalar> Ramp<T> {
     /// At rest at a value.
     #[must_use]
-    pub fn new(rate: f64, value: f64) -> Self {
+    pub fn new(rate: T, value: T) -> Self {
         Self { rate, value }
     }
 
     /// Whether the rate is limited at all.
+    #[inline(always)]
     #[must_use]
     pub fn acts(&self) -> bool {
-        self.rate.is_finite()
+        self.rate.value().is_finite()
     }
 
     /// What of the demand is reached so long [s] after the value was.
     #[inline(always)]
     #[must_use]
-    pub fn reached(&self, demand: f64, elapsed: f64) -> f64 {
+    pub fn reached(&self, demand: T, elapsed: T) -> T {
         if self.acts() {
             let reach = self.rate * elapsed;
             limited(demand, self.value - reach, self.value + reach)
@@ -35,7 +37,8 @@ impl Ramp {
     }
 
     /// Let time pass, with the demand at its end.
-    pub fn advance(&mut self, demand: f64, elapsed: f64) {
+    #[inline(always)]
+    pub fn advance(&mut self, demand: T, elapsed: T) {
         self.value = self.reached(demand, elapsed);
     }
 }

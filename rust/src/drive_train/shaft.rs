@@ -2,45 +2,47 @@
 
 use std::f64::consts::TAU;
 
+use crate::scalar::Scalar;
+
 /// Two inertias and what joins them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shaft {
+pub struct Shaft<T = f64> {
     /// Engine and gearbox, seen from the propeller [kg m2].
-    pub engine_side: f64,
+    pub engine_side: T,
     /// Propeller, shaft and entrained water [kg m2].
-    pub propeller_side: f64,
+    pub propeller_side: T,
     /// [Nm/rad], infinity for a rigid shaft.
-    pub stiffness: f64,
+    pub stiffness: T,
     /// [Nm s/rad].
-    pub damping: f64,
+    pub damping: T,
 }
 
 /// What the shaft makes of the torques on it.
 #[derive(Debug, Clone, Copy)]
-pub struct Answer {
+pub struct Answer<T = f64> {
     /// Torque at the gauge [Nm].
-    pub gauge: f64,
+    pub gauge: T,
     /// Change of speed on the engine's side [rev/s2].
-    pub engine_side: f64,
+    pub engine_side: T,
     /// Change of speed on the propeller's side [rev/s2].
-    pub propeller_side: f64,
+    pub propeller_side: T,
 }
 
-impl Shaft {
+impl<T: Scalar> Shaft<T> {
     /// Answer to the gearbox's and the propeller's torque [Nm] at a twist [rev] that changes at a slip [rev/s].
     #[inline(always)]
     #[must_use]
-    pub fn answer(&self, drive: f64, load: f64, twist: f64, slip: f64) -> Answer {
-        if self.stiffness.is_finite() {
-            let gauge = TAU * (self.stiffness * twist + self.damping * slip);
+    pub fn answer(&self, drive: T, load: T, twist: T, slip: T) -> Answer<T> {
+        if self.stiffness.value().is_finite() {
+            let gauge = (self.stiffness * twist + self.damping * slip) * TAU;
             Answer {
                 gauge,
-                engine_side: (drive - gauge) / (TAU * self.engine_side),
-                propeller_side: (gauge - load) / (TAU * self.propeller_side),
+                engine_side: (drive - gauge) / (self.engine_side * TAU),
+                propeller_side: (gauge - load) / (self.propeller_side * TAU),
             }
         } else {
             let inertia = self.engine_side + self.propeller_side;
-            let rate = (drive - load) / (TAU * inertia);
+            let rate = (drive - load) / (inertia * TAU);
             Answer {
                 gauge: load + self.propeller_side / inertia * (drive - load),
                 engine_side: rate,
@@ -51,7 +53,7 @@ impl Shaft {
 
     /// The twist at which the gauge shows a torque at rest [rev].
     #[must_use]
-    pub fn twist(&self, gauge: f64) -> f64 {
-        gauge / (TAU * self.stiffness)
+    pub fn twist(&self, gauge: T) -> T {
+        gauge / (self.stiffness * TAU)
     }
 }

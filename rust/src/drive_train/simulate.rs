@@ -32,6 +32,26 @@ pub struct Run<'a> {
     pub hold: Hold,
 }
 
+impl Run<'_> {
+    /// Refuse what can't be simulated.
+    ///
+    /// # Errors
+    /// Where the sample time is not positive, there are no steps or no samples, or a set point is not finite.
+    pub fn check(&self) -> Result<()> {
+        let Self { set_speed, dt, substeps, .. } = *self;
+        require(dt.is_finite() && dt > 0.0, || format!("dt is {dt}, expected a positive sample time [s]"))?;
+        require(substeps > 0, || "substeps is 0, expected at least 1".to_owned())?;
+        require(!set_speed.is_empty(), || "n_set has no samples, expected at least 1".to_owned())?;
+        match set_speed.iter().position(|value| !value.is_finite()) {
+            None => Ok(()),
+            Some(bad) => Err(Error::Invalid(format!(
+                "n_set is {} at sample {bad}, expected finite speeds [rev/s]",
+                set_speed[bad]
+            ))),
+        }
+    }
+}
+
 /// Simulate a run into [`ROWS`] rows of as many columns as the set point has samples.
 ///
 /// # Errors
@@ -45,15 +65,7 @@ pub fn simulate(
     stop: &Stop,
 ) -> Result<()> {
     let Run { set_speed, dt, substeps, .. } = *run;
-    require(dt.is_finite() && dt > 0.0, || format!("dt is {dt}, expected a positive sample time [s]"))?;
-    require(substeps > 0, || "substeps is 0, expected at least 1".to_owned())?;
-    require(!set_speed.is_empty(), || "n_set has no samples, expected at least 1".to_owned())?;
-    if let Some(bad) = set_speed.iter().position(|value| !value.is_finite()) {
-        let found = set_speed[bad];
-        return Err(Error::Invalid(format!(
-            "n_set is {found} at sample {bad}, expected finite speeds [rev/s]"
-        )));
-    }
+    run.check()?;
     let length = ROWS * set_speed.len();
     require(output.len() == length, || format!("output has {} values, expected {length}", output.len()))?;
     let step = dt / substeps as f64;

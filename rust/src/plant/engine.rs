@@ -1,24 +1,30 @@
 //! Diesel engine: brake torque, affine in rack and speed (eq. 3.5) between two limits.
 
-use super::Affine;
+use std::ops::{Add, Mul};
+
+use crate::scalar::Scalar;
 
 /// Turns rack position and engine speed into brake torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Engine {
+pub struct Engine<T = f64> {
     /// Torque per rack position, A1 [Nm/mm].
-    pub rack_gain: f64,
+    pub rack_gain: T,
     /// Torque per engine speed at a fixed rack, A2 [Nm/(rev/s)].
-    pub speed_gain: f64,
+    pub speed_gain: T,
     /// A3 [Nm].
-    pub offset: f64,
+    pub offset: T,
     /// What the torque never falls below [Nm], minus infinity for no such limit.
-    pub minimum_torque: f64,
+    pub minimum_torque: T,
 }
 
-impl Engine {
-    /// Brake torque [Nm] before its limits.
+impl<T: Copy> Engine<T> {
+    /// Brake torque [Nm] before its limits, of numbers or what is affine in the state.
+    #[inline(always)]
     #[must_use]
-    pub fn demand(&self, rack: Affine, engine_speed: Affine) -> Affine {
+    pub fn demand<Q>(&self, rack: Q, engine_speed: Q) -> Q
+    where
+        Q: Add<Output = Q> + Add<T, Output = Q> + Mul<T, Output = Q>,
+    {
         rack * self.rack_gain + engine_speed * self.speed_gain + self.offset
     }
 }
@@ -27,9 +33,9 @@ impl Engine {
 // Written so that each line is one instruction; `f64::min` and `f64::max` would drop a NaN and cost three.
 #[inline(always)]
 #[must_use]
-pub fn limited(demand: f64, minimum: f64, maximum: f64) -> f64 {
-    let torque = if maximum < demand { maximum } else { demand };
-    if minimum > torque { minimum } else { torque }
+pub fn limited<T: Scalar>(demand: T, minimum: T, maximum: T) -> T {
+    let torque = if maximum.value() < demand.value() { maximum } else { demand };
+    if minimum.value() > torque.value() { minimum } else { torque }
 }
 
 #[cfg(test)]

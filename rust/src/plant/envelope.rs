@@ -8,6 +8,12 @@ pub trait Limit {
     fn torque(&mut self, engine_speed: f64) -> f64;
 }
 
+/// A limit that knows how it changes with the speed.
+pub trait Slope: Limit {
+    /// Slope [Nm/(rev/s)] at the speed that was last looked up; at a point of the table that of the piece above it.
+    fn slope(&self) -> f64;
+}
+
 /// Torque-speed envelope of an engine.
 #[derive(Debug, Clone)]
 pub enum Envelope {
@@ -135,6 +141,20 @@ impl Limit for Cursor<'_> {
             self.piece = self.pieces[self.index];
         }
         self.piece.intercept + self.piece.slope * engine_speed
+    }
+}
+
+impl Slope for Constant {
+    #[inline(always)]
+    fn slope(&self) -> f64 {
+        0.0
+    }
+}
+
+impl Slope for Cursor<'_> {
+    #[inline(always)]
+    fn slope(&self) -> f64 {
+        self.piece.slope
     }
 }
 

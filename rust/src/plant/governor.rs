@@ -1,22 +1,26 @@
 //! Governor of the engine speed, proportional and integral, with an ideal actuator (eq. 3.2-3.4).
 
-use super::Affine;
+use std::ops::{Add, Mul};
 
 /// Turns the speed error into a fuel rack position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Governor {
+pub struct Governor<T = f64> {
     /// Rack position without any error, `X_0` [mm].
-    pub base_rack: f64,
+    pub base_rack: T,
     /// Proportional gain [mm/(rev/s)].
-    pub proportional: f64,
+    pub proportional: T,
     /// Integral gain [mm/rev].
-    pub integral: f64,
+    pub integral: T,
 }
 
-impl Governor {
-    /// Rack position [mm] for a speed error [rev/s] and its integral [rev].
+impl<T: Copy> Governor<T> {
+    /// Rack position [mm] for a speed error [rev/s] and its integral [rev], numbers or what is affine in the state.
+    #[inline(always)]
     #[must_use]
-    pub fn rack(&self, speed_error: Affine, integrated_error: Affine) -> Affine {
+    pub fn rack<Q>(&self, speed_error: Q, integrated_error: Q) -> Q
+    where
+        Q: Add<Output = Q> + Add<T, Output = Q> + Mul<T, Output = Q>,
+    {
         speed_error * self.proportional + integrated_error * self.integral + self.base_rack
     }
 }

@@ -12,11 +12,11 @@ mod shaft;
 
 pub use affine::Affine;
 pub use engine::{Engine, limited};
-pub use envelope::{Constant, Cursor, Envelope, Hinges, Limit, Table};
+pub use envelope::{Constant, Cursor, Envelope, Hinges, Limit, Slope, Table};
 pub use gearbox::Gearbox;
 pub use governor::Governor;
 pub use motion::Motion;
-pub use power::{Library, Polynomial, Power, Square};
+pub use power::{Library, Polynomial, Power, Square, power_and_slopes};
 pub use propeller::Propeller;
 pub use shaft::Shaft;
 
@@ -42,14 +42,14 @@ pub const PARAMETERS: [&str; 12] = [
 
 /// State of the plant, or a change of it, in the units of a [`Motion`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State {
+pub struct State<T = f64> {
     /// Engine speed.
-    pub speed: f64,
+    pub speed: T,
     /// Integrated error of the engine speed.
-    pub error: f64,
+    pub error: T,
 }
 
-impl Add for State {
+impl<T: Add<Output = T>> Add for State<T> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -57,7 +57,7 @@ impl Add for State {
     }
 }
 
-impl Mul<f64> for State {
+impl<T: Mul<f64, Output = T>> Mul<f64> for State<T> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, factor: f64) -> Self {

@@ -34,6 +34,16 @@ impl Power for Polynomial {
     }
 }
 
+/// `speed` |`speed`|^(`exponent` - 1), and its derivatives by speed and by exponent.
+#[inline(always)]
+#[must_use]
+pub fn power_and_slopes(speed: f64, exponent: f64) -> [f64; 3] {
+    let log = log2(speed.abs().max(f64::MIN_POSITIVE));
+    let slope = exp2(log * (exponent - 1.0));
+    let value = speed * slope;
+    [value, exponent * slope, value * (log * std::f64::consts::LN_2)]
+}
+
 /// 2^52: added to a small whole number it leaves that number in the low bits.
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 

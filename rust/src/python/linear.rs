@@ -85,7 +85,7 @@ type CostOfMany<'py> =
     (Bound<'py, PyArray1<f64>>, Rows<'py>, RowsByParameter<'py>, RowsByParameter<'py>, usize);
 
 /// Check that an array has the shape that the other arguments ask for.
-fn expect_shape<const N: usize>(
+pub(super) fn expect_shape<const N: usize>(
     name: &str,
     found: &[usize],
     expected: [usize; N],

@@ -13,6 +13,7 @@ mod linear;
 mod plant;
 mod pulse;
 mod repeats;
+mod sensitivity;
 mod statespace;
 
 use pyo3::prelude::*;
@@ -29,6 +30,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     plant::register(module)?;
     pulse::register(module)?;
     repeats::register(module)?;
+    sensitivity::register(module)?;
     statespace::register(module)?;
     Ok(())
 }

@@ -1,0 +1,75 @@
+"""Parameters of the plant as it is built, in their own units: what a grey box can search for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from shipfp_rs import slips
+from shipfp_rs.drive_train import drive_train
+from shipfp_rs.errors import InputError
+from shipfp_rs.structure import Parameter
+from shipfp_rs.vessel import Vessel
+
+ELEMENTS: Mapping[str, str] = {
+    "minimum_torque": "engine.minimum_torque_Nm",
+    "limit": "engine.envelope",
+    "rack_rate": "actuator.rate_mm_s",
+    "torque_rate": "engine.torque_rate_Nm_s",
+}
+"""Parameters of elements that a vessel need not have, with their keys in its file."""
+
+
+def parameters(vessel: Vessel, free: Sequence[str]) -> tuple[Parameter, ...]:
+    """Declare all parameters of a vessel's plant, from its own values; those not in `free` are fixed there.
+
+    Raises
+    ------
+    InputError
+        For an unknown name in `free`, or that of an element which the vessel does not have.
+    """
+    rows = {name: row for name, row in _rows(vessel).items() if math.isfinite(row[1])}
+    for name in free:
+        if name in ELEMENTS and name not in rows:
+            raise InputError(
+                f"free: {name!r} has no value to start from; give vessel {vessel.name!r} its {ELEMENTS[name]}"
+            )
+        if name not in rows:
+            raise InputError(f"free: found {name!r}, {slips.suggestion(name, list(rows))}")
+    if not free:
+        raise InputError(f"free: found no name, expected some of {', '.join(rows)}")
+    return tuple(Parameter(name, *row, fixed=name not in free) for name, row in rows.items())
+
+
+def _rows(vessel: Vessel) -> dict[str, tuple[str, float, float, float]]:
+    """Unit, start and bounds by name; the start is not finite where the vessel lacks the element."""
+    own = drive_train(vessel).values
+    torque, speed = vessel.nominal_brake_torque, vessel.nominal_engine_speed
+    load = own["torque_coefficient"] * vessel.nominal_shaft_speed ** own["torque_exponent"]
+    limit = 1.0 if vessel.engine.envelope else math.inf
+
+    def within(name: str, unit: str, factor: float) -> tuple[str, float, float, float]:
+        return unit, own[name], own[name] / factor, own[name] * factor
+
+    def about(name: str, unit: str, width: float) -> tuple[str, float, float, float]:
+        return unit, own[name], own[name] - width, own[name] + width
+
+    return {
+        "inertia": within("inertia", "kg m2", 5.0),
+        "propeller_inertia": ("kg m2", own["propeller_inertia"], 0.0, own["inertia"]),
+        "gear_ratio": within("gear_ratio", "-", 2.0),
+        "transmission_efficiency": ("-", own["transmission_efficiency"], 0.5, 1.0),
+        "A1": within("A1", "Nm/mm", 5.0),
+        "A2": about("A2", "Nm/(rev/s)", 10.0 * torque / speed),
+        "A3": about("A3", "Nm", 10.0 * torque),
+        "propeller_torque": ("Nm", load, load / 5.0, load * 5.0),
+        "torque_exponent": ("-", own["torque_exponent"], 1.0, 4.0),
+        "X_0": within("X_0", "mm", 5.0),
+        "Kp_abs": within("Kp_abs", "mm/(rev/s)", 20.0),
+        "Ki_abs": within("Ki_abs", "mm/rev", 20.0),
+        "minimum_torque": about("minimum_torque", "Nm", 5.0 * torque),
+        "limit": ("-", limit, 0.5, 2.0),
+        "rack_rate": within("rack_rate", "mm/s", 5.0),
+        "torque_rate": within("torque_rate", "Nm/s", 5.0),
+        "T_set": ("s", own["set_dead_time"], 0.0, max(2.0, 2.0 * own["set_dead_time"])),
+    }

@@ -1,0 +1,120 @@
+//! Bindings of the plant with its elements and derivatives.
+
+use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+use super::arrays::{Vector, borrow, hand_back};
+use super::guard;
+use super::linear::expect_shape;
+use super::plant::{envelope, zeros};
+use crate::drive_train::Run;
+use crate::sensitivity::{OUTPUTS, Output, PARAMETERS, Record, Subject, simulate};
+
+type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
+
+/// Simulated outputs [O, N] and their derivatives [W, O, N] in the directions [W, 19] of the parameter vector.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn plant_sensitivities<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    limit_speed: &Bound<'py, PyAny>,
+    limit_torque: &Bound<'py, PyAny>,
+    n_set: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    outputs: Vec<usize>,
+    directions: &Bound<'py, PyAny>,
+) -> PyResult<Sensitivities<'py>> {
+    let subject = subject(parameters, limit_speed, limit_torque, directions)?;
+    let n_set: Vector<'_> = borrow("n_set", n_set)?;
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let outputs = Output::from_indices(&outputs)?;
+    let (count, samples) = (outputs.len(), n_set.len());
+    let values: Bound<'_, PyArray2<f64>> = zeros(py, (count, samples))?.cast_into()?;
+    let slopes: Bound<'_, PyArray3<f64>> = zeros(py, (subject.directions(), count, samples))?.cast_into()?;
+    {
+        let (mut values, mut slopes) = (values.readwrite(), slopes.readwrite());
+        let (values, slopes) = (values.as_slice_mut()?, slopes.as_slice_mut()?);
+        guard::run(py, work(&subject, &run), |stop| {
+            simulate(&subject, &run, &outputs, values, slopes, stop)
+        })?;
+    }
+    Ok((values, slopes))
+}
+
+/// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted), for outputs that
+/// are `scale` times the simulated ones plus `offsets`. The columns of an output are its derivatives in the directions,
+/// what an offset of it adds, and its residual.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn plant_products<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    limit_speed: &Bound<'py, PyAny>,
+    limit_torque: &Bound<'py, PyAny>,
+    n_set: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    outputs: Vec<usize>,
+    directions: &Bound<'py, PyAny>,
+    scale: &Bound<'py, PyAny>,
+    measured: &Bound<'py, PyAny>,
+    offsets: &Bound<'py, PyAny>,
+    filters: &Bound<'py, PyAny>,
+) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
+    let subject = subject(parameters, limit_speed, limit_torque, directions)?;
+    let n_set: Vector<'_> = borrow("n_set", n_set)?;
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let rows = outputs.len();
+    let measured: PyReadonlyArray2<'_, f64> = borrow("measured", measured)?;
+    let filters: PyReadonlyArray2<'_, f64> = borrow("filters", filters)?;
+    let scale: Vector<'_> = borrow("scale", scale)?;
+    let offsets: Vector<'_> = borrow("offsets", offsets)?;
+    expect_shape("measured", measured.shape(), [rows, n_set.len()], "outputs, samples")?;
+    expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
+    let record = Record::new(
+        run,
+        Output::from_indices(&outputs)?,
+        scale.as_slice()?,
+        offsets.as_slice()?,
+        measured.as_slice()?,
+        filters.as_slice()?,
+    )?;
+    let sums = guard::run(py, work(&subject, &run), |stop| record.sums(&subject, stop))?;
+    Ok((hand_back(py, sums.values, [rows, sums.columns, rows, sums.columns])?, sums.count))
+}
+
+fn subject(
+    parameters: &Bound<'_, PyAny>,
+    limit_speed: &Bound<'_, PyAny>,
+    limit_torque: &Bound<'_, PyAny>,
+    directions: &Bound<'_, PyAny>,
+) -> PyResult<Subject> {
+    let parameters: Vector<'_> = borrow("parameters", parameters)?;
+    let directions: PyReadonlyArray2<'_, f64> = borrow("directions", directions)?;
+    expect_shape(
+        "directions",
+        directions.shape(),
+        [directions.shape()[0], PARAMETERS.len()],
+        "directions, parameters",
+    )?;
+    let envelope = envelope(limit_speed, limit_torque)?;
+    Ok(Subject::new(parameters.as_slice()?, directions.as_slice()?, envelope)?)
+}
+
+/// Steps, each with its derivatives.
+fn work(subject: &Subject, run: &Run<'_>) -> usize {
+    run.set_speed.len().saturating_mul(run.substeps).saturating_mul(1 + subject.directions())
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("GREY_BOX_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
+    module.add("GREY_BOX_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
+    module.add_function(wrap_pyfunction!(plant_sensitivities, module)?)?;
+    module.add_function(wrap_pyfunction!(plant_products, module)?)?;
+    Ok(())
+}

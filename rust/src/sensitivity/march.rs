@@ -1,0 +1,301 @@
+//! Steps of the classical Runge-Kutta method through a record, with numbers that carry their derivatives.
+
+use multiversion::multiversion;
+
+use crate::drive_train::{Ramp, Run};
+use crate::error::{Error, Result};
+use crate::integrate::Hold;
+use crate::plant::{Envelope, Slope, State, limited};
+use crate::scalar::{Dual, Scalar};
+use crate::stop::{CHECK_EVERY, Stop};
+
+use super::parameters::{Subject, Train};
+
+/// Names of what can be asked for: `n_e`, `n_s` [rev/s], `M_b`, `M_g` [Nm], `X_f` [mm], `E_n` [rev].
+pub const OUTPUTS: [&str; 6] = ["n_e", "n_s", "M_b", "M_g", "X_f", "E_n"];
+
+/// One of [`OUTPUTS`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Output {
+    EngineSpeed,
+    ShaftSpeed,
+    BrakeTorque,
+    GaugeTorque,
+    Rack,
+    Error,
+}
+
+impl Output {
+    const ALL: [Self; OUTPUTS.len()] =
+        [Self::EngineSpeed, Self::ShaftSpeed, Self::BrakeTorque, Self::GaugeTorque, Self::Rack, Self::Error];
+
+    /// By their places in [`OUTPUTS`].
+    ///
+    /// # Errors
+    /// Where there are none, or one is out of range.
+    pub fn from_indices(indices: &[usize]) -> Result<Vec<Self>> {
+        if let Some(bad) = indices.iter().find(|&&index| index >= OUTPUTS.len()) {
+            return Err(Error::Invalid(format!(
+                "outputs holds {bad}, expected 0 to {}: {}",
+                OUTPUTS.len() - 1,
+                OUTPUTS.join(", ")
+            )));
+        }
+        if indices.is_empty() {
+            return Err(Error::Invalid("outputs is empty, expected at least one".to_owned()));
+        }
+        Ok(indices.iter().map(|&index| Self::ALL[index]).collect())
+    }
+}
+
+/// March a subject through a run, and give the chosen outputs to `consume` in blocks of at most so many samples: the
+/// first sample, then for each sample a number an output.
+pub fn march<const N: usize>(
+    subject: &Subject,
+    run: &Run<'_>,
+    outputs: &[Output],
+    block: usize,
+    stop: &Stop,
+    consume: impl FnMut(usize, &[Dual<N>]) -> Result<()>,
+) -> Result<()> {
+    let train = subject.train::<N>();
+    match &subject.envelope {
+        Envelope::Constant(limit) => through(March::new(train, *limit, run), outputs, block, stop, consume),
+        Envelope::Table(table) => {
+            through(March::new(train, table.cursor(), run), outputs, block, stop, consume)
+        }
+    }
+}
+
+fn through<const N: usize, L: Slope>(
+    mut march: March<'_, Dual<N>, L>,
+    outputs: &[Output],
+    block: usize,
+    stop: &Stop,
+    mut consume: impl FnMut(usize, &[Dual<N>]) -> Result<()>,
+) -> Result<()> {
+    let Run { set_speed, dt, substeps, .. } = *march.run;
+    let block = block.min((CHECK_EVERY / substeps).max(1));
+    let mut rows = vec![Dual::constant(0.0); block * outputs.len()];
+    for from in (0..set_speed.len()).step_by(block) {
+        stop.check()?;
+        let rows = &mut rows[..block.min(set_speed.len() - from) * outputs.len()];
+        advance(&mut march, from, outputs, rows);
+        let finite = |number: &Dual<N>| {
+            number.slopes.iter().fold(number.value, |sum, slope| sum + 0.0 * slope).is_finite()
+        };
+        if let Some(bad) = rows.iter().position(|number| !finite(number)) {
+            let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
+            let what = if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
+            return Err(Error::Diverged { sample, time: sample as f64 * dt, what });
+        }
+        consume(from, rows)?;
+    }
+    Ok(())
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn advance<const N: usize, L: Slope>(
+    march: &mut March<'_, Dual<N>, L>,
+    from: usize,
+    outputs: &[Output],
+    rows: &mut [Dual<N>],
+) {
+    for (k, row) in rows.chunks_exact_mut(outputs.len()).enumerate() {
+        march.sample(from + k, outputs, row);
+    }
+}
+
+/// Least share of a sample interval by which a dead time exceeds whole ones: a piece without length would stand on the
+/// kink of every rate limit, where a derivative by its length means nothing.
+const LEAST_PART: f64 = 1e-9;
+
+/// A stretch over which the set point is straight.
+#[derive(Debug, Clone, Copy)]
+struct Piece<T> {
+    /// At its start [rev/s].
+    set: T,
+    /// [rev/s2].
+    slope: f64,
+    /// [s].
+    duration: T,
+}
+
+/// The set point behind its dead time: a sample interval is one piece, or two where a delayed sample arrives within.
+#[derive(Debug, Clone, Copy)]
+struct Feed<'a, T> {
+    samples: &'a [f64],
+    dt: f64,
+    hold: Hold,
+    /// Whole sample intervals of the dead time, and what is left of it; None without one.
+    late: Option<(usize, T)>,
+}
+
+impl<'a, T: Scalar> Feed<'a, T> {
+    fn new(train: &Train<T>, run: &Run<'a>) -> Self {
+        let Run { set_speed: samples, dt, hold, .. } = *run;
+        let intervals = (train.set_dead_time.value() / dt).floor();
+        let rest = train.set_dead_time + -intervals * dt;
+        let rest = rest + (LEAST_PART * dt - rest.value()).max(0.0);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Not negative; saturates.
+        let late = (intervals as usize, rest);
+        Self { samples, dt, hold, late: train.delays.then_some(late) }
+    }
+
+    /// The sample so many intervals before sample `k`; outside the record its ends hold.
+    #[inline(always)]
+    fn before(&self, k: usize, intervals: usize) -> f64 {
+        self.samples[k.saturating_sub(intervals).min(self.samples.len() - 1)]
+    }
+
+    /// The pieces between sample `k` and the next, the last of them beginning where a sample arrives.
+    #[inline(always)]
+    fn pieces(&self, k: usize) -> (Option<Piece<T>>, Piece<T>) {
+        let slope = |from: f64, to: f64| if self.hold == Hold::First { (to - from) / self.dt } else { 0.0 };
+        let whole = self.late.map_or(0, |(whole, _)| whole);
+        let arriving = self.before(k, whole);
+        let main = Piece {
+            set: T::constant(arriving),
+            slope: slope(arriving, self.before(k + 1, whole)),
+            duration: T::constant(self.dt),
+        };
+        let Some((_, part)) = self.late else { return (None, main) };
+        let past = self.before(k, whole.saturating_add(1));
+        let slope = slope(past, arriving);
+        let left = main.duration - part;
+        let lead = Piece { set: left * slope + past, slope, duration: part };
+        (Some(lead), Piece { duration: left, ..main })
+    }
+}
+
+/// All signals at an instant.
+#[derive(Debug, Clone, Copy)]
+struct Flow<T> {
+    /// The rack before its rate is limited [mm], and behind.
+    ordered: T,
+    rack: T,
+    /// The brake torque before its rate is limited [Nm], and behind.
+    demand: T,
+    brake: T,
+    /// Rates of the state: [rev/s2] and [rev/s].
+    acceleration: T,
+    miss: T,
+}
+
+/// A simulation under way. Its state is the engine speed [rev/s] and the integrated error [rev].
+struct March<'a, T, L> {
+    train: Train<T>,
+    /// What a brake torque of 1 Nm adds to the rate of the engine speed, and what the propeller takes from it where
+    /// that is 1 rev/s: gearbox, shaft and propeller folded, since they are linear in torques.
+    drive: T,
+    drag: T,
+    shaft_per_engine_speed: T,
+    limit: L,
+    run: &'a Run<'a>,
+    feed: Feed<'a, T>,
+    state: State<T>,
+    /// Of the rack and of the brake torque.
+    ramps: [Ramp<T>; 2],
+}
+
+impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
+    fn new(train: Train<T>, limit: L, run: &'a Run<'a>) -> Self {
+        let feed = Feed::new(&train, run);
+        let Train { governor, engine, gearbox, propeller, shaft, .. } = &train;
+        let state = State { speed: train.initial_speed * gearbox.ratio, error: train.initial_error };
+        // As if the set point had stood at its first sample for long.
+        let rack = governor.rack(T::constant(run.set_speed[0]) - state.speed, state.error);
+        let ramps = train.ramps(rack, engine.demand(rack, state.speed));
+        let (zero, one) = (T::constant(0.0), T::constant(1.0));
+        let shaft_per_engine_speed = one / gearbox.ratio;
+        let engine_speed_from =
+            |drive, load| shaft.answer(drive, load, zero, zero).engine_side * gearbox.ratio;
+        let drive = engine_speed_from(gearbox.shaft_torque(one), zero);
+        let drag = engine_speed_from(zero, propeller.torque(shaft_per_engine_speed));
+        Self { train, drive, drag, shaft_per_engine_speed, limit, run, feed, state, ramps }
+    }
+
+    /// The outputs at sample `k`, the next one, and the state on to the sample after.
+    #[inline(always)]
+    fn sample(&mut self, k: usize, outputs: &[Output], row: &mut [T]) {
+        let (lead, main) = self.feed.pieces(k);
+        // A sample that arrives now, as a jump, counts already.
+        let least = LEAST_PART * self.feed.dt;
+        let shown = lead.filter(|lead| self.feed.hold == Hold::First || lead.duration.value() > least);
+        let flow = self.flow(shown.unwrap_or(main).set, T::constant(0.0), self.state);
+        for (number, output) in row.iter_mut().zip(outputs) {
+            *number = self.output(*output, &flow);
+        }
+        if let Some(lead) = lead {
+            self.advance(lead, None);
+            self.advance(main, None);
+        } else {
+            self.advance(main, Some(flow));
+        }
+    }
+
+    #[inline(always)]
+    fn output(&self, output: Output, flow: &Flow<T>) -> T {
+        match output {
+            Output::EngineSpeed => self.state.speed,
+            Output::ShaftSpeed => self.state.speed * self.shaft_per_engine_speed,
+            Output::BrakeTorque => flow.brake,
+            Output::GaugeTorque => {
+                let Train { gearbox, propeller, shaft, .. } = &self.train;
+                let load = propeller.torque(self.state.speed * self.shaft_per_engine_speed);
+                let zero = T::constant(0.0);
+                shaft.answer(gearbox.shaft_torque(flow.brake), load, zero, zero).gauge
+            }
+            Output::Rack => flow.rack,
+            Output::Error => self.state.error,
+        }
+    }
+
+    /// Through a piece in equal steps; `begin` is the flow at its start where that is known.
+    #[inline(always)]
+    fn advance(&mut self, piece: Piece<T>, mut begin: Option<Flow<T>>) {
+        let step = piece.duration * (1.0 / self.run.substeps as f64);
+        let unit = step * 0.5;
+        for substep in 0..self.run.substeps {
+            let set = piece.set + step * (piece.slope * substep as f64);
+            let state = self.state;
+            let first = match begin.take() {
+                Some(flow) => flow,
+                None => self.flow(set, T::constant(0.0), state),
+            };
+            // As in `integrate`, with the flow in one place: in a closure that is called thrice it is not inlined, and what
+            // is not inlined is not compiled for the machine's vectors.
+            let mut change = State { speed: first.acceleration * unit, error: first.miss * unit };
+            let mut sum = change;
+            for (part, weight) in [(0.5, 2.0), (0.5, 2.0), (1.0, 1.0)] {
+                let elapsed = step * part;
+                let flow = self.flow(set + elapsed * piece.slope, elapsed, state + change * (2.0 * part));
+                change = State { speed: flow.acceleration * unit, error: flow.miss * unit };
+                sum = sum + change * weight;
+            }
+            self.state = state + sum * (1.0 / 3.0);
+            if self.ramps[0].acts() || self.ramps[1].acts() {
+                let end = self.flow(set + step * piece.slope, step, self.state);
+                self.ramps[0].advance(end.ordered, step);
+                self.ramps[1].advance(end.demand, step);
+            }
+        }
+    }
+
+    /// Everything at a set point and a state, so long [s] after a step began.
+    #[inline(always)]
+    fn flow(&mut self, set: T, elapsed: T, state: State<T>) -> Flow<T> {
+        let Train { governor, engine, propeller, limit_factor, .. } = &self.train;
+        let (miss, speed) = (set - state.speed, state.speed);
+        let ordered = governor.rack(miss, state.error);
+        let rack = self.ramps[0].reached(ordered, elapsed);
+        let demand = engine.demand(rack, speed);
+        let limit = self.limit.torque(speed.value());
+        let limit = ((speed + -speed.value()) * self.limit.slope() + limit) * *limit_factor;
+        let demand = limited(demand, engine.minimum_torque, limit);
+        let brake = self.ramps[1].reached(demand, elapsed);
+        let acceleration = brake * self.drive + speed.power(propeller.exponent) * self.drag;
+        Flow { ordered, rack, demand, brake, acceleration, miss }
+    }
+}
