@@ -5,21 +5,27 @@ mod method;
 mod runs;
 mod scheme;
 
+use std::marker::PhantomData;
+
 use multiversion::multiversion;
+use multiversion::target::target_cfg_f;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::error::{Result, require};
-use crate::plant::{Envelope, Library, Limit, Polynomial, Power, Square};
+use crate::plant::{Envelope, Library, Limit, Polynomial, Power, Registers, Square};
 use crate::pool::on_threads;
 use crate::stop::Stop;
 pub use group::ROWS;
-use group::{Group, march};
+use group::{Advance, Group, Lanes, Tile, march};
 use method::{Euler, Heun, Method, Rk4};
 pub use runs::{Rows, Runs};
 pub use scheme::{Hold, MethodName, Scheme};
 
-/// Runs side by side: two vectors of AVX-512, of which one computes while the other waits.
+/// Runs side by side: two vectors of AVX-512.
 const LANES: usize = 16;
+/// Vectors whose operations take turns.
+const REGISTERS: usize = 2;
 
 /// Simulate all runs on so many threads, 0 for all cores; the same bits for any number.
 ///
@@ -69,24 +75,86 @@ fn choose<M: Method>(runs: usize, square: bool) -> fn(&Envelope, Group<'_>) -> R
 
 fn alone<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result<()> {
     match envelope {
-        Envelope::Constant(limit) => march::<M, P, _, 1>(group, *limit),
-        Envelope::Table(table) => march::<M, P, _, 1>(group, table.cursor()),
+        Envelope::Constant(limit) => march_alone::<M, P, _>(group, *limit),
+        Envelope::Table(table) => march_alone::<M, P, _>(group, table.cursor()),
     }
+}
+
+fn march_abreast<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
+    Arch::new().dispatch(Abreast { group, limit, kind: PhantomData::<(M, P)> })
 }
 
 fn abreast<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result<()> {
     match envelope {
-        Envelope::Constant(limit) => march_lanes::<M, P, _>(group, *limit),
+        Envelope::Constant(limit) => march_abreast::<M, P, _>(group, *limit),
         Envelope::Table(table) => match table.hinges::<8>() {
-            Some(limit) => march_lanes::<M, P, _>(group, limit),
-            None => march_lanes::<M, P, _>(group, table.cursor()),
+            Some(limit) => march_abreast::<M, P, _>(group, limit),
+            None => march_abreast::<M, P, _>(group, table.cursor()),
         },
     }
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn march_lanes<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
-    march::<M, P, L, LANES>(group, limit)
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn march_alone<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
+    if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
+        march::<M, L, 1>(group, limit, &Alone::<M, P, true>(PhantomData))
+    } else {
+        march::<M, L, 1>(group, limit, &Alone::<M, P, false>(PhantomData))
+    }
+}
+
+/// One run by itself.
+struct Alone<M, P, const FUSED: bool>(PhantomData<(M, P)>);
+
+impl<M: Method, P: Power, L: Limit, const FUSED: bool> Advance<L, 1> for Alone<M, P, FUSED> {
+    #[inline(always)]
+    fn advance(&self, lanes: &mut Lanes<L, 1>, tile: &mut Tile<1>, count: usize, stop: &Stop) -> Result<()> {
+        lanes.advance::<f64, M, P, FUSED>(tile, count, stop, ())
+    }
+}
+
+/// Runs side by side, with the widest vectors that the machine has.
+struct Abreast<'a, M, P, L> {
+    group: Group<'a>,
+    limit: L,
+    kind: PhantomData<(M, P)>,
+}
+
+impl<M: Method, P: Power, L: Limit> WithSimd for Abreast<'_, M, P, L> {
+    type Output = Result<()>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
+        march::<M, L, LANES>(self.group, self.limit, &Vectors::<S, M, P> { simd, kind: PhantomData })
+    }
+}
+
+/// Vectors of a kind.
+struct Vectors<S, M, P> {
+    simd: S,
+    kind: PhantomData<(M, P)>,
+}
+
+impl<S: Simd, M: Method, P: Power, L: Limit> Advance<L, LANES> for Vectors<S, M, P> {
+    #[inline(always)]
+    fn advance(
+        &self,
+        lanes: &mut Lanes<L, LANES>,
+        tile: &mut Tile<LANES>,
+        count: usize,
+        stop: &Stop,
+    ) -> Result<()> {
+        for first in (0..LANES / S::F64_LANES).step_by(REGISTERS) {
+            let place = (self.simd, first);
+            // Wherever there are vectors there are fused multiply-adds.
+            if S::F64_LANES > 1 {
+                lanes.advance::<Registers<S, REGISTERS>, M, P, true>(tile, count, stop, place)?;
+            } else {
+                lanes.advance::<Registers<S, REGISTERS>, M, P, false>(tile, count, stop, place)?;
+            }
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

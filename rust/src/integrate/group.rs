@@ -1,10 +1,12 @@
 //! The loop over samples, for a group of plants side by side.
 
-use super::method::Method;
+use std::marker::PhantomData;
+
+use super::method::{Change, Method};
 use super::runs::Runs;
 use super::scheme::{Hold, Scheme};
 use crate::error::{Error, Result};
-use crate::plant::{Limit, Motion, Power, State};
+use crate::plant::{Limit, Motion, Number, Power, State};
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Rows of an output.
@@ -94,106 +96,147 @@ impl Group<'_> {
     }
 }
 
+/// Set points and records of a tile.
+#[repr(C, align(64))]
+pub struct Tile<const LANES: usize> {
+    rows: [[[f64; LANES]; TILE]; ROWS],
+    sets: [[f64; LANES]; TILE + 1],
+}
+
+/// How a group's lanes are taken through a tile.
+pub trait Advance<L, const LANES: usize> {
+    /// Take all lanes through so many samples.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] on request.
+    fn advance(
+        &self,
+        lanes: &mut Lanes<L, LANES>,
+        tile: &mut Tile<LANES>,
+        count: usize,
+        stop: &Stop,
+    ) -> Result<()>;
+}
+
 /// March the group, of at most `LANES` runs, through all samples.
 ///
-/// A tile of samples is worked on at a time, the lanes innermost so that they vectorise, and then written out run by
-/// run. A state that is not finite stays so: looking for it once a tile misses none.
+/// A tile of samples is worked on at a time, some lanes after the others, and then written out run by run. A state that is not finite stays so: looking for it once a tile misses none.
 #[inline(always)]
-pub fn march<M: Method, P: Power, L: Limit, const LANES: usize>(
+pub fn march<M: Method, L, const LANES: usize>(
     mut group: Group<'_>,
     limit: L,
+    advance: &impl Advance<L, LANES>,
 ) -> Result<()> {
-    let samples = group.runs.samples;
-    let substeps = group.scheme.substeps;
-    let mut lanes = Lanes::<L, LANES>::new(&group, group.scheme.dt / substeps as f64 * M::UNIT, limit);
-    let mut sets = [[0.0; LANES]; TILE + 1];
-    let mut rows = [[[0.0; LANES]; TILE]; ROWS];
-    let tile = (CHECK_EVERY / substeps.saturating_mul(LANES)).clamp(1, TILE);
-    for from in (0..samples).step_by(tile) {
-        let count = tile.min(samples - from);
-        group.read(from, &mut sets[..=count]);
-        for k in 0..count {
-            let record = lanes.advance::<M, P>(&sets[k], &sets[k + 1], 0);
-            for (row, record) in rows.iter_mut().zip(record) {
-                row[k] = record;
-            }
-            for substep in 1..substeps {
-                if substep % CHECK_EVERY == 0 {
-                    group.stop.check()?;
-                }
-                lanes.advance::<M, P>(&sets[k], &sets[k + 1], substep);
-            }
-        }
-        for (row, tile) in rows.iter().enumerate() {
-            group.write(row, from, &tile[..count]);
+    let (samples, stop) = (group.runs.samples, group.stop);
+    let mut lanes = Lanes::<L, LANES>::new::<M>(&group, limit);
+    let mut tile = Tile { sets: [[0.0; LANES]; TILE + 1], rows: [[[0.0; LANES]; TILE]; ROWS] };
+    let most = (CHECK_EVERY / lanes.substeps.saturating_mul(LANES)).clamp(1, TILE);
+    for from in (0..samples).step_by(most) {
+        let count = most.min(samples - from);
+        group.read(from, &mut tile.sets[..=count]);
+        advance.advance(&mut lanes, &mut tile, count, stop)?;
+        for (row, records) in tile.rows.iter().enumerate() {
+            group.write(row, from, &records[..count]);
         }
         if !lanes.finite() {
             group.check(from, count)?;
         }
-        group.stop.check()?;
+        stop.check()?;
     }
     Ok(())
 }
 
 /// Runs side by side.
-struct Lanes<L, const LANES: usize> {
-    motion: Motion<[f64; LANES]>,
-    limit: L,
+///
+/// Aligned, and the lanes first: a vector that is stored across a border of cache lines takes long to be loaded again.
+#[repr(C, align(64))]
+pub struct Lanes<L, const LANES: usize> {
     speed: [f64; LANES],
     error: [f64; LANES],
+    motion: Motion<[f64; LANES]>,
+    limit: L,
+    substeps: usize,
     /// Part of the way between set points that a step covers.
     part: f64,
 }
 
-impl<L: Limit, const LANES: usize> Lanes<L, LANES> {
-    fn new(group: &Group<'_>, duration: f64, limit: L) -> Self {
+impl<L, const LANES: usize> Lanes<L, LANES> {
+    fn new<M: Method>(group: &Group<'_>, limit: L) -> Self {
+        let substeps = group.scheme.substeps;
+        let duration = group.scheme.dt / substeps as f64 * M::UNIT;
         let motions = std::array::from_fn(|lane| Motion::new(&group.runs.plants[group.run(lane)], duration));
         let states: [State; LANES] =
             std::array::from_fn(|lane| motions[lane].state(group.runs.initial[group.run(lane)]));
         Self {
-            motion: Motion::beside(&motions),
-            limit,
             speed: states.map(|state| state.speed),
             error: states.map(|state| state.error),
+            motion: Motion::beside(&motions),
+            limit,
+            substeps,
             part: match group.scheme.hold {
                 Hold::Zero => 0.0,
-                Hold::First => 1.0 / group.scheme.substeps as f64,
+                Hold::First => 1.0 / substeps as f64,
             },
         }
     }
 
-    /// Take a step from the start of a substep between two set points, and return the records of that start.
+    /// Take the lanes of a place through the samples of a tile; their states stay in registers all the while.
     #[inline(always)]
-    fn advance<M: Method, P: Power>(
+    pub fn advance<T: Number, M: Method, P: Power, const FUSED: bool>(
         &mut self,
-        sets: &[f64; LANES],
-        next_sets: &[f64; LANES],
-        substep: usize,
-    ) -> [[f64; LANES]; ROWS] {
-        let mut records = [[0.0; LANES]; ROWS];
-        let passed = substep as f64;
-        for lane in 0..LANES {
-            let motion = self.motion.lane(lane);
-            let state = State { speed: self.speed[lane], error: self.error[lane] };
-            let slope = (next_sets[lane] - sets[lane]) * self.part;
-            let set = sets[lane] + slope * passed;
-            let push = motion.push(&mut self.limit, set, state);
-            let record = motion.record(push, set, state);
-            for row in 0..ROWS {
-                records[row][lane] = record[row];
+        tile: &mut Tile<LANES>,
+        count: usize,
+        stop: &Stop,
+        place: T::Place,
+    ) -> Result<()>
+    where
+        L: Limit,
+    {
+        let mut state = State { speed: T::load(place, &self.speed), error: T::load(place, &self.error) };
+        let motion = self.motion.load::<T>(place);
+        for k in 0..count {
+            let start = T::load(place, &tile.sets[k]);
+            let slope = (T::load(place, &tile.sets[k + 1]) - start) * start.like(self.part);
+            for substep in 0..self.substeps {
+                let set = slope.times_plus::<FUSED>(start.like(substep as f64), start);
+                let push = motion.push::<FUSED>(&mut self.limit, set, state);
+                if substep == 0 {
+                    let record = motion.record::<FUSED>(push, set, state);
+                    for (row, record) in tile.rows.iter_mut().zip(record) {
+                        record.store(place, &mut row[k]);
+                    }
+                } else if substep % CHECK_EVERY == 0 {
+                    stop.check()?;
+                }
+                let first = motion.change::<P, FUSED>(push, set, state);
+                let mut step =
+                    Step { motion: &motion, limit: &mut self.limit, set, slope, power: PhantomData::<P> };
+                state = M::advance::<T, FUSED>(state, first, &mut step);
             }
-            let first = motion.change::<P>(push, set, state);
-            let next = M::advance(state, first, |passed, state| {
-                let set = set + slope * passed;
-                motion.change::<P>(motion.push(&mut self.limit, set, state), set, state)
-            });
-            self.speed[lane] = next.speed;
-            self.error[lane] = next.error;
         }
-        records
+        state.speed.store(place, &mut self.speed);
+        state.error.store(place, &mut self.error);
+        Ok(())
     }
 
     fn finite(&self) -> bool {
         self.speed.iter().chain(&self.error).all(|value| value.is_finite())
+    }
+}
+
+/// A step under a set point that moves evenly.
+struct Step<'a, T, L, P> {
+    motion: &'a Motion<T>,
+    limit: &'a mut L,
+    set: T,
+    slope: T,
+    power: PhantomData<P>,
+}
+
+impl<T: Number, L: Limit, P: Power> Change<T> for Step<'_, T, L, P> {
+    #[inline(always)]
+    fn over<const FUSED: bool>(&mut self, passed: f64, state: State<T>) -> State<T> {
+        let set = self.slope.times_plus::<FUSED>(self.set.like(passed), self.set);
+        self.motion.change::<P, FUSED>(self.motion.push::<FUSED>(self.limit, set, state), set, state)
     }
 }

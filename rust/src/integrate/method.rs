@@ -1,6 +1,14 @@
 //! Explicit one-step methods.
 
-use crate::plant::State;
+use crate::plant::{Number, State};
+
+/// What a method asks the equations for.
+///
+/// A trait, not a closure: a closure that is not inlined would not be compiled for the machine's vectors.
+pub trait Change<T> {
+    /// What a unit adds at the rate that holds at a state, a fraction `passed` into the step.
+    fn over<const FUSED: bool>(&mut self, passed: f64, state: State<T>) -> State<T>;
+}
 
 /// One step of a method.
 pub trait Method {
@@ -9,9 +17,13 @@ pub trait Method {
 
     /// The state after one step from `state`.
     ///
-    /// `change(c, x)` is what a unit adds at the rate that holds at state x, a fraction c into the step; `first` is
+    /// `change.over(c, x)` is what a unit adds at the rate that holds at state x, a fraction c into the step; `first` is
     /// that at the start.
-    fn advance(state: State, first: State, change: impl FnMut(f64, State) -> State) -> State;
+    fn advance<T: Number, const FUSED: bool>(
+        state: State<T>,
+        first: State<T>,
+        change: &mut impl Change<T>,
+    ) -> State<T>;
 }
 
 /// Forward Euler, the method that made the thesis's virtual data.
@@ -25,7 +37,11 @@ impl Method for Euler {
     const UNIT: f64 = 1.0;
 
     #[inline(always)]
-    fn advance(state: State, first: State, _change: impl FnMut(f64, State) -> State) -> State {
+    fn advance<T: Number, const FUSED: bool>(
+        state: State<T>,
+        first: State<T>,
+        _change: &mut impl Change<T>,
+    ) -> State<T> {
         state + first
     }
 }
@@ -34,9 +50,13 @@ impl Method for Heun {
     const UNIT: f64 = 1.0;
 
     #[inline(always)]
-    fn advance(state: State, first: State, mut change: impl FnMut(f64, State) -> State) -> State {
-        let second = change(1.0, state + first);
-        state + (first + second) * 0.5
+    fn advance<T: Number, const FUSED: bool>(
+        state: State<T>,
+        first: State<T>,
+        change: &mut impl Change<T>,
+    ) -> State<T> {
+        let second = change.over::<FUSED>(1.0, state + first);
+        state.plus::<FUSED>(first + second, 0.5)
     }
 }
 
@@ -44,12 +64,17 @@ impl Method for Rk4 {
     const UNIT: f64 = 0.5;
 
     #[inline(always)]
-    fn advance(state: State, first: State, mut change: impl FnMut(f64, State) -> State) -> State {
-        let second = change(0.5, state + first);
-        let third = change(0.5, state + second);
-        let fourth = change(1.0, state + (third + third));
+    fn advance<T: Number, const FUSED: bool>(
+        state: State<T>,
+        first: State<T>,
+        change: &mut impl Change<T>,
+    ) -> State<T> {
+        let second = change.over::<FUSED>(0.5, state + first);
+        let third = change.over::<FUSED>(0.5, state + second);
+        let fourth = change.over::<FUSED>(1.0, state + (third + third));
         let middle = second + third;
-        state + (first + fourth + (middle + middle)) * (1.0 / 3.0)
+        // What waits for the fourth comes last.
+        state.plus::<FUSED>(first + (middle + middle), 1.0 / 3.0).plus::<FUSED>(fourth, 1.0 / 3.0)
     }
 }
 
@@ -58,11 +83,24 @@ impl Method for Rk4 {
 mod tests {
     use super::*;
 
+    /// The equations as a function of the fraction passed and the state.
+    struct By<F>(F);
+
+    impl<F: Fn(f64, State) -> State> Change<f64> for By<F> {
+        fn over<const FUSED: bool>(&mut self, passed: f64, state: State) -> State {
+            (self.0)(passed, state)
+        }
+    }
+
+    fn step<M: Method>(start: State, change: impl Fn(f64, State) -> State) -> f64 {
+        M::advance::<f64, false>(start, change(0.0, start), &mut By(change)).speed
+    }
+
     /// On x' = z x over a unit step a method of order q gives the series of exp(z) up to z^q.
     fn amplification<M: Method>(z: f64) -> f64 {
-        let rate = |state: State| state * (z * M::UNIT);
-        let start = State { speed: 1.0, error: 1.0 };
-        M::advance(start, rate(start), |_, state| rate(state)).speed
+        let z = z * M::UNIT;
+        let rate = |_, state: State| State { speed: state.speed * z, error: state.error * z };
+        step::<M>(State { speed: 1.0, error: 1.0 }, rate)
     }
 
     #[test]
@@ -80,17 +118,13 @@ mod tests {
     /// A rate that depends on time alone is integrated by the method's quadrature rule.
     #[test]
     fn methods_ask_for_the_rate_at_their_own_times() {
-        let integral = |of: fn(f64) -> f64| {
-            let start = State { speed: 0.0, error: 0.0 };
-            let change = |unit: f64, c: f64| State { speed: of(c) * unit, error: 0.0 };
-            [
-                Euler::advance(start, change(Euler::UNIT, 0.0), |c, _| change(Euler::UNIT, c)).speed,
-                Heun::advance(start, change(Heun::UNIT, 0.0), |c, _| change(Heun::UNIT, c)).speed,
-                Rk4::advance(start, change(Rk4::UNIT, 0.0), |c, _| change(Rk4::UNIT, c)).speed,
-            ]
-        };
-        assert_eq!(integral(|_| 1.0), [1.0, 1.0, 1.0]);
-        let [euler, heun, rk4] = integral(|c| c * c * c);
+        fn integral<M: Method>(of: fn(f64) -> f64) -> f64 {
+            let change = |c, _| State { speed: of(c) * M::UNIT, error: 0.0 };
+            step::<M>(State { speed: 0.0, error: 0.0 }, change)
+        }
+        let integrals = |of| [integral::<Euler>(of), integral::<Heun>(of), integral::<Rk4>(of)];
+        assert!(integrals(|_| 1.0).iter().all(|one| (one - 1.0).abs() < 1e-15));
+        let [euler, heun, rk4] = integrals(|c| c * c * c);
         assert_eq!((euler, heun), (0.0, 0.5));
         assert!((rk4 - 0.25).abs() < 1e-15);
     }

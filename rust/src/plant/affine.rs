@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-use super::State;
+use super::{Number, State};
 
 /// `constant` + `set_speed` `n_set` + `speed` `n_e` + `error` `E_n`.
 ///
@@ -24,13 +24,30 @@ impl Affine {
     pub const SPEED: Self = Self { speed: 1.0, ..Self::ZERO };
     /// The integrated speed error.
     pub const ERROR: Self = Self { error: 1.0, ..Self::ZERO };
+}
 
+impl<T: Number> Affine<T> {
     /// The value at a set point and state.
     // What waits for the speed of the stage before comes last: it is the critical path of a step.
     #[inline(always)]
     #[must_use]
-    pub fn at(&self, set_speed: f64, state: State) -> f64 {
-        (self.constant + self.set_speed * set_speed + self.error * state.error) + self.speed * state.speed
+    pub fn at<const FUSED: bool>(&self, set_speed: T, state: State<T>) -> T {
+        let constant = self.set_speed.times_plus::<FUSED>(set_speed, self.constant);
+        let constant = self.error.times_plus::<FUSED>(state.error, constant);
+        self.speed.times_plus::<FUSED>(state.speed, constant)
+    }
+}
+
+impl<const LANES: usize> Affine<[f64; LANES]> {
+    /// Those of some lanes.
+    #[inline(always)]
+    pub(super) fn load<T: Number>(&self, place: T::Place) -> Affine<T> {
+        Affine {
+            constant: T::load(place, &self.constant),
+            set_speed: T::load(place, &self.set_speed),
+            speed: T::load(place, &self.speed),
+            error: T::load(place, &self.error),
+        }
     }
 }
 

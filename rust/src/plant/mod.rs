@@ -6,6 +6,7 @@ mod envelope;
 mod gearbox;
 mod governor;
 mod motion;
+mod number;
 mod power;
 mod propeller;
 mod shaft;
@@ -16,6 +17,7 @@ pub use envelope::{Constant, Cursor, Envelope, Hinges, Limit, Slope, Table};
 pub use gearbox::Gearbox;
 pub use governor::Governor;
 pub use motion::Motion;
+pub use number::{Number, Registers};
 pub use power::{Library, Polynomial, Power, Square, power_and_slopes};
 pub use propeller::Propeller;
 pub use shaft::Shaft;
@@ -40,13 +42,25 @@ pub const PARAMETERS: [&str; 12] = [
     "minimum_torque",
 ];
 
-/// State of the plant, or a change of it, in the units of a [`Motion`].
+/// State of the plant, or a change of it, in the units of a [`Motion`]; `T` is a number, or several.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State<T = f64> {
     /// Engine speed.
     pub speed: T,
     /// Integrated error of the engine speed.
     pub error: T,
+}
+
+impl<T: Number> State<T> {
+    /// The state plus a multiple of another.
+    #[inline(always)]
+    #[must_use]
+    pub fn plus<const FUSED: bool>(self, other: Self, factor: f64) -> Self {
+        Self {
+            speed: other.speed.times_plus::<FUSED>(other.speed.like(factor), self.speed),
+            error: other.error.times_plus::<FUSED>(other.error.like(factor), self.error),
+        }
+    }
 }
 
 impl<T: Add<Output = T>> Add for State<T> {

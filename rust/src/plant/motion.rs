@@ -1,7 +1,6 @@
 //! The plant's equations of motion, folded for a loop.
 
-use super::engine::limited;
-use super::{Affine, Limit, Plant, Power, State};
+use super::{Affine, Limit, Number, Plant, Power, State};
 
 /// The equations in the units in which a loop multiplies least; `T` is a number, or one for each lane.
 ///
@@ -14,7 +13,7 @@ pub struct Motion<T = f64> {
     /// What a brake torque of 1 Nm adds to the engine speed over `duration`, and its inverse.
     drive: T,
     undrive: T,
-    /// What the propeller takes from the engine speed over `duration` where that is 1 rev/s.
+    /// What the propeller adds to the engine speed over `duration` where that is 1 rev/s; negative.
     drag: T,
     exponent: T,
     duration: T,
@@ -36,7 +35,7 @@ impl Motion {
             minimum: engine.minimum_torque * drive,
             drive,
             undrive: 1.0 / drive,
-            drag: engine_speed_from(propeller.torque(shaft_per_engine_speed)),
+            drag: -engine_speed_from(propeller.torque(shaft_per_engine_speed)),
             exponent: propeller.exponent,
             duration,
             shaft_per_engine_speed,
@@ -48,29 +47,34 @@ impl Motion {
     pub fn state(&self, [shaft_speed, integrated_error]: [f64; 2]) -> State {
         State { speed: shaft_speed / self.shaft_per_engine_speed, error: integrated_error / self.duration }
     }
+}
 
+impl<T: Number> Motion<T> {
     /// What the engine adds to the speed.
     #[inline(always)]
     #[must_use]
-    pub fn push(&self, limit: &mut impl Limit, set_speed: f64, state: State) -> f64 {
-        limited(self.demand.at(set_speed, state), self.minimum, self.drive * limit.torque(state.speed))
+    pub fn push<const FUSED: bool>(&self, limit: &mut impl Limit, set_speed: T, state: State<T>) -> T {
+        let maximum = self.drive * limit.torques::<T, FUSED>(state.speed);
+        // As `limited` has it, an instruction each.
+        self.minimum.at_least(maximum.at_most(self.demand.at::<FUSED>(set_speed, state)))
     }
 
     /// Change of the state under a push.
     #[inline(always)]
     #[must_use]
-    pub fn change<P: Power>(&self, push: f64, set_speed: f64, state: State) -> State {
-        State { speed: push - self.drag * P::of(state.speed, self.exponent), error: set_speed - state.speed }
+    pub fn change<P: Power, const FUSED: bool>(&self, push: T, set_speed: T, state: State<T>) -> State<T> {
+        let power = P::each::<T, FUSED>(state.speed, self.exponent);
+        State { speed: self.drag.times_plus::<FUSED>(power, push), error: set_speed - state.speed }
     }
 
     /// What is recorded of a state and the push in it: `n_s` [rev/s], `E_n` [rev], `X_f` [mm], `M_b` [Nm].
     #[inline(always)]
     #[must_use]
-    pub fn record(&self, push: f64, set_speed: f64, state: State) -> [f64; 4] {
+    pub fn record<const FUSED: bool>(&self, push: T, set_speed: T, state: State<T>) -> [T; 4] {
         [
             state.speed * self.shaft_per_engine_speed,
             state.error * self.duration,
-            self.rack.at(set_speed, state),
+            self.rack.at::<FUSED>(set_speed, state),
             push * self.undrive,
         ]
     }
@@ -100,26 +104,20 @@ impl<const LANES: usize> Motion<[f64; LANES]> {
         }
     }
 
-    /// The motion of one of them.
+    /// The motions of some of them.
     #[inline(always)]
     #[must_use]
-    pub fn lane(&self, lane: usize) -> Motion {
-        let affine = |lanes: &Affine<[f64; LANES]>| Affine {
-            constant: lanes.constant[lane],
-            set_speed: lanes.set_speed[lane],
-            speed: lanes.speed[lane],
-            error: lanes.error[lane],
-        };
+    pub fn load<T: Number>(&self, place: T::Place) -> Motion<T> {
         Motion {
-            rack: affine(&self.rack),
-            demand: affine(&self.demand),
-            minimum: self.minimum[lane],
-            drive: self.drive[lane],
-            undrive: self.undrive[lane],
-            drag: self.drag[lane],
-            exponent: self.exponent[lane],
-            duration: self.duration[lane],
-            shaft_per_engine_speed: self.shaft_per_engine_speed[lane],
+            rack: self.rack.load(place),
+            demand: self.demand.load(place),
+            minimum: T::load(place, &self.minimum),
+            drive: T::load(place, &self.drive),
+            undrive: T::load(place, &self.undrive),
+            drag: T::load(place, &self.drag),
+            exponent: T::load(place, &self.exponent),
+            duration: T::load(place, &self.duration),
+            shaft_per_engine_speed: T::load(place, &self.shaft_per_engine_speed),
         }
     }
 }
@@ -149,9 +147,9 @@ mod tests {
 
             let motion = Motion::new(&plant, h);
             let state = motion.state([n_s, e_n]);
-            let push = motion.push(&mut Constant(limit), n_set, state);
-            let [speed, error, ..] = motion.record(push, n_set, state + motion.change::<Library>(push, n_set, state));
-            let found = motion.record(push, n_set, state);
+            let push = motion.push::<false>(&mut Constant(limit), n_set, state);
+            let [speed, error, ..] = motion.record::<false>(push, n_set, state + motion.change::<Library, false>(push, n_set, state));
+            let found = motion.record::<false>(push, n_set, state);
 
             let close = |found: f64, expected: f64, size: f64| (found - expected).abs() <= 1e-13 * size;
             prop_assert!(close(found[0], n_s, 15.0) && close(found[1], e_n, 5.0));
