@@ -89,6 +89,7 @@ def samples(path: Path) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_study_of_damaged_files(kind: str, tmp_path: Path) -> None:
     whole = sample_file(kind, tmp_path)
-    tally = try_damaged(whole, tmp_path, 400 if kind == "DEWESoft" else 2000, seed=2)
+    # A third of DEWESoft's crash the vendor's library, and each crash costs half a second for another process.
+    tally = try_damaged(whole, tmp_path, 2000, seed=2)
     print(f"\n{'':20s} {Tally.HEADER}\n{kind:20s} {tally}")
     check(tally, whole)
