@@ -191,6 +191,35 @@ def test_the_train_with_most_good_intervals_is_taken(real: Simulated, tmp_path: 
     assert max(medians) / min(medians) - 1 < 1e-3
 
 
+FUSED = [("rate_hz = 200.0", 'rate_hz = 200.0\nspeed = "fused"')]
+
+
+def test_all_trains_together_tell_the_speed_better_than_the_best_one_and_how_well(tmp_path: Path) -> None:
+    sensors = dataclasses.replace(CLEAN, edge_s=0.0)
+    log, truth = recorded(sensors, (), signals.chirp(0.05, 1.0, 60.0, 40.0, rate_hz=500.0))
+    ways = [process(log, trial_of(truth, tmp_path, edits))[0] for edits in ([], FUSED)]
+    best, fused = (np.sqrt(np.mean(slow_error(truth, way, "n_e") ** 2)) for way in ways)
+    assert fused < 0.9 * best
+    account = ways[1].provenance["speed"]
+    assert all(train["agrees"] for train in account["fused"].values())
+    assert account["fused"]["PTM_e"]["ratio"][0] == pytest.approx(3.82, rel=1e-4)
+    first, stride = round(truth.windows[0].start_s * truth.clean.rate_hz), round(truth.clean.rate_hz / 200.0)
+    speed = ways[1].signals["n_e"]
+    error = speed - truth.clean.signals["n_e"][first::stride][: len(speed)]
+    assert np.sqrt(np.mean(error[400:-400] ** 2)) == pytest.approx(account["std_rpm"], rel=0.4)
+
+
+def test_a_fused_speed_keeps_the_bounds_and_the_gaps(real: Simulated, tmp_path: Path) -> None:
+    log, truth = real
+    both = [process(log, trial_of(truth, tmp_path, edits)) for edits in ([], FUSED)]
+    for best, fused in zip(*both, strict=True):
+        assert np.abs(slow_error(truth, fused, "n_e")).max() < 2.0
+        assert fused.provenance["faults"] == best.provenance["faults"]
+        assert np.count_nonzero(np.isnan(fused.signals["n_e"])) <= np.count_nonzero(
+            np.isnan(best.signals["n_e"])
+        )
+
+
 def test_operating_point_is_the_steady_mean_unless_given(real: Simulated, tmp_path: Path) -> None:
     log, truth = real
     auto = process(log, trial_of(truth, tmp_path))[0].operating_point

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from shipfp_rs.calibration import Calibration
 from shipfp_rs.cleaning import Cleaner
 from shipfp_rs.conditioning import about_local_point, detrended, set_point_is_trend
+from shipfp_rs.engine_speed import EngineSpeed
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.faults.chirp import constant_frequency
@@ -29,7 +30,6 @@ from shipfp_rs.plausibility import require_sense, require_unit
 from shipfp_rs.pulse_train import PulseTrain
 from shipfp_rs.rows import STRETCH_BYTES, Rows
 from shipfp_rs.spans import clipped_to, joined, marks
-from shipfp_rs.tacho import resample
 from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Tacho, Torque, Trial, Window
 from shipfp_rs.vessel import Vessel
 from shipfp_rs.workers import side_by_side
@@ -37,8 +37,6 @@ from shipfp_rs.workers import side_by_side
 Array = npt.NDArray[np.float64]
 
 STEADY_STRETCH = "operating_point.steady_s"
-TRAINS_AGREE = 0.02
-"""Relative difference in speed that no two pulse trains of one shaft line have."""
 STEADY = 0.02
 """Relative standard deviation of the set point above which a stretch is not steady."""
 
@@ -52,7 +50,8 @@ def process(
     calibrated and short spikes of radio interference are masked; pulse trains become speed, with the angles of the
     reflectors estimated from the log and double or lost pulses repaired. Of several trains the one with the most
     good intervals a second is taken, reflectors of unknown angles counting as one a turn, and the others must
-    agree with it. All channels then pass the same low-pass and are sampled at `processing.rate_hz`.
+    agree with it; or, with `processing.speed = "fused"`, all are fused. All channels then pass the same low-pass and
+    are sampled at `processing.rate_hz`.
 
     Parameters
     ----------
@@ -81,7 +80,8 @@ def process(
     Notes
     -----
     A pulse train shows speed up to half its pulses per second, 10 Hz with four reflectors at 5.16 rev/s (section
-    6.4); provenance holds that bandwidth.
+    6.4); provenance holds that bandwidth, and of a fused speed the standard deviation [rpm], root mean square over the
+    window before the low-pass.
     """
     windows = trial.windows_of(log.name)
     if not windows:
@@ -331,52 +331,14 @@ class _Recording:
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: _Grid) -> _EngineSpeed:
-        """Return the engine speed in a stretch from its best train.
+        """Return the engine speed in a stretch.
 
         It is sampled at the rate of the set point first, so that it passes the very filter that the others do.
         """
         base = self._base.channel
-        speeds = {train.name: train.speed(grid.label) for train in self.trains}
-        train = max(self.trains, key=lambda train: train.score(speeds[train.name]))
-        speed = speeds[train.name]
-        if not len(speed.time_s):
-            raise InputError(f"{grid.label}: no pulses in {', '.join(speeds)}")
-        median_rpm = {
-            other.name: float(np.median(speeds[other.name].speed_rps)) * other.rpm_per_rps
-            for other in self.trains
-            if len(speeds[other.name].time_s)
-        }
-        for name, rpm in median_rpm.items():
-            if abs(rpm / median_rpm[train.name] - 1.0) > TRAINS_AGREE:
-                raise InputError(
-                    f"{grid.label}: {name!r} tells {rpm:.1f} rpm of the engine and {train.name!r} "
-                    f"{median_rpm[train.name]:.1f}; check pulses_per_rev, shaft and the gear ratio"
-                )
-
-        def sampled(first: int, stop: int) -> Array:
-            start_s = base.start_s + first / base.rate_hz
-            stop_s = start_s + (stop - first) / base.rate_hz
-            rps, _ = resample(train.around(speed, start_s, stop_s), base.rate_hz, start_s, stop_s)
-            return rps * train.rpm_per_rps
-
-        account = {
-            "train": train.name,
-            "channel": train.channel.name,
-            "pulses_per_rev": train.tacho.pulses_per_rev,
-            "bandwidth_hz": speed.bandwidth_hz,
-            "reflectors": {
-                "fractions": train.angles.fractions.tolist(),
-                "std": train.angles.std.tolist() if train.angles.ok else None,
-                "reason": train.angles.reason,
-            },
-            "median_rpm": median_rpm,
-        }
-        faults = [
-            fault
-            for other in self.trains
-            for fault in other.faults(grid.label, speeds[other.name], grid.start_s, grid.stop_s)
-        ]
-        return _EngineSpeed(grid.low_passed(base, sampled), account, faults)
+        speed = EngineSpeed(self.trains, grid.label, (grid.start_s, grid.stop_s), base, self.rate_hz)
+        source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
+        return _EngineSpeed(grid.low_passed(base, source), account, speed.faults())
 
 
 @dataclass(frozen=True)

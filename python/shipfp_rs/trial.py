@@ -185,6 +185,9 @@ class Processing(Section):
     detrend: Annotated[int, Field(ge=0, le=3)] = 0
     """Degree of a polynomial drift that is taken off the outputs; 0: none. A window whose set point is such a trend
     itself, a stair of steps, keeps its outputs as they are."""
+    speed: Literal["best", "fused"] = "best"
+    """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
+    timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
     torque_spikes: Spikes = Spikes()
     set_point_jumps: Spikes = Spikes()
     faults: Faults = Faults()
@@ -359,6 +362,7 @@ steady_s = [10.0, 70.0]         # stretch with a constant set point, on the log'
 rate_hz = 50.0                  # common rate of the signals; 50 holds all that 20 pulses a second tell
 normalise = "global"            # about the operating point above; "local": each window about its own means
 detrend = 0                     # degree of a drift to be taken off the outputs, 1 to 3
+speed = "best"                  # of several pulse trains the best one; "fused": all together, with a standard deviation
 
 [processing.torque_spikes]      # radio interference: masked
 longest_s = 0.05

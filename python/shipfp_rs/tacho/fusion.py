@@ -86,6 +86,14 @@ def fuse(
     count = round((stop_s - start_s) * rate_hz)
     if not count > 0:
         raise InputError(f"stop_s: found {stop_s} with start_s = {start_s}, expected later")
+    fit, band = fused_angle(trains, bandwidth_hz)
+    grid = start_s + np.arange(count) / rate_hz
+    speed, std = fit.at(grid)
+    return FusedSpeed(grid, speed, std, band, {name: fit.report(name) for name in fit.passages})
+
+
+def fused_angle(trains: Sequence[Train], bandwidth_hz: float | None = None) -> tuple[FusedAngle, float]:
+    """Return one angle through the pulses of several trains, and its bandwidth [Hz]; see `fuse`."""
     if not trains or len({train.name for train in trains}) < len(trains):
         raise InputError(
             f"trains: found {[train.name for train in trains]}, expected one or more of different names"
@@ -111,6 +119,4 @@ def fuse(
     if any(len(places) for places in slips.values()):
         passages = {name: own.cut(slips[name]) for name, own in passages.items()}
         fit = FusedAngle(passages, known, band)
-    grid = start_s + np.arange(count) / rate_hz
-    speed, std = fit.at(grid)
-    return FusedSpeed(grid, speed, std, float(band), {name: fit.report(name) for name in passages})
+    return fit, float(band)

@@ -1,0 +1,160 @@
+"""The engine speed of a stretch: from the best of its pulse trains, or fused from all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.faults.record import Fault
+from shipfp_rs.log import Channel
+from shipfp_rs.low_pass import Source
+from shipfp_rs.pulse_train import PulseTrain
+from shipfp_rs.tacho import Train, resample
+from shipfp_rs.tacho.fusion import fused_angle
+
+Array = npt.NDArray[np.float64]
+
+TRAINS_AGREE = 0.02
+"""Relative difference in speed that no two pulse trains of one shaft line have."""
+LEAST_INTERVALS = 8
+"""Below so many a train says nothing beside the others."""
+
+
+class EngineSpeed:
+    """Interval speeds of all trains in a stretch, and what they tell of the engine.
+
+    Parameters
+    ----------
+    trains
+        Of one shaft line.
+    label
+        Of the stretch.
+    stretch_s
+        Its begin and end [s].
+    base
+        Channel on whose index the speed is sampled.
+    rate_hz
+        Rate at which it is asked whether pulses lead to the fused speed [Hz].
+
+    Raises
+    ------
+    InputError
+        Where there are no pulses, or the trains tell different speeds.
+    """
+
+    def __init__(
+        self,
+        trains: Sequence[PulseTrain],
+        label: str,
+        stretch_s: tuple[float, float],
+        base: Channel,
+        rate_hz: float,
+    ) -> None:
+        self.trains, self.label, self.stretch_s, self.base, self.rate_hz = (
+            trains,
+            label,
+            stretch_s,
+            base,
+            rate_hz,
+        )
+        self.speeds = {train.name: train.speed(label) for train in trains}
+        self.train = max(trains, key=lambda train: train.score(self.speeds[train.name]))
+        if not len(self.speeds[self.train.name].time_s):
+            raise InputError(f"{label}: no pulses in {', '.join(self.speeds)}")
+        self.median_rpm = {
+            train.name: float(np.median(self.speeds[train.name].speed_rps)) * train.rpm_per_rps
+            for train in trains
+            if len(self.speeds[train.name].time_s)
+        }
+        for name, rpm in self.median_rpm.items():
+            if abs(rpm / self.median_rpm[self.train.name] - 1.0) > TRAINS_AGREE:
+                raise InputError(
+                    f"{label}: {name!r} tells {rpm:.1f} rpm of the engine and {self.train.name!r} "
+                    f"{self.median_rpm[self.train.name]:.1f}; check pulses_per_rev, shaft and the gear ratio"
+                )
+
+    def best(self) -> tuple[Source, dict[str, Any]]:
+        """Return the speed [rpm] that the train with the most good intervals tells, and an account of it."""
+        train, speed, base = self.train, self.speeds[self.train.name], self.base
+
+        def sampled(first: int, stop: int) -> Array:
+            start_s = base.start_s + first / base.rate_hz
+            stop_s = start_s + (stop - first) / base.rate_hz
+            rps, _ = resample(train.around(speed, start_s, stop_s), base.rate_hz, start_s, stop_s)
+            return rps * train.rpm_per_rps
+
+        return sampled, self._account(speed.bandwidth_hz)
+
+    def fused(self) -> tuple[Source, dict[str, Any]]:
+        """Return the speed [rpm] that all trains tell together, and an account of it with its standard deviation.
+
+        It is that of the best train's shaft; how fast the other shaft turns beside it is estimated, since gear ratios are
+        mostly known to a few digits only.
+        """
+        own, base = self.train, self.base
+        useful = [train for train in self.trains if len(self.speeds[train.name].time_s) >= LEAST_INTERVALS]
+        try:
+            fit, bandwidth_hz = fused_angle(
+                [
+                    Train(
+                        train.name,
+                        self.speeds[train.name],
+                        1.0 if train.tacho.shaft == own.tacho.shaft else None,
+                    )
+                    for train in useful
+                ]
+            )
+        except InputError as error:
+            raise InputError(f"{self.label}: {error}") from error
+        every = max(round(base.rate_hz / self.rate_hz), 1)
+
+        def sampled(first: int, stop: int) -> Array:
+            time = base.start_s + np.arange(first, stop) / base.rate_hz
+            rps = fit.fit.speed(time)
+            # The deviation, which tells where nothing but the spline's stiffness is, takes longer than the speed.
+            lost = np.isnan(fit.at(time[::every])[0])
+            rps[np.repeat(lost, every)[: len(time)]] = np.nan
+            return rps * own.rpm_per_rps
+
+        start_s, stop_s = self.stretch_s
+        _, std_rps = fit.at(np.arange(start_s, stop_s, 1.0 / self.rate_hz))
+        reports = {train.name: fit.report(train.name) for train in useful}
+        return sampled, {
+            **self._account(bandwidth_hz),
+            "std_rpm": float(np.sqrt(np.nanmean(std_rps**2))) * own.rpm_per_rps,
+            "fused": {
+                name: {
+                    "ratio": [report.ratio, report.ratio_std],
+                    "scatter": report.scatter,
+                    "agrees": report.agrees,
+                }
+                for name, report in reports.items()
+            },
+        }
+
+    def faults(self) -> list[Fault]:
+        """Return what was wrong with the trains."""
+        return [
+            fault
+            for train in self.trains
+            for fault in train.faults(self.label, self.speeds[train.name], *self.stretch_s)
+        ]
+
+    def _account(self, bandwidth_hz: float) -> dict[str, Any]:
+        train = self.train
+        return {
+            "train": train.name,
+            "channel": train.channel.name,
+            "pulses_per_rev": train.tacho.pulses_per_rev,
+            "bandwidth_hz": bandwidth_hz,
+            "reflectors": {
+                "fractions": train.angles.fractions.tolist(),
+                "std": train.angles.std.tolist() if train.angles.ok else None,
+                "reason": train.angles.reason,
+            },
+            "median_rpm": self.median_rpm,
+        }
