@@ -189,15 +189,22 @@ def identification(short: bool, repeats: int) -> None:
     block = Block.build(record, structure, offsets=True, initial_state=True, weigh=False)
     search = Search(structure, (block,), "determinant", "white", max_evaluations=500, tolerance=1e-12)
     start = start_vectors(search, 1, 0)[0]
-    found = search.minimise(start).vector[:4]
+
+    def ours() -> tuple[np.ndarray, np.ndarray]:
+        """Search, and the covariance of all unknowns, as the twin does."""
+        found = search.minimise(start)
+        return found.vector, np.linalg.inv(search.gram(found.vector, found.noise, found.sums)[:-1, :-1])
+
     if not short:
-        np.testing.assert_allclose(found, twin()[:4], rtol=1e-5)
+        (found, covariance), (theirs, also) = ours(), twin()
+        np.testing.assert_allclose(found[:4], theirs[:4], rtol=1e-5)
+        np.testing.assert_allclose(np.diag(covariance)[:4], np.diag(also)[:4], rtol=1e-2)
     medians = report(
         "identification",
         "sample",
         len(record),
         {
-            "shipfp_rs, the search": lambda: search.minimise(start),
+            "shipfp_rs, search and covariance": ours,
             "SciPy least_squares over Numba": twin,
             "shipfp_rs, identify with all it tells": lambda: identify(record, structure, noise="white"),
             "shipfp_rs, identify with noise='ar'": lambda: identify(record, structure, noise="ar"),
@@ -221,24 +228,35 @@ def identification(short: bool, repeats: int) -> None:
         return
     one = statistics.median(in_turn({"control": call}, 3)["control"]) * len(record) / few
     whole = one * twin.simulations
-    ratio = whole / medians["shipfp_rs, identify with all it tells"]
     print(
         f"python-control: one cost takes {one:.3g} s ({few} samples, scaled); the {twin.simulations} simulations of the fit "
-        f"above would take {whole:.3g} s, {ratio:.0f} times identify"
+        f"above would take {whole:.3g} s"
     )
+    for name in ("search and covariance", "identify with all it tells"):
+        own = medians[f"shipfp_rs, {name}"]
+        print(
+            f"{name}: {own:.3f} s; SciPy over Numba takes {medians['SciPy least_squares over Numba'] / own:.1f} times as "
+            f"long, python-control {whole / own:.0f} times"
+        )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="short records, just to see that it runs")
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--only", choices=("plant", "cost", "pulses", "identification"), help="one part")
     options = parser.parse_args()
     short, repeats = options.quick, 1 if options.quick else options.repeats
     read, adds = limits(short)
-    plant(short, repeats, adds)
-    cost(short, repeats)
-    pulses(short, repeats, read)
-    identification(short, min(repeats, 5))
+    parts: dict[str, Callable[[], None]] = {
+        "plant": lambda: plant(short, repeats, adds),
+        "cost": lambda: cost(short, repeats),
+        "pulses": lambda: pulses(short, repeats, read),
+        "identification": lambda: identification(short, min(repeats, 5)),
+    }
+    for name, part in parts.items():
+        if options.only in (None, name):
+            part()
 
 
 if __name__ == "__main__":

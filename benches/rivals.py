@@ -184,14 +184,15 @@ class SciPyFit:
         )
         return out.ravel()
 
-    def __call__(self) -> Array:
+    def __call__(self) -> tuple[Array, Array]:
+        """Return the estimates and their covariance."""
         self.simulations = 0
         x = np.array([1.2, -0.5, 5.0, 5.0, 0.0, 0.0, 0.0, 0.0])
         free = np.full(4, np.inf)
         bounds = np.append([0.01, -10.0, 1e-4, 1e-4], -free), np.append([10.0, 1.0, 1e3, 1e3], free)
         root, before = np.diag(1.0 / self.measured.std(axis=1)), np.inf
         for _ in range(100):
-            x = least_squares(
+            ended = least_squares(
                 self.residual,
                 x,
                 bounds=bounds,
@@ -200,11 +201,12 @@ class SciPyFit:
                 xtol=1e-12,
                 gtol=1e-12,
                 args=(root,),
-            ).x
+            )
+            x = ended.x
             e = self.residual(x, np.eye(2)).reshape(2, -1)
             scatter = e @ e.T / e.shape[1]
             criterion = e.shape[1] * np.linalg.slogdet(scatter)[1]
             if abs(before - criterion) < 1e-8:
                 break
             root, before = np.linalg.inv(np.linalg.cholesky(scatter)), criterion
-        return x
+        return x, np.linalg.inv(ended.jac.T @ ended.jac)
