@@ -288,9 +288,13 @@ def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]
     for values, valid in residuals:
         if len(values) <= 2 * order:
             continue
-        reached = np.lib.stride_tricks.sliding_window_view(valid, order + 1).all(axis=1)
-        lagged = np.stack([values[order - lag : len(values) - lag] for lag in range(order + 1)]) * reached
-        whole += lagged @ lagged.T
+        gaps = not valid.all()
+        for start in range(order, len(values), CHUNK):
+            stop = min(start + CHUNK, len(values))
+            lagged = np.stack([values[start - lag : stop - lag] for lag in range(order + 1)])
+            if gaps:
+                lagged *= np.all([valid[start - lag : stop - lag] for lag in range(order + 1)], axis=0)
+            whole += lagged @ lagged.T
     gram, right = whole[1:, 1:], whole[1:, 0]
     ridge = 1e-12 * np.trace(gram) / order
     if not ridge > 0.0:
