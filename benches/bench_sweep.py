@@ -30,7 +30,7 @@ from shipfp_rs.sweeps.worker import begin_process, one_thread_for_linear_algebra
 from shipfp_rs.toml_files import validated
 
 DRAWS_PER_TASK = 50
-FEW_DRAWS = 4
+FEW_DRAWS = 8
 """Draws a task where two workers are compared with one: at the end one of them waits for the other's last."""
 LARGE = (10**6, 10**9)
 
@@ -162,9 +162,9 @@ def scaling(plan: Plan, rounds: int, folder: Path) -> float:
     ]
     print(f"on cores of their own: {spread(ideal)}, one worker's CPU time over the longer of two paces:")
     print("that of the busier of two, or of all work shared by two cores, the driver's counted in")
-    threads = []
+    threads, fewer = [], plan_of(plan.draws // 3)
     for round_ in range(rounds):
-        one, two = (on_threads(plan, workers, folder / f"threads-{workers}-{round_}") for workers in (1, 2))
+        one, two = (on_threads(fewer, workers, folder / f"threads-{workers}-{round_}") for workers in (1, 2))
         threads.append(one / two)
     print(f"two threads over one, in one interpreter: {spread(threads)} times faster as it was")
     return min(run["cpu"] / plan.draws for runs in found.values() for run in runs)
@@ -173,7 +173,9 @@ def scaling(plan: Plan, rounds: int, folder: Path) -> float:
 def on_dask(plan: Plan, draws_per_task: int, folder: Path) -> dict[str, float]:
     # The scheduler of a local cluster runs in the driver's process, so the driver's CPU time is both's.
     with pool_of("dask", 1, None) as pool:
-        pool.submit(os.getpid).result()
+        there = folder / "there"
+        there.mkdir(parents=True)
+        pool.submit(begin, plan, there, 1).result()
         return measure(plan, Submitting(pool), 1, draws_per_task, folder)
 
 
@@ -239,7 +241,7 @@ def writing(plan: Plan, rows: pa.RecordBatch, parts: int, folder: Path) -> float
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--draws", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--scaling", action="store_true", help="only two workers against one")
     parser.add_argument("--quick", action="store_true", help="a few draws, just to see that it runs")
