@@ -2,6 +2,8 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
+use pulp::Simd;
+
 use crate::plant::{Library, Power, Square, power_and_slopes};
 
 /// What the equations of a component ask of a number.
@@ -14,8 +16,9 @@ pub trait Scalar:
     + Add<f64, Output = Self>
     + Mul<f64, Output = Self>
 {
-    /// A number that depends on nothing.
-    fn constant(value: f64) -> Self;
+    /// A number of the same kind that depends on nothing.
+    #[must_use]
+    fn constant(self, value: f64) -> Self;
 
     /// The number without what it carries; comparisons are by it.
     fn value(self) -> f64;
@@ -23,11 +26,15 @@ pub trait Scalar:
     /// `self` |`self`|^(`exponent` - 1).
     #[must_use]
     fn power(self, exponent: Self) -> Self;
+
+    /// `self` |`self`|.
+    #[must_use]
+    fn square(self) -> Self;
 }
 
 impl Scalar for f64 {
     #[inline(always)]
-    fn constant(value: f64) -> Self {
+    fn constant(self, value: f64) -> Self {
         value
     }
 
@@ -40,45 +47,76 @@ impl Scalar for f64 {
     fn power(self, exponent: f64) -> f64 {
         Library::of(self, exponent)
     }
+
+    #[inline(always)]
+    fn square(self) -> f64 {
+        Square::of(self, 2.0)
+    }
 }
 
-/// A value and its derivatives in `N` directions.
-///
-/// Forward differentiation: every operation carries the derivatives along, so that they are those of the computation as
-/// it is done, step by step. The value stands apart: its chain of operations is what a recursion waits for, and the
-/// derivatives, side by side in vectors, are computed in its shade. (`linear::number` keeps the value in a lane instead,
-/// which suits matrix products.)
+/// A value and its derivatives in `N` directions, at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dual<const N: usize> {
+pub struct Tangent<const N: usize> {
     /// The number itself.
     pub value: f64,
     /// Its derivatives.
     pub slopes: [f64; N],
 }
 
-impl<const N: usize> Dual<N> {
-    /// The same derivatives times `own`, plus the other's times `others`, about a value.
+/// A value and its derivatives in `N` directions, a multiple of 8, computed with in the vectors of `S`.
+///
+/// Forward differentiation: every operation carries the derivatives along, so that they are those of the computation as
+/// it is done, step by step. The value stands apart: its chain of operations is what a recursion waits for, and the
+/// derivatives, side by side in vectors, are computed in its shade. (`linear::number` keeps the value in a lane instead,
+/// which suits matrix products.) Left to the compiler, the loops over directions become shuffles of single numbers, twice
+/// as slow.
+#[derive(Debug, Clone, Copy)]
+pub struct Dual<S, const N: usize> {
+    simd: S,
+    /// The number itself.
+    pub value: f64,
+    slopes: [f64; N],
+}
+
+impl<S: Simd, const N: usize> Dual<S, N> {
+    /// To compute with the vectors of `simd`.
+    #[inline(always)]
+    pub fn new(simd: S, Tangent { value, slopes }: Tangent<N>) -> Self {
+        Self { simd, value, slopes }
+    }
+
+    /// What is to be kept.
+    #[inline(always)]
+    pub fn tangent(&self) -> Tangent<N> {
+        Tangent { value: self.value, slopes: self.slopes }
+    }
+
+    /// The derivatives times `own`, plus the other's times `others`, about a value.
     #[inline(always)]
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
-        for i in 0..N {
-            self.slopes[i] = self.slopes[i] * own + other.slopes[i] * others;
+        let (own, others) = (self.simd.splat_f64s(own), self.simd.splat_f64s(others));
+        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes).0, S::as_simd_f64s(&other.slopes).0);
+        for i in 0..N / S::F64_LANES {
+            mine[i] = self.simd.mul_add_e_f64s(mine[i], own, self.simd.mul_f64s(theirs[i], others));
         }
         Self { value, ..self }
     }
 
     #[inline(always)]
     fn scaled(mut self, factor: f64, value: f64) -> Self {
-        for slope in &mut self.slopes {
-            *slope *= factor;
+        let factor = self.simd.splat_f64s(factor);
+        let mine = S::as_mut_simd_f64s(&mut self.slopes).0;
+        for mine in mine {
+            *mine = self.simd.mul_f64s(*mine, factor);
         }
         Self { value, ..self }
     }
 }
 
-impl<const N: usize> Scalar for Dual<N> {
+impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     #[inline(always)]
-    fn constant(value: f64) -> Self {
-        Self { value, slopes: [0.0; N] }
+    fn constant(self, value: f64) -> Self {
+        Self { value, slopes: [0.0; N], ..self }
     }
 
     #[inline(always)]
@@ -88,38 +126,41 @@ impl<const N: usize> Scalar for Dual<N> {
 
     #[inline(always)]
     fn power(self, exponent: Self) -> Self {
-        // Mostly 2 and known: a branch that is always foreseen, and no power function.
-        if exponent == Self::constant(2.0) {
-            return self.scaled(2.0 * self.value.abs(), Square::of(self.value, 2.0));
-        }
         let [value, by_base, by_exponent] = power_and_slopes(self.value, exponent.value);
         self.combined(by_base, &exponent, by_exponent, value)
     }
+
+    #[inline(always)]
+    fn square(self) -> Self {
+        self.scaled(2.0 * self.value.abs(), Square::of(self.value, 2.0))
+    }
 }
 
-impl<const N: usize> Add for Dual<N> {
+impl<S: Simd, const N: usize> Add for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
     fn add(mut self, other: Self) -> Self {
-        for i in 0..N {
-            self.slopes[i] += other.slopes[i];
+        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes).0, S::as_simd_f64s(&other.slopes).0);
+        for i in 0..N / S::F64_LANES {
+            mine[i] = self.simd.add_f64s(mine[i], theirs[i]);
         }
         Self { value: self.value + other.value, ..self }
     }
 }
 
-impl<const N: usize> Sub for Dual<N> {
+impl<S: Simd, const N: usize> Sub for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
     fn sub(mut self, other: Self) -> Self {
-        for i in 0..N {
-            self.slopes[i] -= other.slopes[i];
+        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes).0, S::as_simd_f64s(&other.slopes).0);
+        for i in 0..N / S::F64_LANES {
+            mine[i] = self.simd.sub_f64s(mine[i], theirs[i]);
         }
         Self { value: self.value - other.value, ..self }
     }
 }
 
-impl<const N: usize> Mul for Dual<N> {
+impl<S: Simd, const N: usize> Mul for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
@@ -127,7 +168,7 @@ impl<const N: usize> Mul for Dual<N> {
     }
 }
 
-impl<const N: usize> Div for Dual<N> {
+impl<S: Simd, const N: usize> Div for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
@@ -136,7 +177,7 @@ impl<const N: usize> Div for Dual<N> {
     }
 }
 
-impl<const N: usize> Add<f64> for Dual<N> {
+impl<S: Simd, const N: usize> Add<f64> for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: f64) -> Self {
@@ -144,7 +185,7 @@ impl<const N: usize> Add<f64> for Dual<N> {
     }
 }
 
-impl<const N: usize> Mul<f64> for Dual<N> {
+impl<S: Simd, const N: usize> Mul<f64> for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, factor: f64) -> Self {
@@ -155,24 +196,39 @@ impl<const N: usize> Mul<f64> for Dual<N> {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use pulp::{Arch, WithSimd};
 
     use super::*;
 
     /// Every operation at once, smooth for positive numbers.
     fn formula<T: Scalar>(x: T, y: T) -> T {
-        (x * y + x / y - y * 3.0 + 2.0).power(y) - x.power(T::constant(2.17)) / y
+        (x * y + x / y - y * 3.0 + 2.0 + x.square()).power(y) - x.power(x.constant(2.17)) / y
+    }
+
+    struct Formula([Tangent<8>; 2]);
+
+    impl WithSimd for Formula {
+        type Output = Tangent<8>;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Tangent<8> {
+            let [x, y] = self.0.map(|tangent| Dual::new(simd, tangent));
+            formula(x, y).tangent()
+        }
     }
 
     proptest! {
         #[test]
         fn derivatives_are_those_of_a_fine_difference(x in 1.0..3.0_f64, y in 1.2..2.5_f64) {
-            let dual = formula(Dual { value: x, slopes: [1.0, 0.0] }, Dual { value: y, slopes: [0.0, 1.0] });
+            let along = |direction: usize| std::array::from_fn(|i| f64::from(u8::from(i == direction)));
+            let both = [Tangent { value: x, slopes: along(1) }, Tangent { value: y, slopes: along(6) }];
+            let found = Arch::new().dispatch(Formula(both));
             let h = 1e-5;
             let by_x = (formula(x + h, y) - formula(x - h, y)) / (2.0 * h);
             let by_y = (formula(x, y + h) - formula(x, y - h)) / (2.0 * h);
-            let size = dual.value.abs() + by_x.abs() + by_y.abs();
-            prop_assert!((dual.value - formula(x, y)).abs() < 1e-12 * size);
-            prop_assert!((dual.slopes[0] - by_x).abs() < 1e-6 * size && (dual.slopes[1] - by_y).abs() < 1e-6 * size);
+            let size = found.value.abs() + by_x.abs() + by_y.abs();
+            prop_assert!((found.value - formula(x, y)).abs() < 1e-12 * size);
+            prop_assert!((found.slopes[1] - by_x).abs() < 1e-6 * size && (found.slopes[6] - by_y).abs() < 1e-6 * size);
         }
     }
 }

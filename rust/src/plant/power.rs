@@ -62,10 +62,11 @@ fn power<const FUSED: bool>(speed: f64, exponent: f64) -> f64 {
 #[inline(always)]
 #[must_use]
 pub fn power_and_slopes(speed: f64, exponent: f64) -> [f64; 3] {
-    let log = log2::<false>(speed.abs().max(f64::MIN_POSITIVE));
-    let slope = exp2::<false>(log * (exponent - 1.0));
+    let size = speed.abs().max(f64::MIN_POSITIVE);
+    // What a recursion waits for is the power alone; the logarithm is computed beside it.
+    let slope = size.powf(exponent - 1.0);
     let value = speed * slope;
-    [value, exponent * slope, value * (log * std::f64::consts::LN_2)]
+    [value, exponent * slope, value * (log2::<false>(size) * std::f64::consts::LN_2)]
 }
 
 /// 2^52: added to a small whole number it leaves that number in the low bits.

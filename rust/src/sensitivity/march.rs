@@ -1,12 +1,12 @@
 //! Steps of the classical Runge-Kutta method through a record, with numbers that carry their derivatives.
 
-use multiversion::multiversion;
+use pulp::{Arch, Simd, WithSimd};
 
 use crate::drive_train::{Ramp, Run};
 use crate::error::{Error, Result};
 use crate::integrate::Hold;
 use crate::plant::{Envelope, Slope, State, limited};
-use crate::scalar::{Dual, Scalar};
+use crate::scalar::{Scalar, Tangent};
 use crate::stop::{CHECK_EVERY, Stop};
 
 use super::parameters::{Subject, Train};
@@ -57,54 +57,65 @@ pub fn march<const N: usize>(
     outputs: &[Output],
     block: usize,
     stop: &Stop,
-    consume: impl FnMut(usize, &[Dual<N>]) -> Result<()>,
+    consume: impl FnMut(usize, &[Tangent<N>]) -> Result<()>,
 ) -> Result<()> {
-    let train = subject.train::<N>();
+    let block = block.min((CHECK_EVERY / run.substeps).max(1));
     match &subject.envelope {
-        Envelope::Constant(limit) => through(March::new(train, *limit, run), outputs, block, stop, consume),
+        Envelope::Constant(limit) => {
+            Arch::new().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
+        }
         Envelope::Table(table) => {
-            through(March::new(train, table.cursor(), run), outputs, block, stop, consume)
+            let limit = table.cursor();
+            Arch::new().dispatch(Through { subject, limit, run, outputs, block, stop, consume })
         }
     }
 }
 
-fn through<const N: usize, L: Slope>(
-    mut march: March<'_, Dual<N>, L>,
-    outputs: &[Output],
+struct Through<'a, L, F, const N: usize> {
+    subject: &'a Subject,
+    limit: L,
+    run: &'a Run<'a>,
+    outputs: &'a [Output],
     block: usize,
-    stop: &Stop,
-    mut consume: impl FnMut(usize, &[Dual<N>]) -> Result<()>,
-) -> Result<()> {
-    let Run { set_speed, dt, substeps, .. } = *march.run;
-    let block = block.min((CHECK_EVERY / substeps).max(1));
-    let mut rows = vec![Dual::constant(0.0); block * outputs.len()];
-    for from in (0..set_speed.len()).step_by(block) {
-        stop.check()?;
-        let rows = &mut rows[..block.min(set_speed.len() - from) * outputs.len()];
-        advance(&mut march, from, outputs, rows);
-        let finite = |number: &Dual<N>| {
-            number.slopes.iter().fold(number.value, |sum, slope| sum + 0.0 * slope).is_finite()
-        };
-        if let Some(bad) = rows.iter().position(|number| !finite(number)) {
-            let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
-            let what = if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
-            return Err(Error::Diverged { sample, time: sample as f64 * dt, what });
-        }
-        consume(from, rows)?;
-    }
-    Ok(())
+    stop: &'a Stop,
+    consume: F,
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn advance<const N: usize, L: Slope>(
-    march: &mut March<'_, Dual<N>, L>,
-    from: usize,
-    outputs: &[Output],
-    rows: &mut [Dual<N>],
-) {
-    for (k, row) in rows.chunks_exact_mut(outputs.len()).enumerate() {
-        march.sample(from + k, outputs, row);
+impl<L: Slope, F: FnMut(usize, &[Tangent<N>]) -> Result<()>, const N: usize> WithSimd
+    for Through<'_, L, F, N>
+{
+    type Output = Result<()>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
+        let Self { subject, limit, run, outputs, block, stop, mut consume } = self;
+        let mut march = March::new(subject.train::<S, N>(simd), limit, run);
+        let samples = run.set_speed.len();
+        let mut rows = vec![Tangent { value: 0.0, slopes: [0.0; N] }; block * outputs.len()];
+        for from in (0..samples).step_by(block) {
+            stop.check()?;
+            let rows = &mut rows[..block.min(samples - from) * outputs.len()];
+            for (k, row) in rows.chunks_exact_mut(outputs.len()).enumerate() {
+                let flow = march.show(from + k);
+                for (number, output) in row.iter_mut().zip(outputs) {
+                    *number = march.output(*output, &flow).tangent();
+                }
+                march.pass(from + k, flow);
+            }
+            if let Some(bad) = rows.iter().position(|number| !is_finite(number)) {
+                let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
+                let what =
+                    if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
+                return Err(Error::Diverged { sample, time: sample as f64 * run.dt, what });
+            }
+            consume(from, rows)?;
+        }
+        Ok(())
     }
+}
+
+fn is_finite<const N: usize>(number: &Tangent<N>) -> bool {
+    number.slopes.iter().fold(number.value, |sum, slope| sum + 0.0 * slope).is_finite()
 }
 
 /// Least share of a sample interval by which a dead time exceeds whole ones: a piece without length would stand on the
@@ -151,14 +162,14 @@ impl<'a, T: Scalar> Feed<'a, T> {
 
     /// The pieces between sample `k` and the next, the last of them beginning where a sample arrives.
     #[inline(always)]
-    fn pieces(&self, k: usize) -> (Option<Piece<T>>, Piece<T>) {
+    fn pieces(&self, k: usize, like: T) -> (Option<Piece<T>>, Piece<T>) {
         let slope = |from: f64, to: f64| if self.hold == Hold::First { (to - from) / self.dt } else { 0.0 };
         let whole = self.late.map_or(0, |(whole, _)| whole);
         let arriving = self.before(k, whole);
         let main = Piece {
-            set: T::constant(arriving),
+            set: like.constant(arriving),
             slope: slope(arriving, self.before(k + 1, whole)),
-            duration: T::constant(self.dt),
+            duration: like.constant(self.dt),
         };
         let Some((_, part)) = self.late else { return (None, main) };
         let past = self.before(k, whole.saturating_add(1));
@@ -205,9 +216,9 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
         let Train { governor, engine, gearbox, propeller, shaft, .. } = &train;
         let state = State { speed: train.initial_speed * gearbox.ratio, error: train.initial_error };
         // As if the set point had stood at its first sample for long.
-        let rack = governor.rack(T::constant(run.set_speed[0]) - state.speed, state.error);
+        let rack = governor.rack(state.error.constant(run.set_speed[0]) - state.speed, state.error);
         let ramps = train.ramps(rack, engine.demand(rack, state.speed));
-        let (zero, one) = (T::constant(0.0), T::constant(1.0));
+        let (zero, one) = (state.speed.constant(0.0), state.speed.constant(1.0));
         let shaft_per_engine_speed = one / gearbox.ratio;
         let engine_speed_from =
             |drive, load| shaft.answer(drive, load, zero, zero).engine_side * gearbox.ratio;
@@ -216,17 +227,24 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
         Self { train, drive, drag, shaft_per_engine_speed, limit, run, feed, state, ramps }
     }
 
-    /// The outputs at sample `k`, the next one, and the state on to the sample after.
+    /// All signals at sample `k`, the next one.
     #[inline(always)]
-    fn sample(&mut self, k: usize, outputs: &[Output], row: &mut [T]) {
-        let (lead, main) = self.feed.pieces(k);
+    fn show(&mut self, k: usize) -> Flow<T> {
+        let (lead, main) = self.feed.pieces(k, self.state.speed);
         // A sample that arrives now, as a jump, counts already.
         let least = LEAST_PART * self.feed.dt;
         let shown = lead.filter(|lead| self.feed.hold == Hold::First || lead.duration.value() > least);
-        let flow = self.flow(shown.unwrap_or(main).set, T::constant(0.0), self.state);
-        for (number, output) in row.iter_mut().zip(outputs) {
-            *number = self.output(*output, &flow);
-        }
+        let set = match shown {
+            Some(lead) => lead.set,
+            None => main.set,
+        };
+        self.flow(set, set.constant(0.0), self.state)
+    }
+
+    /// On to the sample after `k`, whose signals those are.
+    #[inline(always)]
+    fn pass(&mut self, k: usize, flow: Flow<T>) {
+        let (lead, main) = self.feed.pieces(k, self.state.speed);
         if let Some(lead) = lead {
             self.advance(lead, None);
             self.advance(main, None);
@@ -244,7 +262,7 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
             Output::GaugeTorque => {
                 let Train { gearbox, propeller, shaft, .. } = &self.train;
                 let load = propeller.torque(self.state.speed * self.shaft_per_engine_speed);
-                let zero = T::constant(0.0);
+                let zero = load.constant(0.0);
                 shaft.answer(gearbox.shaft_torque(flow.brake), load, zero, zero).gauge
             }
             Output::Rack => flow.rack,
@@ -262,7 +280,7 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
             let state = self.state;
             let first = match begin.take() {
                 Some(flow) => flow,
-                None => self.flow(set, T::constant(0.0), state),
+                None => self.flow(set, set.constant(0.0), state),
             };
             // As in `integrate`, with the flow in one place: in a closure that is called thrice it is not inlined, and what
             // is not inlined is not compiled for the machine's vectors.
@@ -286,7 +304,7 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
     /// Everything at a set point and a state, so long [s] after a step began.
     #[inline(always)]
     fn flow(&mut self, set: T, elapsed: T, state: State<T>) -> Flow<T> {
-        let Train { governor, engine, propeller, limit_factor, .. } = &self.train;
+        let Train { governor, engine, propeller, limit_factor, square, .. } = &self.train;
         let (miss, speed) = (set - state.speed, state.speed);
         let ordered = governor.rack(miss, state.error);
         let rack = self.ramps[0].reached(ordered, elapsed);
@@ -295,7 +313,9 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
         let limit = ((speed + -speed.value()) * self.limit.slope() + limit) * *limit_factor;
         let demand = limited(demand, engine.minimum_torque, limit);
         let brake = self.ramps[1].reached(demand, elapsed);
-        let acceleration = brake * self.drive + speed.power(propeller.exponent) * self.drag;
+        // Mostly a square: a branch that is always foreseen, and no power function.
+        let taken = if *square { speed.square() } else { speed.power(propeller.exponent) };
+        let acceleration = brake * self.drive + taken * self.drag;
         Flow { ordered, rack, demand, brake, acceleration, miss }
     }
 }

@@ -3,7 +3,8 @@
 use crate::drive_train::{Ramp, Shaft};
 use crate::error::{Error, Result, require};
 use crate::plant::{self, Engine, Envelope, Gearbox, Governor, Plant, Propeller};
-use crate::scalar::{Dual, Scalar};
+use crate::scalar::{Dual, Scalar, Tangent};
+use pulp::Simd;
 
 const OWN: [&str; 7] = [
     "propeller_inertia",
@@ -29,7 +30,7 @@ pub const PARAMETERS: [&str; WIDTH] = {
 };
 
 /// Directions that one pass can differentiate in: more than there are parameters tell nothing more.
-pub const MOST: usize = 20;
+pub const MOST: usize = 24;
 
 /// A plant and the directions of its parameters in which it is differentiated.
 #[derive(Debug, Clone)]
@@ -56,7 +57,9 @@ pub struct Train<T> {
     pub torque_rate: T,
     /// Of the set point's path [s].
     pub set_dead_time: T,
-    /// Whether there is one, or a derivative by it.
+    /// Whether the propeller's exponent is 2 in all directions.
+    pub square: bool,
+    /// Whether there is a dead time, or a derivative by it.
     pub delays: bool,
     /// Of the shaft [rev/s].
     pub initial_speed: T,
@@ -106,9 +109,17 @@ impl Subject {
         self.directions.len() / WIDTH
     }
 
+    /// Whether a parameter has this value in all directions.
+    fn is_constant(&self, name: &str, value: f64) -> bool {
+        let place = PARAMETERS.iter().position(|&other| other == name).unwrap_or(WIDTH);
+        let mut all = self.values.iter().skip(place).take(1).map(|found| found - value);
+        let mut slopes = self.directions.iter().skip(place).step_by(WIDTH).copied();
+        all.all(|difference| difference == 0.0) && slopes.all(|slope| slope == 0.0)
+    }
+
     /// The plant in numbers with room for `N` directions.
-    pub(super) fn train<const N: usize>(&self) -> Train<Dual<N>> {
-        let mut numbers = self.values.map(Dual::<N>::constant);
+    pub(super) fn train<S: Simd, const N: usize>(&self, simd: S) -> Train<Dual<S, N>> {
+        let mut numbers = self.values.map(|value| Tangent { value, slopes: [0.0; N] });
         for (row, slopes) in self.directions.chunks_exact(WIDTH).enumerate() {
             for (number, slope) in numbers.iter_mut().zip(slopes) {
                 number.slopes[row] = *slope;
@@ -134,7 +145,7 @@ impl Subject {
             set_dead_time,
             initial_speed,
             initial_error,
-        ] = numbers;
+        ] = numbers.map(|number| Dual::new(simd, number));
         Train {
             governor: Governor { base_rack, proportional, integral },
             engine: Engine { rack_gain, speed_gain, offset, minimum_torque },
@@ -143,14 +154,15 @@ impl Subject {
             shaft: Shaft {
                 engine_side: inertia - propeller_side,
                 propeller_side,
-                stiffness: Dual::constant(f64::INFINITY),
-                damping: Dual::constant(0.0),
+                stiffness: inertia.constant(f64::INFINITY),
+                damping: inertia.constant(0.0),
             },
             limit_factor,
             rack_rate,
             torque_rate,
             set_dead_time,
-            delays: set_dead_time != Dual::constant(0.0),
+            square: self.is_constant("torque_exponent", 2.0),
+            delays: !self.is_constant("set_dead_time", 0.0),
             initial_speed,
             initial_error,
         }

@@ -6,7 +6,7 @@ use crate::cost::sums;
 use crate::drive_train::Run;
 use crate::error::{Error, Result, require};
 use crate::linear::walk::BLOCK;
-use crate::scalar::Dual;
+use crate::scalar::Tangent;
 use crate::stop::Stop;
 
 use super::march::{Output, march};
@@ -79,9 +79,8 @@ impl<'a> Record<'a> {
     pub fn sums(&self, subject: &Subject, stop: &Stop) -> Result<Sums> {
         match subject.directions() {
             0 => self.sums_of::<0>(subject, stop),
-            1..=4 => self.sums_of::<4>(subject, stop),
-            5..=8 => self.sums_of::<8>(subject, stop),
-            9..=12 => self.sums_of::<12>(subject, stop),
+            1..=8 => self.sums_of::<8>(subject, stop),
+            9..=16 => self.sums_of::<16>(subject, stop),
             _ => self.sums_of::<MOST>(subject, stop),
         }
     }
@@ -143,7 +142,7 @@ impl<'a> Columns<'a> {
     }
 
     /// Lay down a block from a sample on, behind the end of the one before.
-    fn lay<const N: usize>(&mut self, from: usize, rows: &[Dual<N>]) {
+    fn lay<const N: usize>(&mut self, from: usize, rows: &[Tangent<N>]) {
         let Self { record, directions, order, .. } = *self;
         let (outputs, samples) = (record.outputs.len(), record.run.set_speed.len());
         let width = order + BLOCK;

@@ -33,9 +33,8 @@ pub fn simulate(
     })?;
     match subject.directions() {
         0 => fill::<0>(subject, run, outputs, values, slopes, stop),
-        1..=4 => fill::<4>(subject, run, outputs, values, slopes, stop),
-        5..=8 => fill::<8>(subject, run, outputs, values, slopes, stop),
-        9..=12 => fill::<12>(subject, run, outputs, values, slopes, stop),
+        1..=8 => fill::<8>(subject, run, outputs, values, slopes, stop),
+        9..=16 => fill::<16>(subject, run, outputs, values, slopes, stop),
         _ => fill::<MOST>(subject, run, outputs, values, slopes, stop),
     }
 }
