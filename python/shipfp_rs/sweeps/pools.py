@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -13,6 +12,7 @@ from typing import Any, Literal, Protocol
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.sweeps.worker import begin_process
+from shipfp_rs.workers import available_workers
 
 Where = Literal["processes", "threads", "dask"]
 
@@ -44,13 +44,6 @@ class Pool(Protocol):
 
     def renew(self) -> None:
         """Make good for a lost worker."""
-
-
-def available_workers() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class Given:
