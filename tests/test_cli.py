@@ -70,6 +70,7 @@ class TestFrame:
             ["reproduce"],
             ["reproduce", "fullscale"],
             ["reproduce", "virtual"],
+            ["reproduce", "twin"],
         ):
             assert cli.main([*command, "--help"]) == 0
             assert "Usage: shipfp " + " ".join(command) in capsys.readouterr().out

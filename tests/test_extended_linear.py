@@ -45,9 +45,15 @@ def test_nothing_added_is_the_linear_structure_of_the_kernel():
 
 
 def test_every_element_acts_as_its_closed_form_says():
-    q = TUG | {"vK_d": 0.2, "T_s": 0.05}
+    q = TUG | {"vK_d": 0.2, "T_s": 0.05, "misread": 0.003}
     structure = Structure.linear(
-        **ALL, actuator_lag=True, derivative=True, sampling=True, twist=True, speed="propeller"
+        **ALL,
+        actuator_lag=True,
+        derivative=True,
+        sampling=True,
+        misreading=True,
+        twist=True,
+        speed="propeller",
     )
     s = 2j * np.pi * FREQUENCIES[1:]
     governor = q["vK_p"] + q["vK_i"] / s + q["vK_d"] * s / (1 + 0.1 * q["vK_d"] / q["vK_p"] * s)
@@ -55,11 +61,14 @@ def test_every_element_acts_as_its_closed_form_says():
     loop = governor * np.exp(-s * q["T_d"]) / (1 + q["tau_act"] * s) * hold
     # Engine's side, propeller's side and the spring between them, three equations for n_e, n_s and M_g.
     matrix = np.zeros((len(s), 3, 3), dtype=complex)
-    matrix[:, 0] = np.stack([(q["tau_n"] - q["tau_prop"]) * s - q["g"] + loop, 0 * s, 0 * s + 1], axis=-1)
+    # M_b* = g n_e* + L (n_set* - n_e* - misread (M_b* - 2 n_e*)).
+    held = 1 + q["misread"] * loop
+    own = (q["g"] - loop * (1 - 2 * q["misread"])) / held
+    matrix[:, 0] = np.stack([(q["tau_n"] - q["tau_prop"]) * s - own, 0 * s, 0 * s + 1], axis=-1)
     matrix[:, 1] = np.stack([0 * s, q["p"] + q["tau_prop"] * s, 0 * s - 1], axis=-1)
     matrix[:, 2] = np.stack([0 * s + 1, 0 * s - 1, -q["tau_twist"] * s], axis=-1)
     right = np.zeros((len(s), 3, 1), dtype=complex)
-    right[:, 0, 0] = loop * np.exp(-s * q["T_set"])
+    right[:, 0, 0] = loop / held * np.exp(-s * q["T_set"])
     n_s, M_g = np.linalg.solve(matrix, right)[:, 1:, 0].T
     found, _ = structure.equations.response(q, FREQUENCIES[1:], [])
     assert np.allclose(found, [n_s, M_g], rtol=1e-12)
@@ -105,6 +114,7 @@ def test_derivatives_are_those_of_finite_differences(speed, torque, products):
         actuator_lag=True,
         derivative=True,
         sampling=True,
+        misreading=True,
         twist=torque == "gauge",
         curvature=True,
         speed=speed,
@@ -112,7 +122,9 @@ def test_derivatives_are_those_of_finite_differences(speed, torque, products):
     )
     gains = {"vK_d": 0.2, "v": 1.2, "K_p": 4.4, "K_i": 10.5, "K_d": 0.17}
     states = {"initial dn": 0.01, "initial dE": 0.02}
-    values = {name: (TUG | gains | {"T_s": 0.03}).get(name) for name in structure.names} | states
+    values = {
+        name: (TUG | gains | {"T_s": 0.03, "misread": 0.002}).get(name) for name in structure.names
+    } | states
     _, slopes = structure.equations.sensitivities(values, experiment, list(values))
     for name, slope in zip(values, slopes, strict=True):
         step = 1e-5 * values[name]

@@ -31,6 +31,10 @@ class ExtendedLinear:
     takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists: n_e* = (1 + tau_twist s (p + tau_prop s)) n_s*,
     with tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The governor acts on the engine's side, where
     (tau_n - tau_prop) s n_e* = (g - L) n_e* + L n_set* - M_g*. Without any of this: eq. 3.31 and 3.38.
+
+    A governor that computes at each firing reads the speed where the firings' ripple stands, a share off its mean; the
+    ripple goes with M_b / n^2, so that it acts on n_e* + misread (M_b* - 2 n_e*). The share is how far the mean speed
+    stands off a set point at rest, (n_set - n_e) / n_e.
     """
 
     outputs: tuple[str, ...]
@@ -51,7 +55,10 @@ class ExtendedLinear:
         The source is the set point, one unit of a state, or torque that the water takes beside p n_s* (`WATER`).
         """
         q, loop = values, _Loop.of(values, s)
-        v, C, A, W = loop.v, loop.governor, loop.path, loop.twisted
+        v, C, W = loop.v, loop.governor, loop.twisted
+        misread = q.get("misread", 0.0)
+        held = 1.0 + misread * v * C * loop.path
+        A, seen = loop.path / held, 1.0 + misread * (loop.g - 2.0)
         # What drives the shaft: the rack's command, an impulse, the water, which the twist lets through to the engine.
         nothing = np.zeros_like(s)
         delay = np.exp(-s * q.get("T_set", 0.0)) if source == INPUT else nothing
@@ -59,15 +66,18 @@ class ExtendedLinear:
         momentum = q["tau_n"] if source == STATES[0] else 0.0
         water = float(source == WATER)
         given_way = water * q.get("tau_twist", 0.0) * s
-        engine_side = loop.engine + v * C * A
+        engine_side = loop.engine + v * C * A * seen
         closed = engine_side * W + loop.propeller
         n_s = (v * A * command + momentum - water - engine_side * given_way) / closed
         n_e = W * n_s + given_way
-        rack = A * (command - C * n_e)
+        rack = A * (command - C * seen * n_e)
 
         slopes = np.empty((len(names), len(self.outputs), len(s)), dtype=np.complex128)
         for slope, name in zip(slopes, names, strict=True):
             d = loop.change(name)
+            dmisread = float(name == "misread")
+            dA = (d.path - loop.path**2 * (misread * (d.v * C + v * d.governor) + dmisread * v * C)) / held**2
+            dseen = misread * d.g + dmisread * (loop.g - 2.0)
             dcommand = d.governor * delay + nothing
             if source == INPUT and name == "T_set":
                 dcommand -= s * command
@@ -75,10 +85,10 @@ class ExtendedLinear:
                 dcommand += d.integral / s
             dmomentum = float(source == STATES[0] and name == "tau_n")
             dgiven_way = water * (name == "tau_twist") * s
-            dengine_side = d.engine + d.v * C * A + v * (d.governor * A + C * d.path)
+            dengine_side = d.engine + seen * (d.v * C * A + v * (d.governor * A + C * dA)) + v * C * A * dseen
             dclosed = dengine_side * W + engine_side * d.twisted + d.propeller
             dn_s = (
-                (d.v * A + v * d.path) * command
+                (d.v * A + v * dA) * command
                 + v * A * dcommand
                 + dmomentum
                 - dengine_side * given_way
@@ -86,7 +96,9 @@ class ExtendedLinear:
                 - n_s * dclosed
             ) / closed
             dn_e = d.twisted * n_s + W * dn_s + dgiven_way
-            drack = d.path * (command - C * n_e) + A * (dcommand - d.governor * n_e - C * dn_e)
+            drack = dA * (command - C * seen * n_e) + A * (
+                dcommand - seen * (d.governor * n_e + C * dn_e) - C * dseen * n_e
+            )
             dM_b = d.g * n_e + loop.g * dn_e + d.v * rack + v * drack
             dM_g = d.propeller * n_s + loop.propeller * dn_s
             slope[:] = self._measured(dn_e, dn_s, dM_b, dM_g, drack)

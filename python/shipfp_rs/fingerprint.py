@@ -119,6 +119,17 @@ class Fingerprint:
         known = ", ".join([*self.parameters, *self.derived])
         raise InputError(f"no parameter {name!r} in the fingerprint; it holds {known}")
 
+    @property
+    def model_adequate(self) -> bool | None:
+        """Whether the residuals leave the structure unchallenged, `verdict.structure_test`; None where nothing tests it.
+
+        A structure that suits the ship is called wrong in one fit of a hundred.
+        """
+        from shipfp_rs.verdict import ALARM
+
+        p = self.fit.get("overall", {}).get("structure_p")
+        return None if p is None else p >= ALARM
+
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.parameters, *self.derived]
 

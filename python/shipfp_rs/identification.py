@@ -25,7 +25,7 @@ from shipfp_rs.residuals import residual_tests
 from shipfp_rs.solver import Minimum, Search, best_of_random, mean_scatter, start_vectors
 from shipfp_rs.statistics import fit_pct, information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
-from shipfp_rs.verdict import verdict
+from shipfp_rs.verdict import structure_test, verdict
 
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
@@ -377,6 +377,7 @@ def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
     data = tuple(_record(block, figures) for block, figures in zip(search.blocks, by_block, strict=True))
     unknown = (search.size - count) + found.rank
     overall = information_criteria(mean_scatter(best.sums)[1], found.samples, unknown)
+    overall |= structure_test({output: test.figures() for output, test in tests.items()})
     if search.weighting == "std":
         overall |= {"chi_squared": best.criterion, "degrees_of_freedom": float(found.freedom)}
     return Fingerprint(

@@ -137,6 +137,7 @@ class Structure:
         actuator_lag: bool = False,
         derivative: bool = False,
         sampling: bool = False,
+        misreading: bool = False,
         twist: bool = False,
         curvature: bool = False,
         speed: Place = "engine",
@@ -160,6 +161,9 @@ class Structure:
         actuator_lag, derivative, sampling
             Add the fuel actuator's time constant tau_act; the governor's derivative gain K_d; the period T_s at which it
             samples and holds.
+        misreading
+            Add the share by which a governor that computes at each firing reads the speed off its mean: at rest,
+            misread = (n_set - n_e) / n_e.
         twist
             Add the shaft's twist between engine and propeller, tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k
             [Nm/rad]; with gauge torque.
@@ -200,7 +204,7 @@ class Structure:
         gauge = torque == "gauge" and "dM" in outputs
         if twist and not gauge:
             raise InputError("twist: found no gauge torque, expected torque='gauge' and the output 'dM'")
-        extended = actuator_lag or derivative or sampling or twist or curvature
+        extended = actuator_lag or derivative or sampling or misreading or twist or curvature
         if extended and "dE" in outputs:
             raise InputError("outputs: found 'dE' with an extended drive train, expected some of dn, dM, dX")
         letter = "v" if products else ""
@@ -220,6 +224,7 @@ class Structure:
             *((Parameter("T_set", "s", 0.05, 0.0, 2.0),) if dead_time_set_point else ()),
             *((Parameter("tau_act", "s", 0.05, 0.0, 1.0),) if actuator_lag else ()),
             *((Parameter("T_s", "s", 0.02, 1e-4, 0.5),) if sampling else ()),
+            *((Parameter("misread", "-", 0.0, -0.01, 0.01),) if misreading else ()),
             *((Parameter("tau_twist", "s", 1e-3, 0.0, 0.1),) if twist else ()),
         )
         extras = [
@@ -232,6 +237,7 @@ class Structure:
                 (actuator_lag, "actuator lag"),
                 (derivative, "derivative gain"),
                 (sampling, "sampling governor"),
+                (misreading, "misreading governor"),
                 (twist, "twist"),
                 (curvature, "curvature"),
             )

@@ -91,6 +91,20 @@ def verdict(
     return tuple(lines)
 
 
+def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
+    """Return the one verdict on the structure of all outputs' residual tests; nothing where there is none.
+
+    "structure_p" is the probability that the set point explains as much of any output's residuals by chance: the
+    least of the outputs' times their number (Bonferroni). "structure_misses_pct" is how much it explains of what was
+    left, the most of any output [%]: on long records a structure can be told wrong though what it lacks is little.
+    """
+    found = [p for row in tests.values() if (p := row.get("input_correlation_p")) is not None]
+    if not found:
+        return {}
+    missed = max(row.get("input_explained_pct") or 0.0 for row in tests.values())
+    return {"structure_p": min(1.0, len(found) * min(found)), "structure_misses_pct": missed}
+
+
 def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: Structure) -> list[str]:
     """Say where the residuals contradict the structure, or else the noise model."""
     threshold = ALARM / len(structure.outputs)

@@ -35,6 +35,7 @@ COLUMNS = {
         "vK_p/tau_n",
         "(p-g)/(vK_i)+T_set",
     ),
+    "twin": ("tau_n", "g", "p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set"),
 }
 """Parameters shown of a table; of the others all."""
 TOO_WIDE = ("5.1",)
@@ -100,6 +101,24 @@ def _reproduce(
     _print(found)
     if out is not None:
         print_text(f"wrote {out}")
+
+
+@reproduce.command()
+def twin(
+    draws: Annotated[
+        int, typer.Option("--draws", min=1, metavar="N", help="Ships whose long chirp is identified.")
+    ] = 1,
+    json: Json = False,
+) -> None:
+    """Identify the tug's trial on a simulated ship whose parameters are known: Table 7.1 with the truth beside it."""
+    from shipfp_rs.reproduce import twin as study
+
+    with progress() as notify:
+        found = study.reproduce(draws, lambda done, jobs: notify(f"identifying, {done} of {jobs} done"))
+    if json:
+        print_json(found.to_dict())
+        return
+    _print(found)
 
 
 def _print(found: Reproduction) -> None:

@@ -8,12 +8,12 @@ from typing import Any, Literal
 
 from shipfp_rs.fingerprint import Fingerprint
 
-Way = Literal["printed", "thesis", "ours"]
+Way = Literal["printed", "truth", "thesis", "ours"]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a reproduced table; `way` tells whether it was printed, refitted as the thesis did, or ours."""
+    """One line of a reproduced table; `way`: printed, the truth of a simulation, refitted as the thesis did, or ours."""
 
     table: str
     case: str
