@@ -148,3 +148,10 @@ def test_priors_fixed_values_and_several_logs_work_as_with_any_structure(tmp_pat
 def test_what_a_vessel_has_not_is_named(free, message):
     with pytest.raises(InputError, match=message):
         Structure.grey_box(LAUNCH, free)
+
+
+def test_a_vessel_with_more_than_the_grey_box_has_is_refused_rather_than_fitted_without_it():
+    with pytest.raises(
+        InputError, match=r"has shaft.stiffness_Nm_rad, .*engine.firing.*, which a grey box has not"
+    ):
+        Structure.grey_box(Vessel.load("stan-tug-1205-full"), ["inertia"])

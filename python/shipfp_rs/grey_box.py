@@ -19,6 +19,40 @@ ELEMENTS: Mapping[str, str] = {
 }
 """Parameters of elements that a vessel need not have, with their keys in its file."""
 
+ABSENT: Mapping[str, tuple[str, float]] = {
+    "shaft_stiffness": ("shaft.stiffness_Nm_rad", math.inf),
+    "drag_coefficient": ("gearbox.drag_Nm", 0.0),
+    "Kd_abs": ("governor.K_d", 0.0),
+    "governor_period": ("governor.sample_rate_hz or once_a_firing", 0.0),
+    "minimum_rack": ("governor.minimum_rack_mm", -math.inf),
+    "maximum_rack": ("governor.maximum_rack_mm", math.inf),
+    "smoke_margin": ("engine.smoke_margin_mm", math.inf),
+    "fuel_dead_time": ("actuator.dead_time_s or governor.computation_delay_s", 0.0),
+    "fuel_lag": ("actuator.lag_s", 0.0),
+    "firing_interval": ("engine.firing", 0.0),
+    "shaft_ripple": ("propeller.shaft_ripple", 0.0),
+    "blade_ripple": ("propeller.blade_ripple", 0.0),
+    "ship_mass": ("ship", math.inf),
+}
+"""Elements of a drive train that the grey box has not: keys in a vessel's file, and the values that switch them off."""
+
+
+def require_modelled(vessel: Vessel) -> None:
+    """Refuse a vessel with an element whose effect the fit would put into other parameters.
+
+    Raises
+    ------
+    InputError
+        Which elements these are.
+    """
+    own = drive_train(vessel).values
+    found = [key for name, (key, off) in ABSENT.items() if own[name] != off]
+    if found:
+        raise InputError(
+            f"vessel {vessel.name!r} has {', '.join(found)}, which a grey box has not; expected a vessel without: take them "
+            "out of its file or set them with vessel.replace(...)"
+        )
+
 
 def parameters(vessel: Vessel, free: Sequence[str]) -> tuple[Parameter, ...]:
     """Declare all parameters of a vessel's plant, from its own values; those not in `free` are fixed there.

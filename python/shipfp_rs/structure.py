@@ -344,7 +344,8 @@ class Structure:
         Raises
         ------
         InputError
-            For an unknown name or output, or an element that the vessel does not have.
+            For an unknown name or output, an element that the vessel does not have, or one that it has and the grey box
+            has not (firing, a flexible shaft, sampling, dead time or lag of the fuel, a smoke limiter, a moving ship).
 
         Notes
         -----
@@ -361,9 +362,10 @@ class Structure:
         >>> [parameter.name for parameter in Structure.grey_box(launch, ["inertia", "Kp_abs"]).free]
         ['inertia', 'Kp_abs']
         """
-        from shipfp_rs.grey_box import parameters
+        from shipfp_rs.grey_box import parameters, require_modelled
         from shipfp_rs.plant_equations import PlantEquations, as_built
 
+        require_modelled(vessel)
         linear = cls.linear(torque=torque, outputs=outputs)
         return cls(
             name=name or f"grey box of {vessel.name}",
