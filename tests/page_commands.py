@@ -125,7 +125,11 @@ def studies() -> tuple[str, ...]:
 
 
 def _cargo(arguments: list[str]) -> None:
-    """Check that a test which is left out of the usual ones has the name that is asked for."""
+    """Check that a test which is left out of the usual ones has the name that is asked for, and benchmarks their file."""
+    if arguments == ["bench"]:
+        manifest = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))
+        assert all((ROOT / bench["path"]).is_file() for bench in manifest["bench"])
+        return
     name = next(word for word in arguments[1:] if not word.startswith("-"))
     ignored = re.compile(rf"#\[ignore[^\]]*\]\s*(?:#\[[^\]]*\]\s*)*fn \w*{name}")
     assert any(ignored.search(path.read_text(encoding="utf-8")) for path in (ROOT / "rust").rglob("*.rs")), (

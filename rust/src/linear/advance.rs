@@ -52,6 +52,42 @@ fn add_products<S: Simd, const K: usize>(
     sum
 }
 
+/// Add a matrix times a vector.
+///
+/// A column after the other: the rows' sums take turns, none waits for itself.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+fn add_columns<S: Simd, const N: usize>(
+    simd: S,
+    sums: &mut [S::f64s; N],
+    matrix: &[[f64; N]; N],
+    vector: &[S::f64s; N],
+) {
+    for j in 0..N {
+        for i in 0..N {
+            sums[i] = simd.mul_add_e_f64s(simd.splat_f64s(matrix[i][j]), vector[j], sums[i]);
+        }
+    }
+}
+
+/// Add what the inputs feed through the taps of each row, in the same order.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+fn add_feeds<S: Simd, const N: usize, const J: usize, const T: usize>(
+    simd: S,
+    sums: &mut [S::f64s; N],
+    taps: &[[[f64; T]; J]; N],
+    rho: &[[S::f64s; T]; J],
+) {
+    for j in 0..J {
+        for t in 0..T {
+            for i in 0..N {
+                sums[i] = simd.mul_add_e_f64s(simd.splat_f64s(taps[i][j][t]), rho[j][t], sums[i]);
+            }
+        }
+    }
+}
+
 /// What the inputs feed through those taps.
 #[inline(always)]
 fn feed<S: Simd, const J: usize, const T: usize>(
@@ -141,22 +177,22 @@ impl<const N: usize, const J: usize, const T: usize> WithSimd for Advance<'_, N,
                             signal,
                         );
                     }
+                    let mut next = [simd.splat_f64s(0.0); N];
+                    if by.moves_feed {
+                        add_feeds(simd, &mut next, &by.taps, &rho);
+                    }
+                    if by.moves_phi {
+                        add_columns(simd, &mut next, &by.phi, &x);
+                    }
+                    add_columns(simd, &mut next, &step.phi, &s);
                     for i in 0..N {
-                        let mut next = simd.splat_f64s(0.0);
-                        if by.moves_feed {
-                            next = feed(simd, &by.taps[i], &rho);
-                        }
-                        if by.moves_phi {
-                            next = add_products(simd, next, &by.phi[i], &x);
-                        }
-                        next = add_products(simd, next, &step.phi[i], &s);
-                        store::<S>(&mut states[i], part, next);
+                        store::<S>(&mut states[i], part, next[i]);
                     }
                 }
-                let before = x;
-                for i in 0..N {
-                    x[i] = add_products(simd, feed(simd, &step.taps[i], &rho), &step.phi[i], &before);
-                }
+                let mut next = [simd.splat_f64s(0.0); N];
+                add_feeds(simd, &mut next, &step.taps, &rho);
+                add_columns(simd, &mut next, &step.phi, &x);
+                x = next;
             }
             for i in 0..N {
                 store::<S>(&mut states.x[i], part, x[i]);
