@@ -267,7 +267,7 @@ def main() -> None:
     read, adds = limits(short)
     parts: dict[str, Callable[[], None]] = {
         "plant": lambda: plant(short, repeats, adds),
-        "cost": lambda: cost(short, repeats),
+        "cost": lambda: cost(short, repeats, adds),
         "pulses": lambda: pulses(short, repeats, read),
         "identification": lambda: identification(short, min(repeats, 5)),
     }
