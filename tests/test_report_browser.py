@@ -1,4 +1,7 @@
-"""The report in a real browser: it draws, zooms, sorts, prints, and calls nobody."""
+"""The report in a real browser: it draws, zooms, sorts, prints, and calls nobody.
+
+REPORT_SCREENSHOTS=DIR keeps pictures of it at both widths, light and dark.
+"""
 
 from __future__ import annotations
 
@@ -147,6 +150,8 @@ def test_it_draws_in_either_light_at_either_width_and_calls_nobody(visit, report
     )
     assert (ink > paper) == (scheme == "dark")
     assert abs(ink - paper) > 500
+    if folder := os.environ.get("REPORT_SCREENSHOTS"):
+        page.screenshot(path=Path(folder) / f"report-{viewport['width']}-{scheme}.png", full_page=True)
 
 
 def test_nothing_that_a_log_names_runs_or_becomes_an_element(visit) -> None:
