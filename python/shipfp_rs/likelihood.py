@@ -170,7 +170,8 @@ def _likelihood(
         end = profile.end(index, sign * 0.01 * scale, threshold)
         bound = parameter.lower if sign < 0.0 else parameter.upper
         ends.append(end)
-        sides.append(_side(profile, index, value, _reach(end, value, bound, sign * WITHOUT_BOUND * scale)))
+        reach = _reach(end, value, bound, sign * WITHOUT_BOUND * scale)
+        sides.append(_side(profile, index, value, reach, threshold))
     low, high = sides
     places = np.concatenate([low[0][::-1], [value], high[0]])
     rise = np.concatenate([low[1][::-1], [0.0], high[1]])
@@ -199,8 +200,10 @@ def _reach(end: End, value: float, bound: float, far: float) -> float:
     return float(np.clip(wanted, min(bound, value), max(bound, value)))
 
 
-def _side(profile: Profile, index: int, value: float, reach: float) -> tuple[Array, Array, Array]:
+def _side(
+    profile: Profile, index: int, value: float, reach: float, threshold: float
+) -> tuple[Array, Array, Array]:
     if reach == value:
         return np.empty(0), np.empty(0), np.empty((0, len(profile.minimum)))
     places = np.linspace(value, reach, POINTS + 1)[1:]
-    return places, *profile.trace(index, places)
+    return places, *profile.trace(index, places, threshold)

@@ -57,8 +57,6 @@ COLOURS: Mapping[str, str] = {
 }
 REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
-PROFILE_LEVEL = 3.841
-"""Deviance at the ends of a 95 % interval, the chi-squared quantile at one degree of freedom."""
 ENVELOPE_BINS = 1000
 """Longer signals are drawn as the smallest and largest sample of this many stretches."""
 
@@ -265,14 +263,16 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
+    from shipfp_rs.likelihood import LEVEL
+
     (ax,) = _panels(None if ax is None else [ax], 1)
     color = {"bounded": BLUE, "one-sided": ORANGE, "flat": RED}[found.kind]
     finite = np.isfinite(found.deviance)
     ax.plot(found.values[finite], found.deviance[finite], ".-", color=color, lw=1.2, ms=4, label=found.kind)
-    ax.axhline(PROFILE_LEVEL, color=GREY, lw=1.0, ls="--", label="95 %")
+    ax.axhline(LEVEL, color=GREY, lw=1.0, ls="--", label="95 %")
     ax.axvline(found.value, color=GREY, lw=0.8)
     # A wall beside the interval must not flatten what is within.
-    ax.set_ylim(-0.1, 3.0 * PROFILE_LEVEL)
+    ax.set_ylim(-0.1, 3.0 * LEVEL)
     ax.set_xlabel(f"{found.name} [{found.unit}]")
     dress(ax, "deviance [-]")
     return ax

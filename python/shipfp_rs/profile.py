@@ -112,11 +112,11 @@ class Profile:
         """The unknowns that the search does not eliminate, at the minimum, shape (P,)."""
         return self._origin.vector
 
-    def trace(self, index: int, values: Array) -> tuple[Array, Array]:
+    def trace(self, index: int, values: Array, threshold: float) -> tuple[Array, Array]:
         """Return the rise of the cost (K,) and the other parameters' best values (K, P) along values of this one.
 
         The values lead away from the minimum, each from where the last one left the others; a rise is infinite where no
-        values of theirs can be simulated.
+        values of theirs can be simulated. They are at their best to a small part of the threshold, a rise of the cost.
         """
         near, rise, vectors = (
             self._origin,
@@ -124,7 +124,7 @@ class Profile:
             np.empty((len(values), len(self._origin.vector))),
         )
         for place, value in enumerate(values):
-            point = self._best_at(near, index, float(value), 1.0)
+            point = self._best_at(near, index, float(value), threshold)
             rise[place], vectors[place] = max(point.cost - self._origin.cost, 0.0), point.vector
             near = point if np.isfinite(point.cost) else near
         return rise, vectors

@@ -84,6 +84,11 @@ class Result:
     validation_n_pct: float
     validation_m_pct: float
 
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The four figures by the names that a fingerprint gives them."""
+        return {"tau_n": self.tau_n_s, "g": self.g, "K_p/K_i": self.kp_over_ki_s, "vK_p": self.v_kp}
+
 
 @dataclass(frozen=True)
 class CrossValidation:

@@ -23,6 +23,7 @@ from shipfp_rs.reproduce.fullscale import (
     measured_response,
     thesis_structure,
 )
+from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2
 from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.reproduce.fullscale_validation import printed_parameters
 from shipfp_rs.reproduce.pictures import Stretch, legend_above, stretches_of
@@ -255,7 +256,7 @@ def inertias(material: Material, figure: Figure) -> str:
         ("all, torsional calculation", vessel.shaft.inertia_kg_m2, plot.GREY),
         ("propeller's side of the gauge, sine fits", found, plot.BLUE),
         ("entrained water of it, Schwanecke", vessel.entrained_water_inertia(), plot.GREEN),
-        ("beyond the gauge, read off by the thesis", 12.0, plot.ORANGE),
+        ("beyond the gauge, read off by the thesis", BEYOND_THE_GAUGE_KG_M2, plot.ORANGE),
     )
     for place, (label, value, color) in enumerate(reversed(bars)):
         ax.barh(place, value, color=color, height=0.55)

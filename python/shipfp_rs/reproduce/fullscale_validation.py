@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 
 from shipfp_rs import published
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.prediction import simulated_about, structure_of
 from shipfp_rs.reproduce import Row
 from shipfp_rs.reproduce.fullscale_trial import simulated
+from shipfp_rs.reproduce.virtual_data import model_of
 from shipfp_rs.statistics import nrmse_pct
 from shipfp_rs.structure import Structure
 
@@ -49,17 +51,7 @@ def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
 
 def printed_parameters() -> dict[str, dict[str, float]]:
     """Return the parameters of Table 7.1, case to values of the thesis's structure; v is 1, only products matter."""
-    return {
-        result.case: {
-            "tau_n": result.tau_n_s,
-            "g": result.g,
-            "v": 1.0,
-            "p": 2.0,
-            "K_p": result.v_kp,
-            "K_i": result.v_kp / result.kp_over_ki_s,
-        }
-        for result in published.full_scale_results()
-    }
+    return {result.case: asdict(model_of(result.parameters)) for result in published.full_scale_results()}
 
 
 def _rows(case: str, structure: Structure, values: Mapping[str, float], notes: str) -> list[Row]:

@@ -161,12 +161,7 @@ def _printed(result: published.Result) -> Row:
         case=result.case,
         way="printed",
         structure="linear",
-        parameters={
-            "tau_n": result.tau_n_s,
-            "g": result.g,
-            "K_p/K_i": result.kp_over_ki_s,
-            "vK_p": result.v_kp,
-        },
+        parameters=result.parameters,
         fit={
             "dn": result.fit_n_pct,
             "dM": result.fit_m_pct,
