@@ -19,6 +19,7 @@ from shipfp_rs.errors import IdentificationError, InternalError
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.log import Log
 from shipfp_rs.reproduce import Reproduction, Row, fullscale_figures
+from shipfp_rs.reproduce.fullscale import best_of
 from shipfp_rs.storage import read_experiments
 from shipfp_rs.trial import Trial
 
@@ -320,6 +321,11 @@ class TestDemo:
 
     def test_the_published_data_follow(self, shown) -> None:
         assert {row["way"] for row in shown[0]["fullscale"]["rows"]} == {"printed", "thesis", "ours"}
+
+    def test_what_is_shown_of_the_published_data_leans_on_nothing_else(self, fullscale) -> None:
+        best = best_of(fullscale)
+        assert best["tau_n"].status == "unidentifiable"
+        assert best["T_set"].value is not None
 
 
 def test_ctrl_c_ends_a_run_with_one_line_and_leaves_nothing(tmp_path) -> None:

@@ -48,8 +48,9 @@ def demo(
         )
         return
     print_fingerprint(result.fingerprint, truth, title="A simulated trial of the tug, truth beside estimate")
-    *_, (name, best) = published.fingerprints.items()
-    print_fingerprint(best, title=f"The tug's own trial, its published sine fits ({name})")
+    best = fullscale.best_of(published)
+    name = best.structure["name"]
+    print_fingerprint(best, title=f"The tug's own trial, its published sine fits, each weighted ({name})")
     print_text("", "How that compares with what was printed: shipfp reproduce fullscale", f"wrote {out}")
 
 

@@ -204,6 +204,11 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
     return Reproduction("Chapters 6 and 7, full scale", tuple(rows), verdict, fingerprints)
 
 
+def best_of(found: Reproduction) -> Fingerprint:
+    """Return the fit of the structure that the data support, each point weighted, with nothing known from elsewhere."""
+    return found.fingerprints[f"{WEIGHTED}: {extended_structure().name}"]
+
+
 def _printed(result: published.Result) -> Row:
     return Row(
         table="7.1",

@@ -19,7 +19,7 @@ from shipfp_rs.rawlog import EQUATION_6_7
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.fullscale import (
     WEIGHTED,
-    extended_structure,
+    best_of,
     measured_response,
     thesis_structure,
 )
@@ -61,7 +61,7 @@ class Material:
         self.fingerprints = found.fingerprints
         self.measured = measured_response(1.637)
         self._answers: dict[str, dict[str, Mapping[str, Array]]] = {}
-        self.best: Fingerprint = found.fingerprints[f"{WEIGHTED}: {extended_structure().name}"]
+        self.best: Fingerprint = best_of(found)
 
     @cached_property
     def curves(self) -> dict[str, FrequencyResponse]:
