@@ -6,12 +6,14 @@ Numba plant and its finite differences, of a record a tenth as long. Processor s
 
 import argparse
 import time
+from unittest.mock import patch
 
 import numpy as np
 
 from benches.bench_plant import simulate as numba_plant
 from benches.timing import print_table
 from shipfp_rs import Structure, Vessel, identify, signals, simulate
+from shipfp_rs.plant_equations import PlantEquations
 
 SEVEN = ["inertia", "A1", "A2", "Kp_abs", "Ki_abs", "torque_exponent", "propeller_torque"]
 OUTPUTS = ("dn", "dM", "dX")
@@ -52,17 +54,19 @@ def by_differences(structure):
 
 
 def fit(structure, duration_s, rate_hz=200.0, **options):
-    """Return processor seconds, largest error in deviations of the estimate, and whether a minimum was found."""
+    """Return processor seconds, passes over the record, largest error in deviations of the estimate, whether a minimum."""
     chirp = signals.chirp(0.002, 2.0, duration_s, 26.0, rate_hz=rate_hz)
     # Stairs, as the Numba plant takes them.
     chirp = type(chirp)(**{**chirp.__dict__, "hold": "zero"})
     log = simulate(LAUNCH, chirp, noise={"n_e": 0.02, "M_b": 0.02, "X_f": 0.02}, seed=1)
     start = {p.name: 1.15 * p.start for p in structure.free}
-    begin = time.process_time()
-    found = identify(log, structure.with_start(**start), starts=1, **options)
-    seconds = time.process_time() - begin
+    products = PlantEquations.products
+    with patch.object(PlantEquations, "products", autospec=True, side_effect=products) as passes:
+        begin = time.process_time()
+        found = identify(log, structure.with_start(**start), starts=1, **options)
+        seconds = time.process_time() - begin
     off = max(abs(found[name].value - structure[name].start) / found[name].std for name in start)
-    return seconds, off, found.settings["converged"]
+    return seconds, passes.call_count, off, found.settings["converged"]
 
 
 def main() -> None:
@@ -78,9 +82,9 @@ def main() -> None:
     print(f"Fit of {duration * 200:,.0f} samples, three outputs, seven parameters")
     rows = []
     for name, options in cases.items():
-        seconds, off, converged = fit(grey_box(), duration, **options)
-        rows.append([name, f"{seconds:.2f}", f"{off:.1f}", "yes" if converged else "no"])
-    print_table(["", "seconds", "deviations off", "minimum"], rows)
+        seconds, passes, off, converged = fit(grey_box(), duration, **options)
+        rows.append([name, f"{seconds:.2f}", f"{passes}", f"{off:.1f}", "yes" if converged else "no"])
+    print_table(["", "seconds", "passes", "deviations off", "minimum"], rows)
     print(f"\nThe same search from rest, {duration * 20:,.0f} samples")
     options = cases["from rest"]
     fit(by_differences(grey_box()), 2.0, **options)

@@ -1,10 +1,13 @@
 """The plant of a vessel fitted to its own logs: what comes back, what can't, and what a wrong model shows."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
-from shipfp_rs import Fingerprint, Structure, Vessel, identify, signals, simulate
+from shipfp_rs import Fingerprint, Structure, Vessel, identify, least_squares, signals, simulate, solver
 from shipfp_rs.errors import InputError
+from shipfp_rs.plant_equations import PlantEquations
 
 LAUNCH = Vessel.load("stan-launch-804")
 SEVEN = ["inertia", "A1", "A2", "Kp_abs", "Ki_abs", "torque_exponent", "propeller_torque"]
@@ -80,6 +83,30 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         ]
     # 60 intervals of 95 %: fewer than 51 happen once in a thousand times, all of them once in twenty.
     assert sum(inside) >= 51
+
+
+@pytest.mark.parametrize(
+    ("most", "options"),
+    [
+        (25, {"noise": "white", "initial_state": "zero"}),
+        (42, {"noise": "white"}),
+        (52, {"noise": "ar"}),
+    ],
+    ids=["from rest", "initial state", "noise models"],
+)
+def test_few_passes_over_the_record_lead_to_the_minimum(most, options, monkeypatch):
+    log = simulate(LAUNCH, signals.chirp(0.002, 2.0, 500.0, 26.0, rate_hz=20.0), noise=NOISE, seed=1)
+    structure = away(Structure.grey_box(LAUNCH, SEVEN, outputs=OUTPUTS))
+    counted = PlantEquations.products
+    with patch.object(PlantEquations, "products", autospec=True, side_effect=counted) as passes:
+        found = identify(log, structure, **options)
+    # Fourteen ends of intervals take a pass each at least.
+    assert passes.call_count <= most
+    monkeypatch.setattr(least_squares, "DEVIATIONS", 0.0)
+    monkeypatch.setattr(solver, "CRITERION_TOLERANCE", 1e-12)
+    exact = identify(log, structure, **options)
+    for name in SEVEN:
+        assert abs(found[name].value - exact[name].value) < 1e-6 * exact[name].std, name
 
 
 LIMITED = LAUNCH.replace({"engine.torque_rate_Nm_s": 110.0})

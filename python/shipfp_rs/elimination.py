@@ -46,6 +46,8 @@ class Elimination:
     def __init__(self, search: Search, start: Array, known: Minimum | None = None) -> None:
         self._search = search
         self._linear = search.linear
+        # No derivative depends on an offset, so one pass tells all of them.
+        self._exact = all(set(block.linear) <= set(block.offsets) for block in search.blocks)
         kept, best = start[~self._linear], start[self._linear]
         # Where it was last, the best values there, and their slopes by the kept unknowns.
         self._lead = kept, best, np.zeros((len(best), len(kept)))
@@ -90,7 +92,7 @@ class Elimination:
             vector = done.vector.copy()
             vector[linear] -= coefficients[:, -1]
             self._lead = kept, vector[linear], -coefficients[:, :-1]
-            if not again or saved <= REPEATED * max(float(gram[-1, -1]) - saved, 0.0):
+            if not again or self._exact or saved <= REPEATED * max(float(gram[-1, -1]) - saved, 0.0):
                 break
             done = None
         assert done is not None

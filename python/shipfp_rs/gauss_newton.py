@@ -88,13 +88,22 @@ def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
 
 
 def polish(
-    evaluate: Callable[[Array], Point], point: Point, bounds: Bounds, worthwhile: float = 0.0
+    evaluate: Callable[[Array], Point],
+    point: Point,
+    bounds: Bounds,
+    *,
+    worthwhile: float = 0.0,
+    promising: float = 0.0,
 ) -> Point:
-    """Take Gauss-Newton steps while they help, down to where rounding decides or no entry moves a worthwhile part."""
+    """Take Gauss-Newton steps while they help, down to where rounding decides.
+
+    Nor is one taken that moves no entry by a worthwhile part of it, or promises no more than a part of the cost.
+    """
     last = np.inf
     for _ in range(POLISH_STEPS):
         step = gauss_newton_step(point, bounds)
-        if (np.abs(step.step) < worthwhile * np.abs(point.vector)).all():
+        still = (np.abs(step.step) < worthwhile * np.abs(point.vector)).all()
+        if still or step.promise < promising * point.cost:
             return point
         length = float(np.linalg.norm(step.step * np.linalg.norm(point.jacobian, axis=0)))
         # At the floor of rounding the cost says nothing more, but a shrinking step still does.

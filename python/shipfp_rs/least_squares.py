@@ -32,6 +32,8 @@ OTHER_SIGN = 0.2
 """Share of such entries that are drawn with the other sign."""
 WORTHWHILE = 1e-12
 """Part of an entry below which a step of it, near a minimum, is not worth an evaluation."""
+DEVIATIONS = 1e-7
+"""Standard deviations of the estimates below which a step, near a minimum, is not."""
 ROUGH = 1e-6
 """Relative change of the sum of squares that ends an approach."""
 STOPPED = "stopped at the limit of"
@@ -77,7 +79,7 @@ def minimise(
     upper: npt.ArrayLike,
     *,
     tolerance: float = 1e-12,
-    near: bool = False,
+    near: int = 0,
     max_evaluations: int = 500,
     time_limit_s: float | None = None,
     tick: Callable[[], None] | None = None,
@@ -96,7 +98,8 @@ def minimise(
     tolerance
         Relative change of the sum of squares below which the search ends and its end is taken for a minimum.
     near
-        Whether the start is close to the minimum: then Gauss-Newton steps go first.
+        Where the start is close to the minimum, the number of samples whose noise the residual sums up: then Gauss-Newton
+        steps go first, and end where the noise would hide them.
     max_evaluations, time_limit_s
         Limits of calls and of seconds.
     tick
@@ -314,7 +317,7 @@ def _minimise(
     method: Method,
     scaling: Scaling,
     *,
-    near: bool = False,
+    near: int = 0,
 ) -> Solution:
     first = point = recorder.begin(start)
     run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance, method=method, scaling=scaling)
@@ -324,7 +327,8 @@ def _minimise(
             before = point.cost
             if turn or not near:
                 run(point)
-            point = polish(recorder, recorder.best, bounds, WORTHWHILE if near else 0.0)
+            enough = {"worthwhile": WORTHWHILE, "promising": DEVIATIONS**2 / near} if near else {}
+            point = polish(recorder, recorder.best, bounds, **enough)
             message = doubt(point, first, bounds, tolerance)
             lower = None if message else _way_down(recorder, run, point, first, bounds)
             if lower is not None:

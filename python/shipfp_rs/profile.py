@@ -79,17 +79,20 @@ class Profile:
         if room == 0.0:
             return End(bound, "bound")
         near, inner, outer = self._origin, (0.0, 0.0), (np.inf, np.inf)
+        beyond = near
         deviation, doubts = step, DOUBTS
         for _ in range(TRIALS):
             cut = abs(deviation) >= abs(room)
             deviation = room if cut else deviation
-            point = self._best_at(near, index, start + deviation, threshold)
+            # From whichever is nearer, unless the others lost their way out there.
+            nearer = outer[1] < JUMP and abs(outer[0] - deviation) < abs(inner[0] - deviation)
+            point = self._best_at(beyond if nearer else near, index, start + deviation, threshold)
             level = float(np.sqrt(max(point.cost - self._origin.cost, 0.0) / threshold))
             tried = (deviation, level)
             if abs(level - 1.0) < CLOSE and not (cut and level < 1.0):
                 return End(start + _between(inner, tried), "data")
             if level >= 1.0:
-                outer = tried
+                outer, beyond = tried, point
                 # Where the cost jumps there is no value at the level itself.
                 if abs(deviation - inner[0]) < CLOSE**2 * abs(deviation):
                     return End(start + inner[0], "data")
@@ -162,7 +165,11 @@ class Profile:
         ahead = near.residual + near.jacobian[:, index] * (value - near.vector[index])
         lead = step_from(near, ahead, 0.0)
         point = moved(near, lead.step)
-        if not point.cost < float(ahead @ ahead) - lead.promise + threshold:
+        enough = float(ahead @ ahead) - lead.promise + threshold
+        if enough <= point.cost < np.inf:
+            again = moved(point, step_from(point, point.residual, 0.0).step)
+            point = min(point, again, key=lambda one: one.cost)
+        if not point.cost < enough:
             # Along a valley the linear lead goes too far; from where the others stand they find their own way.
             point = min(point, moved(near, np.zeros_like(lead.step)), key=lambda one: one.cost)
         damping = 0.0

@@ -159,10 +159,6 @@ class Search:
         with np.errstate(over="ignore", invalid="ignore"):
             return [block.products(values, self.names, noise.models) for block, values in self.each(vector)]
 
-    def residual_sums(self, vector: Array, noise: Noise) -> list[Products]:
-        """The same of the residuals alone."""
-        return [block.products(values, None, noise.models) for block, values in self.each(vector)]
-
     def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
         """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.
 
@@ -277,11 +273,7 @@ class Search:
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
             for output in range(len(self.structure.outputs))
         )
-        noise = replace(minimum.noise, models=models)
-        if not self._reweighs:
-            return noise
-        sums = self.residual_sums(minimum.vector, noise)
-        return self.noise_at(minimum.vector, noise, *mean_scatter(sums))[0]
+        return replace(minimum.noise, models=models)
 
     def _named(self, message: str, linear: npt.NDArray[np.bool_]) -> str:
         """Call the entries of the vector that was searched, all but the `linear` unknowns, by their names."""
@@ -298,7 +290,9 @@ class Search:
         problem, linear = Elimination(self, start), self.linear
         kept, used, criterion = start[~linear], 0, np.inf
         # While the weights still change much, a minimum for the present ones is worth no more than a few steps.
-        rough = self._reweighs
+        rough = self._reweighs and noise.models is None
+        if noise.models is not None and self._reweighs:
+            noise, _ = self.noise_at(start, noise, *mean_scatter(problem.complete(kept, noise)[1]))
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
             solution = self._solve(problem, kept, noise, tick, rough=rough)
             used += solution.evaluations
@@ -340,12 +334,15 @@ class Search:
         rough: bool,
     ) -> Solution:
         lower, upper = self.bounds()
+        samples = len(self.structure.outputs) * sum(block.count for block in self.blocks)
 
         def both(kept: Array) -> tuple[Array, Array]:
             self.require_stable(kept)
             return problem(kept, noise)
 
-        search = approach if rough else partial(minimise, tolerance=self.tolerance, near=self._reweighs)
+        search = (
+            approach if rough else partial(minimise, tolerance=self.tolerance, near=samples * self._reweighs)
+        )
         return search(
             both,
             kept,
