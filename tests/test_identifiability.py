@@ -28,6 +28,7 @@ VALUES = {
     "tau_prop": 0.2,
     "T_d": 0.05,
     "T_set": 0.1,
+    "tau_act": 0.05,
     "limit": 1.0,
 }
 CHIRP = signals.chirp(0.02, 5.0, 60.0, 13.0, rate_hz=25.0)

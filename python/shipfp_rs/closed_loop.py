@@ -26,6 +26,8 @@ PADE = 5
 SLOWEST = 5
 """Roots of the approximation that are led to exact ones: two, their conjugates, and one to spare."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
+KNOWN = ("tau_n", "g", "v", "K_p", "K_i", "vK_p", "vK_i", "p", "tau_prop", "T_d", "T_set")
+"""Parameters that the figures are computed from."""
 TORQUES: Mapping[str, Output] = {"brake": "dM_b", "gauge": "dM_g"}
 
 
@@ -64,6 +66,12 @@ def closed_loop(fingerprint: Fingerprint) -> dict[str, Estimate]:
             "has no poles"
         )
     values = dict(fingerprint.settings["optimum"])
+    beyond = sorted(set(values) - set(KNOWN))
+    if beyond:
+        raise InputError(
+            f"structure {fingerprint.structure.get('name')!r} has {', '.join(beyond)}, expected {', '.join(KNOWN)} alone; "
+            "fit a linear structure without them to have its poles"
+        )
     return {
         name: _estimate(fingerprint, values, unit, figure)
         for name, (unit, figure) in _figures(fingerprint, values).items()
@@ -186,9 +194,13 @@ def _estimate(
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not np.isfinite(value):
         return unknown(reason="there is none")
-    free = [name for name, estimate in fingerprint.parameters.items() if estimate.status != "fixed"]
-    slopes = dict(zip(free, gradient_of(of, values, free), strict=True))
     structure = structure_of(fingerprint)
+    free = [
+        name
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status != "fixed" and name not in structure.ties
+    ]
+    slopes = dict(zip(free, gradient_of(of, values, free, structure.ties), strict=True))
     for entry in fingerprint.identifiability.null_space:
         # Directions are changes relative to the parameter, or to its typical size where that is larger.
         change = sum(

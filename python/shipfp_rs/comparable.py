@@ -6,6 +6,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.fingerprint import Estimate, Fingerprint
+from shipfp_rs.ties import declared
 
 SPEED_APART = 0.05
 """Operating speeds that differ by more than this part are two operating points: every parameter depends on it."""
@@ -41,6 +42,13 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
             raise InputError(
                 f"{name} was {_given(estimate)} in the first fingerprint and {_given(other)} in the second, and the other "
                 "parameters lean on it; identify both the same way"
+            )
+    ties = declared(before.structure), declared(after.structure)
+    for name in {**ties[0], **ties[1]}:
+        one, two = (str(of.get(name, "on its own")) for of in ties)
+        if one != two:
+            raise InputError(
+                f"{name} was {one} in the first fingerprint and {two} in the second; tie both the same way"
             )
     remarks = _operating_points(before, after)
     leaning = [name for name, estimate in before.parameters.items() if estimate.status == "prior"]

@@ -14,6 +14,7 @@ from shipfp_rs.comparable import require_comparable
 from shipfp_rs.errors import InputError
 from shipfp_rs.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identifiability import COMBINATIONS, gradient_of
+from shipfp_rs.ties import declared
 
 Array = npt.NDArray[np.float64]
 
@@ -160,10 +161,12 @@ def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, 
 
 
 def _common(before: Fingerprint, after: Fingerprint) -> list[str]:
+    tied = declared(before.structure)
     names = [
         name
         for name, estimate in {**before.parameters, **before.derived}.items()
         if estimate.std is not None
+        and name not in tied
         and (name in after.parameters or name in after.derived)
         and after[name].std is not None
     ]
@@ -254,7 +257,7 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
         if name in known:
             rows.append((np.array(known) == name).astype(float))
         else:
-            rows.append(gradient_of(COMBINATIONS[name][1], values, known))
+            rows.append(gradient_of(COMBINATIONS[name][1], values, known, declared(fingerprint.structure)))
     linear = np.array(rows) @ matrix @ np.array(rows).T
     scale = np.array([fingerprint[name].std for name in names], dtype=float) / np.sqrt(np.diag(linear))
     return np.asarray(linear * np.outer(scale, scale))

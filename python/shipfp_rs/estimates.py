@@ -17,7 +17,8 @@ from shipfp_rs.profile import End, Profile
 from shipfp_rs.residuals import responds
 from shipfp_rs.sandwich import score_covariance
 from shipfp_rs.solver import Minimum, Search
-from shipfp_rs.structure import Parameter
+from shipfp_rs.structure import Parameter, Structure
+from shipfp_rs.ties import Ties
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -64,6 +65,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
         bound = _bound(search, best, index)
         if bound is not None:
             values[search.names[index]] = bound
+    values = search.structure.complete(values)
     # A value that the search drove towards zero is no measure of its own size.
     scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
     own = without_nuisance(jacobian, count)
@@ -102,7 +104,10 @@ def estimates(search: Search, best: Minimum) -> Estimates:
         if parameter.fixed:
             parameters[name] = Estimate(parameter.start, unit=parameter.unit, status="fixed", reason="given")
             continue
+        if parameter.tied is not None:
+            continue
         index = search.names.index(name)
+        parameter = search.free[index]  # within the bounds of what is tied to it
         if held[index]:
             where = f"pressed against its {_side(parameter, values)} bound {values[name]:g}"
             parameters[name] = Estimate(values[name], unit=parameter.unit, status="at_bound", reason=where)
@@ -136,9 +141,10 @@ def estimates(search: Search, best: Minimum) -> Estimates:
         else:
             status: Status = "free" if parameter.prior is None else "prior"
             parameters[name] = Estimate(values[name], std, (low.value, high.value), parameter.unit, status)
+    parameters = with_tied(parameters, search.structure)
     return Estimates(
         parameters,
-        _derived(parameters, values, everything, inner, covariance, quantile),
+        _derived(parameters, values, everything, inner, covariance, quantile, search.structure.ties),
         {"names": list(inner.names), "matrix": covariance.tolist()}
         if np.isfinite(covariance).all()
         else NOTHING,
@@ -150,6 +156,23 @@ def estimates(search: Search, best: Minimum) -> Estimates:
         threshold,
         evaluations,
     )
+
+
+def with_tied(parameters: Mapping[str, Estimate], structure: Structure) -> dict[str, Estimate]:
+    """Add what is tied to the parameters that are not, in the structure's order."""
+    found = dict(parameters)
+    for name, tie in structure.ties.items():
+        other = parameters[tie.to]
+        low, high = sorted(map(tie, other.ci95 or (0.0, 0.0)))
+        found[name] = Estimate(
+            None if other.value is None else tie(other.value),
+            None if other.std is None else abs(tie.factor) * other.std,
+            None if other.ci95 is None else (low, high),
+            structure[name].unit,
+            other.status,
+            f"tied as {tie}",
+        )
+    return {name: found[name] for name in structure.names}
 
 
 def _bound(search: Search, best: Minimum, index: int) -> float | None:
@@ -270,6 +293,7 @@ def _derived(
     inner: Sensitivity,
     covariance: Array,
     quantile: float,
+    ties: Ties,
 ) -> dict[str, Estimate]:
     """Combinations that the data tell although a member is not known by itself."""
     derived: dict[str, Estimate] = {}
@@ -278,7 +302,7 @@ def _derived(
     for name, (unit, function) in COMBINATIONS.items():
         try:
             value = function(values)
-            gradient = gradient_of(function, values, everything.names)
+            gradient = gradient_of(function, values, everything.names, ties)
         except (KeyError, ZeroDivisionError):
             continue
         members = [n for n, slope in zip(everything.names, gradient, strict=True) if slope != 0.0]

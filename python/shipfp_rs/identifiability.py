@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 
 from shipfp_rs.fingerprint import Identifiability
+from shipfp_rs.ties import Ties, followed
 
 Array = npt.NDArray[np.float64]
 
@@ -111,16 +112,24 @@ class Sensitivity:
 
 
 def gradient_of(
-    function: Callable[[Mapping[str, float]], float], values: Mapping[str, float], names: Sequence[str]
+    function: Callable[[Mapping[str, float]], float],
+    values: Mapping[str, float],
+    names: Sequence[str],
+    ties: Ties | None = None,
 ) -> Array:
-    """Central-difference gradient of a combination with respect to `names`, exact to about 1e-9 relative."""
+    """Central-difference gradient of a combination with respect to `names`, exact to about 1e-9 relative.
+
+    Parameters that are tied to these follow them.
+    """
+    following = ties or {}
     gradient = np.empty(len(names))
     for index, name in enumerate(names):
         step = 1e-6 * (abs(values[name]) or 1.0)
         up, down = dict(values), dict(values)
         up[name] += step
         down[name] -= step
-        gradient[index] = (function(up) - function(down)) / (2.0 * step)
+        rise = function(followed(up, following)) - function(followed(down, following))
+        gradient[index] = rise / (2.0 * step)
     return gradient
 
 

@@ -13,6 +13,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.linear_equations import LinearEquations
 from shipfp_rs.structure import Structure
+from shipfp_rs.ties import bare, tied
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -28,12 +29,14 @@ def with_innovations(structure: Structure, *, offsets: bool) -> Structure:
     InputError
         Where the structure is not linear, or has a dead time in the loop, which is no state.
     """
-    if not isinstance(structure.equations, LinearEquations) or "T_d" in structure.names:
+    linear = bare(structure.equations)
+    if not isinstance(linear, LinearEquations) or "T_d" in structure.names:
         raise InputError(
             f"noise 'innovations': structure {structure.name!r}, expected a linear one without dead time in the loop; "
             "use noise 'ar'"
         )
-    return replace(structure, equations=InnovationsEquations(structure.equations, structure.signals, offsets))
+    predictor = InnovationsEquations(linear, structure.signals, offsets)
+    return replace(structure, equations=tied(predictor, structure.ties))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from shipfp_rs.experiment import Experiment
@@ -134,12 +135,19 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
     InputError
         Where it names an unknown parameter or output.
     """
-    structure = Structure.linear(
-        torque=options.torque or located or "brake",
-        products=options.products,
+    torque = options.torque or located or "brake"
+    # The engine's torque is no part of three parameters unless it is asked for.
+    asked = not options.three_parameters or torque == "gauge" or "outputs" in options.model_fields_set
+    declare = (
+        Structure.three_parameters
+        if options.three_parameters
+        else partial(Structure.linear, products=options.products)
+    )
+    structure = declare(
+        torque=torque,
         free_exponent=options.free_exponent,
         dead_time_loop=options.dead_time_loop,
         dead_time_set_point=options.dead_time_set_point,
-        outputs=[output for output in options.outputs if output != "dM" or located is not None],
+        outputs=[output for output in options.outputs if output != "dM" or (located is not None and asked)],
     )
-    return structure.with_fixed(**options.fixed).with_prior(**options.priors)
+    return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)

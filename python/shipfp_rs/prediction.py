@@ -10,7 +10,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Array, Experiment
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.structure import Structure
+from shipfp_rs.structure import LINEAR_OPTIONS, Structure
 
 
 def predict(
@@ -99,13 +99,9 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
             f"structure {declared.get('name')!r} of the fingerprint is not linear, and a file can't hold its "
             "equations; give structure=..."
         )
-    options = (
-        "torque",
-        "products",
-        "free_exponent",
-        "dead_time_loop",
-        "dead_time_set_point",
-        "outputs",
-        "name",
+    options = {key: declared[key] for key in (*LINEAR_OPTIONS, "outputs", "name") if key in declared}
+    structure = Structure.linear(**options)
+    tied = {name: row["tied"] for name, row in declared["parameters"].items() if row.get("tied")}
+    return structure.with_tied(
+        **{name: (str(tie["to"]), float(tie["factor"]), float(tie["offset"])) for name, tie in tied.items()}
     )
-    return Structure.linear(**{key: declared[key] for key in options if key in declared})

@@ -100,13 +100,10 @@ class Search:
         return len(self.free) + sum(len(block.nuisance) for block in self.blocks)
 
     def values(self, vector: Array) -> dict[str, float]:
-        """Return every parameter by name, fixed ones included."""
+        """Return every parameter by name, fixed and tied ones included."""
         values = {parameter.name: parameter.start for parameter in self.structure.parameters}
-        return (
-            values
-            | dict(self.initial)
-            | {name: float(value) for name, value in zip(self.names, vector, strict=False)}
-        )
+        found = {name: float(value) for name, value in zip(self.names, vector, strict=False)}
+        return self.structure.complete(values | dict(self.initial) | found)
 
     def places(self) -> Iterator[slice]:
         """Yield where each block's own unknowns stand in the full vector."""

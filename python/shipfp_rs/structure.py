@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from shipfp_rs import slips
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
+from shipfp_rs.ties import Tie, followed, resolved, tied
 
 if TYPE_CHECKING:
     from shipfp_rs.extended_linear import Place
@@ -53,9 +54,26 @@ def _own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[
     return signals
 
 
+LINEAR_OPTIONS = (
+    "torque",
+    "products",
+    "free_exponent",
+    "dead_time_loop",
+    "dead_time_set_point",
+    "actuator_lag",
+    "derivative",
+    "sampling",
+    "misreading",
+    "twist",
+    "curvature",
+    "speed",
+)
+"""Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: name, unit, start, bounds; fixed at its start, or with a prior (mean, standard deviation)."""
+    """One parameter: name, unit, start, bounds; fixed at its start, with a prior (mean, standard deviation), or tied."""
 
     name: str
     unit: str
@@ -64,11 +82,12 @@ class Parameter:
     upper: float
     fixed: bool = False
     prior: tuple[float, float] | None = None
+    tied: Tie | None = None
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.start):
             raise InputError(f"parameter {self.name}: start is {self.start}, expected a finite number")
-        if self.fixed:
+        if self.fixed or self.tied is not None:
             return
         if not self.lower < self.upper:
             raise InputError(
@@ -227,22 +246,27 @@ class Structure:
             *((Parameter("misread", "-", 0.0, -0.01, 0.01),) if misreading else ()),
             *((Parameter("tau_twist", "s", 1e-3, 0.0, 0.1),) if twist else ()),
         )
-        extras = [
-            text
-            for present, text in (
-                (gauge, "gauge-side torque"),
-                (free_exponent, "free exponent"),
-                (dead_time_loop, "dead time in the loop"),
-                (dead_time_set_point, "dead time of the set point"),
-                (actuator_lag, "actuator lag"),
-                (derivative, "derivative gain"),
-                (sampling, "sampling governor"),
-                (misreading, "misreading governor"),
-                (twist, "twist"),
-                (curvature, "curvature"),
-            )
-            if present
-        ]
+        elements = {
+            "actuator_lag": actuator_lag,
+            "derivative": derivative,
+            "sampling": sampling,
+            "misreading": misreading,
+            "twist": twist,
+            "curvature": curvature,
+        }
+        said = {
+            "gauge-side torque": gauge,
+            "free exponent": free_exponent,
+            "dead time in the loop": dead_time_loop,
+            "dead time of the set point": dead_time_set_point,
+            "actuator lag": actuator_lag,
+            "derivative gain": derivative,
+            "sampling governor": sampling,
+            "misreading governor": misreading,
+            "twist": twist,
+            "curvature": curvature,
+        }
+        extras = [text for text, present in said.items() if present]
         equations: Equations = LinearEquations(tuple(outputs), gauge=gauge)
         if extended:
             equations = ExtendedLinear(tuple(outputs), gauge, speed).equations(curvature=curvature)
@@ -258,9 +282,63 @@ class Structure:
                 "free_exponent": free_exponent,
                 "dead_time_loop": dead_time_loop,
                 "dead_time_set_point": dead_time_set_point,
-                **({"speed": speed} if extended else {}),
+                **(elements | {"speed": speed} if extended else {}),
             },
         )
+
+    @classmethod
+    def three_parameters(
+        cls,
+        *,
+        torque: Torque = "brake",
+        free_exponent: bool = False,
+        dead_time_loop: bool = False,
+        dead_time_set_point: bool = False,
+        outputs: Sequence[str] | None = None,
+        name: str | None = None,
+    ) -> Structure:
+        """Declare the linear drive train without v and g (recommended in section 7.4.2 of the thesis, for simulations).
+
+        What is left of n*/n_set* = (vK_p s + vK_i) / (tau_n s^2 + (p + vK_p) s + vK_i) are tau_n, vK_p and vK_i; with a
+        gauge's torque there is tau_prop beside them, and the options add what they add to `linear`.
+
+        Parameters
+        ----------
+        torque, free_exponent, dead_time_loop, dead_time_set_point, name
+            As for `linear`.
+        outputs
+            As for `linear`; None: the speed, and the torque where it is a gauge's.
+
+        Notes
+        -----
+        v never acts but in vK_p and vK_i. g is in the speed's response nowhere but in (p - g) / tau_n, vK_p / tau_n and
+        vK_i / tau_n, so that g = 0 and all three times r = p / (p - g) give the same speed, exactly, dead times
+        included: `LinearModel.three_parameters`. These effective values are what data of a ship with g < 0 lead to, and
+        tau_n is too short for its inertia by the factor r, 0.77 for g = -0.6.
+
+        The torque of a gauge, p n* + tau_prop dn*/dt, knows nothing of g either: nothing is lost but the names, and every
+        parameter that is left can be told. The engine's torque is p n* + tau_n dn*/dt; simulated with the effective
+        values it is exact for slow motions and off by (r - 1) tau_n s / (p + tau_n s) of itself for fast ones, by r - 1
+        at most. Fitted along, it pulls tau_n away from the effective value to its own, and the speed suffers.
+
+        Examples
+        --------
+        >>> [parameter.name for parameter in Structure.three_parameters().free]
+        ['tau_n', 'vK_p', 'vK_i']
+        """
+        full = cls.linear(
+            torque=torque,
+            products=True,
+            free_exponent=free_exponent,
+            dead_time_loop=dead_time_loop,
+            dead_time_set_point=dead_time_set_point,
+            outputs=(("dn", "dM") if torque == "gauge" else ("dn",)) if outputs is None else outputs,
+        )
+        settings = {**full.settings, "three_parameters": True}
+        three = replace(
+            full, name=name or full.name.replace("linear", "three parameters", 1), settings=settings
+        )
+        return three.with_fixed(g=0.0)
 
     @classmethod
     def plant(
@@ -515,16 +593,50 @@ class Structure:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """The parameters that are estimated, those with a prior included."""
-        return tuple(parameter for parameter in self.parameters if not parameter.fixed)
+        """The parameters that are estimated, those with a prior included, within bounds that suit all that follow them."""
+        return tuple(
+            self._within_ties(parameter)
+            for parameter in self.parameters
+            if not parameter.fixed and parameter.tied is None
+        )
+
+    @property
+    def ties(self) -> dict[str, Tie]:
+        """Tied parameters, each with what it is of one that is not."""
+        return resolved({p.name: p.tied for p in self.parameters if p.tied is not None})
+
+    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return values by name in which the tied parameters follow the others."""
+        return followed(values, self.ties)
+
+    def _within_ties(self, parameter: Parameter) -> Parameter:
+        lower, upper = parameter.lower, parameter.upper
+        for name, tie in self.ties.items():
+            if tie.to == parameter.name:
+                ends = sorted((tie.inverse(self[name].lower), tie.inverse(self[name].upper)))
+                lower, upper = max(lower, ends[0]), min(upper, ends[1])
+        narrowed = (lower, upper) != (parameter.lower, parameter.upper)
+        return replace(parameter, lower=lower, upper=upper) if narrowed else parameter
 
     def _with(self, name: str, **changes: Any) -> Structure:
         changed = replace(self[name], **changes)
+        parameters = [changed if parameter.name == name else parameter for parameter in self.parameters]
+        structure = replace(self, parameters=tuple(parameters))
+        ties = structure.ties
+        if not ties and not self.ties:
+            return structure
+        starts = structure.complete({parameter.name: parameter.start for parameter in parameters})
+        for follower, tie in ties.items():
+            declared = structure[follower]
+            if not declared.lower <= starts[follower] <= declared.upper:
+                raise InputError(
+                    f"parameter {follower}: tied as {tie} it starts at {starts[follower]:g}, outside its bounds "
+                    f"{declared.lower:g} to {declared.upper:g}; move the start of {tie.to} or widen the bounds first"
+                )
         return replace(
-            self,
-            parameters=tuple(
-                changed if parameter.name == name else parameter for parameter in self.parameters
-            ),
+            structure,
+            parameters=tuple(replace(parameter, start=starts[parameter.name]) for parameter in parameters),
+            equations=tied(self.equations, ties),
         )
 
     def with_fixed(self, **values: float) -> Structure:
@@ -538,20 +650,55 @@ class Structure:
                     f"parameter {name}: fixed at {value:g} s, expected {declared.lower:g} to {declared.upper:g} s"
                     f"{hint or '; widen its bounds first'}"
                 )
-            structure = structure._with(name, start=float(value), fixed=True, prior=None)
+            structure = structure._with(name, start=float(value), fixed=True, prior=None, tied=None)
         return structure
 
     def with_prior(self, **priors: tuple[float, float]) -> Structure:
         """Return a copy with Gaussian priors, each (mean, standard deviation)."""
         structure = self
         for name, (mean, std) in priors.items():
-            structure = structure._with(name, start=float(mean), fixed=False, prior=(float(mean), float(std)))
+            structure = structure._with(
+                name, start=float(mean), fixed=False, prior=(float(mean), float(std)), tied=None
+            )
+        return structure
+
+    def with_tied(self, **ties: tuple[str, float] | tuple[str, float, float]) -> Structure:
+        """Return a copy in which parameters follow others: each (name of the other, factor) or with an offset, too.
+
+        What is known as a ratio, such as the reset time K_p/K_i from a governor's manual, is a tie. The tied parameter is
+        no unknown any more; it has the value, the interval and the status that the other one's make of it, and its
+        bounds count for the other one.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, a factor of zero, ties in a circle, or a start that the bounds do not allow.
+
+        Examples
+        --------
+        >>> structure = Structure.linear(products=True).with_tied(vK_i=("vK_p", 1 / 0.42))
+        >>> [parameter.name for parameter in structure.free]
+        ['tau_n', 'g', 'vK_p']
+        """
+        structure = self
+        for name, given in ties.items():
+            if len(given) not in (2, 3) or not isinstance(given[0], str):
+                raise InputError(
+                    f"tied {name}: found {given}, expected (name, factor) or (name, factor, offset)"
+                )
+            tie = Tie(given[0], *map(float, given[1:]))
+            if not (np.isfinite(tie.factor) and np.isfinite(tie.offset)) or tie.factor == 0.0:
+                raise InputError(f"tied {name}: found {tie}, expected a finite factor that is not 0")
+            _ = structure[tie.to]  # an unknown name is refused
+            structure = structure._with(name, fixed=False, prior=None, tied=tie)
         return structure
 
     def with_start(self, **values: float) -> Structure:
         """Return a copy with other start values."""
         structure = self
         for name, value in values.items():
+            if (tie := structure[name].tied) is not None:
+                raise InputError(f"parameter {name}: tied as {tie}, expected no start; give one to {tie.to}")
             structure = structure._with(name, start=float(value))
         return structure
 
@@ -565,7 +712,7 @@ class Structure:
                 )
             start = {"start": float(limits[1])} if len(limits) == 3 else {}
             structure = structure._with(
-                name, lower=float(limits[0]), upper=float(limits[-1]), fixed=False, **start
+                name, lower=float(limits[0]), upper=float(limits[-1]), fixed=False, tied=None, **start
             )
         return structure
 
@@ -581,6 +728,7 @@ class Structure:
                     "bounds": None if parameter.fixed else [parameter.lower, parameter.upper],
                     "fixed": parameter.fixed,
                     "prior": None if parameter.prior is None else list(parameter.prior),
+                    **({} if parameter.tied is None else {"tied": asdict(parameter.tied)}),
                 }
                 for parameter in self.parameters
             },

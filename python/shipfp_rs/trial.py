@@ -13,6 +13,12 @@ from shipfp_rs.toml_files import Section, read_toml, unexpected
 
 Positive = Annotated[float, Field(gt=0.0)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
+Relation = Annotated[
+    tuple[str, float, float],
+    Field(strict=False),
+    BeforeValidator(lambda value: [*value, 0.0] if isinstance(value, list) and len(value) == 2 else value),
+]
+"""Name of a parameter, factor and offset; without one 0."""
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
 
@@ -217,6 +223,8 @@ class Identify(Section):
     """None: what the torque channel's location says."""
     products: bool = False
     """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
+    three_parameters: bool = False
+    """Leave v and g out: effective tau_n, vK_p and vK_i remain, enough to simulate the speed with."""
     free_exponent: bool = False
     dead_time_loop: bool = False
     dead_time_set_point: bool = False
@@ -224,6 +232,8 @@ class Identify(Section):
     fixed: dict[str, float] = Field(default_factory=dict)
     priors: dict[str, Pair] = Field(default_factory=dict)
     """Name to [mean, standard deviation]."""
+    tied: dict[str, Relation] = Field(default_factory=dict)
+    """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
     starts: Annotated[int, Field(ge=1)] = 8
     seed: Annotated[int, Field(ge=0)] = 0
@@ -391,6 +401,7 @@ stop_s = 600.0
 [identify]
 torque = "gauge"
 products = true                 # fit vK_p and vK_i, which speed and torque tell, in place of v, K_p and K_i
+# three_parameters = true       # leave g out, too: effective tau_n, vK_p and vK_i, to simulate the speed with
 free_exponent = true            # propeller torque goes with n^p, p free
 dead_time_loop = true           # in the fuel path
 dead_time_set_point = true      # in the set-point path
@@ -401,5 +412,7 @@ seed = 0
 # tau_n = 1.17
 # [identify.priors]             # name = [mean, standard deviation]
 # v = [1.2, 0.1]
+# [identify.tied]               # name = [another name, factor], or with an offset: a ratio that the governor's manual gives
+# vK_i = ["vK_p", 2.4]
 """
 """Text that `shipfp init` writes; valid as it stands."""

@@ -32,6 +32,11 @@ def verdict(
     ]
     if known:
         lines.append("Known: " + "; ".join(known) + ".")
+    settings = structure.settings
+    if settings.get("three_parameters") and (settings["torque"] == "gauge" or "dM" not in structure.outputs):
+        lines.append(
+            "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
+        )
     together = [_shown(name, estimate) for name, estimate in derived.items()]
     if together:
         lines.append("Known only together: " + "; ".join(together) + ".")

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.quantities import quantities
 from shipfp_rs.designs.subject import Subject
-from shipfp_rs.estimates import why_unknown, without_nuisance
+from shipfp_rs.estimates import why_unknown, with_tied, without_nuisance
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Estimate, Identifiability
 from shipfp_rs.identifiability import Sensitivity, describe
@@ -67,7 +67,7 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
         value = subject.values[parameter.name]
         if parameter.fixed:
             parameters[parameter.name] = Estimate(value, unit=parameter.unit, status="fixed", reason="given")
-        else:
+        elif parameter.tied is None:
             reason = why_unknown(sensitivity, sensitivity.names.index(parameter.name))
             parameters[parameter.name] = Estimate(
                 None, unit=parameter.unit, status="unidentifiable", reason=reason
@@ -78,4 +78,4 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
         estimate = Estimate(quantity.value, std, interval, quantity.unit, quantity.status)
         (parameters if name in parameters else derived)[name] = estimate
         relative[name] = 100.0 * std / (abs(quantity.value) or 1.0)
-    return Prediction(parameters, derived, describe(sensitivity), experiment, relative)
+    return Prediction(with_tied(parameters, structure), derived, describe(sensitivity), experiment, relative)

@@ -40,7 +40,7 @@ def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity
     for name, (unit, function) in COMBINATIONS.items():
         try:
             value = function(subject.values)
-            gradient = gradient_of(function, subject.values, subject.free)
+            gradient = gradient_of(function, subject.values, subject.free, subject.structure.ties)
         except (KeyError, ZeroDivisionError):
             continue
         joined = any(

@@ -127,9 +127,11 @@ def usual_structure() -> Structure:
 
 def _expected(structure: Structure, known: Mapping[str, float]) -> dict[str, float]:
     """Known values; the structure's own where it holds one fixed, none is known, or a dead time is zero."""
-    return {
-        parameter.name: parameter.start
-        if parameter.fixed
-        else known.get(parameter.name, 0.0) or parameter.start
-        for parameter in structure.parameters
-    }
+    return structure.complete(
+        {
+            parameter.name: parameter.start
+            if parameter.fixed
+            else known.get(parameter.name, 0.0) or parameter.start
+            for parameter in structure.parameters
+        }
+    )

@@ -1,0 +1,157 @@
+"""Parameters that follow another one along a straight line, and what that makes of values and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+
+if TYPE_CHECKING:
+    from shipfp_rs.structure import Equations
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A parameter's value as factor times that of parameter `to`, plus an offset in its own unit."""
+
+    to: str
+    factor: float
+    offset: float = 0.0
+
+    def __call__(self, value: float) -> float:
+        """Return what the parameter is where the other one has this value."""
+        return self.factor * value + self.offset
+
+    def inverse(self, value: float) -> float:
+        """Return what the other one is where the parameter has this value."""
+        return (value - self.offset) / self.factor
+
+    def __str__(self) -> str:
+        return f"{self.factor:g} {self.to}" + (f" {self.offset:+g}" if self.offset else "")
+
+
+Ties = Mapping[str, Tie]
+
+
+def resolved(ties: Ties) -> dict[str, Tie]:
+    """Lead every tie back to a parameter that is tied to none.
+
+    Raises
+    ------
+    InputError
+        For ties in a circle.
+    """
+    found = {}
+    for name, tie in ties.items():
+        path = [name]
+        while tie.to in ties:
+            path.append(tie.to)
+            if tie.to in path[:-1]:
+                raise InputError(
+                    f"tied: {' to '.join(path)} in a circle, expected one of them to be tied to none"
+                )
+            following = ties[tie.to]
+            tie = Tie(following.to, tie.factor * following.factor, tie(following.offset))
+        found[name] = tie
+    return found
+
+
+def followed(values: Mapping[str, float], ties: Ties) -> dict[str, float]:
+    """Return values in which the tied parameters have what resolved ties make of the others."""
+    return {**values, **{name: tie(values[tie.to]) for name, tie in ties.items() if tie.to in values}}
+
+
+def declared(structure: Mapping[str, Any]) -> dict[str, Tie]:
+    """Return the resolved ties of a structure from its JSON form."""
+    rows = structure.get("parameters", {})
+    return resolved({name: Tie(**row["tied"]) for name, row in rows.items() if row.get("tied")})
+
+
+def bare(equations: Equations) -> Equations:
+    """Return equations without ties."""
+    return equations.equations if isinstance(equations, TiedEquations) else equations
+
+
+def tied(equations: Equations, ties: Ties) -> Equations:
+    """Return the same equations with these ties in place of any before."""
+    return TiedEquations(bare(equations), ties) if ties else bare(equations)
+
+
+@dataclass(frozen=True)
+class TiedEquations:
+    """Any equations, some of whose parameters follow others: a derivative is that along with all that follow."""
+
+    equations: Equations
+    ties: Ties
+    """Resolved."""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Initial states of the equations."""
+        return self.equations.states
+
+    @property
+    def linear_in(self) -> tuple[str, ...]:
+        """Unknowns of an experiment in which the outputs are linear."""
+        return getattr(self.equations, "linear_in", ())
+
+    @property
+    def stable(self) -> Callable[[Mapping[str, float]], bool] | None:
+        """Whether values give a stable loop, None where the equations can't tell."""
+        stable = getattr(self.equations, "stable", None)
+        return None if stable is None else lambda values: stable(followed(values, self.ties))
+
+    @property
+    def products(self) -> Callable[..., tuple[Array, int]] | None:
+        """The equations' own pass over an experiment, None where they have none."""
+        return None if getattr(self.equations, "products", None) is None else self._products
+
+    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+        """Return the normalised outputs, shape (O, N)."""
+        return self.equations.simulate(followed(values, self.ties), experiment)
+
+    def sensitivities(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
+    ) -> tuple[Array, Array]:
+        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        moved, chain = self._chain(names)
+        simulated, slopes = self.equations.sensitivities(followed(values, self.ties), experiment, moved)
+        return simulated, np.tensordot(chain, slopes.reshape(len(moved), *simulated.shape), axes=1)
+
+    def response(
+        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+        moved, chain = self._chain(names)
+        response, slopes = self.equations.response(followed(values, self.ties), frequency_hz, moved)
+        return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
+
+    def _products(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], *rest: Array
+    ) -> tuple[Array, int]:
+        """Return the sums (O, W + 2, O, W + 2) of columns that follow."""
+        moved, chain = self._chain(names)
+        kernel = self.equations.products  # type: ignore[attr-defined]
+        sums, count = kernel(followed(values, self.ties), experiment, moved, *rest)
+        # What an offset adds and the residual stand behind the derivatives.
+        columns = np.pad(chain, ((0, 2), (0, 2)))
+        columns[-2:, -2:] = np.eye(2)
+        return np.einsum("ac,icjd,bd->iajb", columns, sums, columns, optimize=True), count
+
+    def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
+        """Return all that moves with `names`, and by how much, shape (W, all)."""
+        moved = [*names, *(name for name, tie in self.ties.items() if tie.to in names and name not in names)]
+        chain = np.eye(len(names), len(moved))
+        for name in moved[len(names) :]:
+            tie = self.ties[name]
+            chain[names.index(tie.to), moved.index(name)] = tie.factor
+        return moved, chain
