@@ -116,6 +116,20 @@ def test_agrees_with_the_equations_as_they_stand(element, hold):
     assert (np.abs(found - expected) <= 1e-9 * size).all()
 
 
+def test_firings_do_not_beat_with_the_steps_of_the_integration():
+    changes, envelope, strength, quadrants = ELEMENTS["governor once a firing"]
+    n_set = wander(400, scale=0.1)
+    coarse, fine = (
+        _core.simulate_drive_train(
+            vector(**changes), *envelope, strength, quadrants, n_set, 0.005, steps, "first"
+        )
+        for steps in (6, 24)
+    )
+    # Fired at the end of the step that passes the angle, the torque would be off by 1e-2.
+    for row, bound in ((1, 1e-5), (3, 1e-4)):
+        assert np.abs(coarse[row] / fine[row] - 1.0).max() < bound
+
+
 @pytest.mark.parametrize("element", [name for name in ELEMENTS if name != "nothing"])
 def test_every_element_does_something(element):
     changes, envelope, strength, quadrants = ELEMENTS[element]

@@ -39,8 +39,8 @@ OFF: Mapping[str, float] = {
 
 _LARGEST_STEP = 0.1
 """Step of RK4 times the fastest pole of an element: the error of a step, (0.1)^5 / 120, is below 1e-7 of its motion."""
-_STEPS_A_RIPPLE = 40.0
-"""Steps of RK4 in a period of the torque's ripple."""
+_STEPS_A_RIPPLE = 16.0
+"""Steps of RK4 in a period of the torque's ripple; they end at each firing, so that a step sees none of its corners."""
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,8 @@ class _Run:
         return total
 
     def due(self):
-        return self.q["firing_interval"] and self.x[3] >= (self.fired + 1) * self.q["firing_interval"]
+        interval = self.q["firing_interval"]
+        return interval and (self.fired + 1) * interval - self.x[3] <= 1e-6
 
     def flow(self, time, elapsed, side, x):
         """Signals and rates at a state."""
@@ -249,16 +250,26 @@ class _Run:
         if abs(since - round(since)) * self.run.dt < 1e-8 * self.run.step:
             self.breaks.append(time + h + self.q["fuel_dead_time"])
 
-    def next_cut(self, time):
+    def next_cut(self, time, begin):
         """The next time at which a step must end."""
         q, soon = self.q, time + 1e-8 * self.run.step
         cuts = [at for at in self.breaks if at > soon] if q["fuel_dead_time"] else []
         if 0.0 < q["governor_period"] < math.inf:
-            cuts.append(max(self.samples * q["governor_period"], soon))
+            cuts.append(self.samples * q["governor_period"])
         if q["set_dead_time"]:
             late = math.floor((soon - q["set_dead_time"]) / self.run.dt)
             cuts.append((max(late, -1) + 1) * self.run.dt + q["set_dead_time"])
-        return min(cuts, default=math.inf)
+        if q["firing_interval"]:
+            cuts.append(self.next_firing(time, begin))
+        return min((cut for cut in cuts if cut > soon), default=math.inf)
+
+    def next_firing(self, time, begin):
+        """When the crank reaches the next firing at the present speed and acceleration."""
+        speed, acceleration = begin.rates[3], self.q["gear_ratio"] * begin.rates[0]
+        wait = ((self.fired + 1) * self.q["firing_interval"] - self.x[3]) / speed
+        if not 0.0 < wait < 2.0 * self.run.step:
+            return math.inf
+        return time + wait / (1.0 + 0.5 * acceleration * wait / speed)
 
     def rows(self):
         run, rows = self.run, []
@@ -271,9 +282,9 @@ class _Run:
             for j in range(1, run.substeps + 1):
                 border = (k + j / run.substeps) * run.dt
                 while time < border:
-                    end = min(self.next_cut(time), border)
-                    end = border if border - end < 1e-8 * run.step else end
                     flow = flow or self.begin(time)
+                    end = min(self.next_cut(time, flow), border)
+                    end = border if border - end < 1e-8 * run.step else end
                     self.advance(time, end - time, flow)
                     time, flow = end, None
         return np.array(rows).T

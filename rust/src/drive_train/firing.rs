@@ -2,6 +2,9 @@
 
 use std::f64::consts::TAU;
 
+/// Angles closer than this are one [rev]: 50 ns at 20 rev/s.
+const SAME_ANGLE: f64 = 1e-6;
+
 /// Firings in turn, equally spaced.
 #[derive(Debug, Clone)]
 pub struct Firing {
@@ -36,7 +39,14 @@ impl Firing {
     #[inline(always)]
     #[must_use]
     pub fn due(&self, crank: f64) -> bool {
-        self.acts() && crank >= (self.count + 1) as f64 * self.interval
+        self.left(crank) <= SAME_ANGLE
+    }
+
+    /// Angle that is left to the next firing [rev], infinite where there is none.
+    #[inline(always)]
+    #[must_use]
+    pub fn left(&self, crank: f64) -> f64 {
+        if self.acts() { (self.count + 1) as f64 * self.interval - crank } else { f64::INFINITY }
     }
 
     /// Fire the next cylinder with the fuel for a mean torque [Nm].

@@ -162,9 +162,9 @@ impl<'a, L: Limit> March<'a, L> {
             for substep in 1..=substeps {
                 let border = (sample as f64 + substep as f64 / substeps as f64) * dt;
                 loop {
-                    let end = self.next_cut(time).min(border);
-                    let end = if border - end < SAME * self.step { border } else { end };
                     let begin = first.take().unwrap_or_else(|| self.begin(time));
+                    let end = self.next_cut(time, &begin).min(border);
+                    let end = if border - end < SAME * self.step { border } else { end };
                     self.advance(time, end - time, &begin);
                     time = end;
                     if time >= border {
@@ -177,10 +177,19 @@ impl<'a, L: Limit> March<'a, L> {
     }
 
     /// The next time at which a step must end.
-    fn next_cut(&mut self, time: f64) -> f64 {
+    fn next_cut(&mut self, time: f64, begin: &Flow) -> f64 {
         let soon = time + SAME * self.step;
         let sample = if self.next_sample > soon { self.next_sample } else { f64::INFINITY };
-        sample.min(self.set_point.next_break(soon)).min(self.delay.next_break(soon))
+        let cut = sample.min(self.set_point.next_break(soon)).min(self.delay.next_break(soon));
+        // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
+        let wait = self.memory.firing.left(self.state.crank) / begin.rates.crank;
+        if wait > 0.0 && wait < 2.0 * self.step {
+            let acceleration = self.train.gearbox.ratio * begin.rates.engine_side;
+            let wait = wait / (1.0 + 0.5 * acceleration * wait / begin.rates.crank);
+            if time + wait > soon { cut.min(time + wait) } else { cut }
+        } else {
+            cut
+        }
     }
 
     /// The signals at a time from which a step starts, once what is due there is done.
