@@ -1,7 +1,8 @@
 """The whole drive train beside a scalar Numba twin: `python -m benches.bench_drive_train`, with a release build installed.
 
 The launch with a governor that samples, a dead time, a lag and rate limits; then with single firings and a flexible
-shaft too. The twin's delays and periods are whole numbers of its steps, which saves it the events; ours may be any.
+shaft too; then with what takes powers and cosines at every turn. The twin's delays and periods are whole numbers of
+its steps, which saves it the events; ours may be any.
 """
 
 import argparse
@@ -37,6 +38,7 @@ IDLE = {
     "inflow": 1.0,
     "thrust_coefficient": 144.0,
     "ship_resistance": 0.0,
+    "limit_factor": 1.0,
 }
 SAMPLED = {
     "propeller_inertia": 2.81,
@@ -51,6 +53,15 @@ CASES = {
     "and firing, flexible shaft": SAMPLED
     | {"firing_interval": 1.0 / 3.0, "shaft_stiffness": 2e4, "shaft_damping": 20.0},
 }
+CASES["and ripple, exponent 2.17, drag"] = CASES["and firing, flexible shaft"] | {
+    "torque_exponent": 2.17,
+    "torque_coefficient": 8.7,
+    "shaft_ripple": 0.005,
+    "blade_ripple": 0.01,
+    "drag_coefficient": 1.0,
+    "drag_exponent": 1.3,
+}
+"""All that a power or a cosine is taken of; the twin takes the library's."""
 
 
 def vector(**changes: float) -> np.ndarray:
@@ -81,7 +92,12 @@ def flow(q, x, fuel, elapsed, rack_before, torque_before, fuelled, fired, k):
                 break
             M_b += q[15] / q[16] * (1.0 - math.cos(2.0 * math.pi * age / q[16])) * fuelled[(fired - back) % 6]
     M_s = M_b * q[1] * q[2]
-    M_p = q[6] * x[1] * abs(x[1])
+    if q[22] > 0.0:
+        M_s -= q[22] * x[0] * abs(x[0]) ** (q[23] - 1.0)
+    M_p = q[6] * x[1] * (abs(x[1]) if q[7] == 2.0 else abs(x[1]) ** (q[7] - 1.0))
+    if q[20] > 0.0 or q[21] > 0.0:
+        turn = 2.0 * math.pi * x[5]
+        M_p *= 1.0 + q[20] * math.cos(turn) + q[21] * math.cos(q[24] * turn)
     slip = x[0] - x[1]
     if q[17] < math.inf:
         M_g = 2.0 * math.pi * (q[17] * x[2] + q[18] * slip)
@@ -91,7 +107,7 @@ def flow(q, x, fuel, elapsed, rack_before, torque_before, fuelled, fired, k):
         k[0] = (M_s - M_p) / (2.0 * math.pi * q[0])
         k[1] = k[0]
         M_g = M_p + q[19] / q[0] * (M_s - M_p)
-    k[2], k[3] = slip, n_e
+    k[2], k[3], k[5] = slip, n_e, x[1]
     return demand, M_b, M_g
 
 
@@ -101,8 +117,8 @@ def simulate(q, n_set, every, late, dt, substeps, out):
     h = dt / substeps
     n = N_E / 3.0
     rack = q[8]
-    twist = q[6] * n * n / (2.0 * math.pi * q[17])
-    x, y, k = np.array([n, n, twist, 0.0, rack]), np.empty(5), np.empty((4, 5))
+    twist = q[6] * n ** q[7] / (2.0 * math.pi * q[17])
+    x, y, k = np.array([n, n, twist, 0.0, rack, 0.0]), np.empty(6), np.empty((4, 6))
     torque = q[3] * rack + q[4] * q[1] * n + q[5]
     fuelled, fired = np.full(6, torque), -1
     commands = np.full(late, rack)
@@ -125,10 +141,10 @@ def simulate(q, n_set, every, late, dt, substeps, out):
                 out[0, sample], out[1, sample] = q[1] * x[0], x[1]
                 out[2, sample], out[3, sample], out[4, sample] = M_b, M_g, x[4]
             for stage, part in ((1, 0.5), (2, 0.5), (3, 1.0)):
-                for i in range(5):
+                for i in range(6):
                     y[i] = x[i] + part * h * k[stage - 1, i]
                 flow(q, y, fuel, part * h, rack_ramp, torque, fuelled, fired, k[stage])
-            for i in range(5):
+            for i in range(6):
                 x[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
             rack_ramp = within(rack_ramp, fuel, q[12] * h)
             demand = max(q[3] * x[4] + q[4] * q[1] * x[0] + q[5], q[11])
@@ -148,7 +164,8 @@ def main() -> None:
         named = dict(zip(_core.DRIVE_TRAIN_PARAMETERS, values.tolist(), strict=True))
         own = ("rack_rate", "fuel_lag", "torque_rate", "firing_interval", "firing_width")
         own += ("shaft_stiffness", "shaft_damping", "propeller_inertia")
-        q = np.append(PARAMETERS, [named[key] for key in own])
+        own += ("shaft_ripple", "blade_ripple", "drag_coefficient", "drag_exponent", "blades")
+        q = np.array([named[key] for key in (*_core.PLANT_PARAMETERS, *own)])
 
         def twin(q=q):
             out = np.empty((5, samples))

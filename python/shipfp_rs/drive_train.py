@@ -162,6 +162,7 @@ def drive_train(vessel: Vessel) -> DriveTrain:
         * propeller.K_T,
         "ship_mass": ship.mass_kg if ship else math.inf,
         "ship_resistance": ship.resistance_N_s2_m2 if ship else 0.0,
+        "limit_factor": 1.0,
     }
     return DriveTrain(values, _strength(vessel), _quadrants(vessel))
 

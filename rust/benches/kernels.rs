@@ -1,15 +1,17 @@
 //! Times of the kernels without Python: `cargo bench`.
 #![allow(missing_docs)]
 
+use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Duration;
 
 use _core::cost::Objective;
+use _core::drive_train::{self, DriveTrain, Run, Tables};
 use _core::error::Error;
 use _core::filter::{Decimator, running_median};
 use _core::integrate::{Hold, MethodName, ROWS, Rows, Runs, Scheme, simulate};
 use _core::linear::{By, Drive, Output, Parameters};
-use _core::plant::Envelope;
+use _core::plant::{Envelope, Library, Polynomial, Power};
 use _core::pulse::PulseCrossings;
 use _core::stop::Stop;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
@@ -42,6 +44,80 @@ fn plant(criterion: &mut Criterion) -> Result<(), Error> {
             bencher.iter(|| simulate(black_box(&runs), &envelope, &scheme, 1, &mut output, &Stop::new()));
         });
     }
+    group.finish();
+    Ok(())
+}
+
+/// Stan Tug 1205 with all its elements: a governor once a firing, dead times, limits, firing, a shaft that twists.
+const TUG: [f64; 46] = [
+    62.297,
+    3.82,
+    0.98,
+    55.847,
+    -14.153,
+    186.158,
+    48.915,
+    2.17,
+    10.0,
+    2.2301,
+    5.3218,
+    f64::NEG_INFINITY,
+    22.857,
+    81000.0,
+    65.0,
+    3.3398,
+    1.0,
+    0.25,
+    0.0,
+    0.05,
+    f64::INFINITY,
+    1.0,
+    0.0,
+    32.0,
+    5.0,
+    1.0,
+    0.07,
+    0.03,
+    100.0,
+    2000.0,
+    1.0 / 3.0,
+    0.5,
+    3.0,
+    0.005,
+    0.01,
+    2.309,
+    1.0,
+    723.226,
+    f64::INFINITY,
+    0.0,
+    5.16492,
+    0.0,
+    0.0,
+    19.73,
+    0.0,
+    1.0,
+];
+
+fn whole_drive_train(criterion: &mut Criterion) -> Result<(), Error> {
+    let mut group = criterion.benchmark_group("its functions, of 1000 numbers");
+    let angles: Vec<f64> = (0..1000).map(|k| f64::from(k) * 0.37).collect();
+    let sum = |function: fn(f64) -> f64| angles.iter().fold(0.0, |sum, &angle| function(sum + angle));
+    group.bench_function("cosine, library", |b| b.iter(|| sum(|angle| (TAU * angle).cos())));
+    group.bench_function("cosine, ours", |b| b.iter(|| sum(drive_train::cosine)));
+    group.bench_function("power, library", |b| b.iter(|| sum(|speed| Library::of(speed, black_box(2.17)))));
+    group.bench_function("power, ours", |b| b.iter(|| sum(|speed| Polynomial::of(speed, black_box(2.17)))));
+    group.finish();
+    let mut group = criterion.benchmark_group("drive train, RK4, a step");
+    let set_speed = wander(19.73, SAMPLES);
+    let envelope = Envelope::new(&[10.0, 20.0, 30.0], &[560.0, 1250.0, 1172.0])?;
+    let strength = vec![1.04, 0.98, 0.98, 1.04, 0.98, 0.98];
+    let train = DriveTrain::from_parameters(&TUG, Tables { strength, quadrants: None })?;
+    let run = Run { set_speed: &set_speed, dt: 0.005, substeps: 12, hold: Hold::First };
+    let mut output = vec![0.0; drive_train::ROWS * SAMPLES];
+    group.throughput(Throughput::Elements((12 * SAMPLES) as u64));
+    group.bench_function("the tug with all its elements", |bencher| {
+        bencher.iter(|| drive_train::simulate(black_box(&train), &envelope, &run, &mut output, &Stop::new()));
+    });
     group.finish();
     Ok(())
 }
@@ -100,7 +176,7 @@ fn signals(criterion: &mut Criterion) -> Result<(), Error> {
 }
 
 fn all(criterion: &mut Criterion) {
-    for bench in [plant, cost, signals] {
+    for bench in [plant, whole_drive_train, cost, signals] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

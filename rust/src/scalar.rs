@@ -4,11 +4,12 @@ use std::ops::{Add, Div, Mul, Sub};
 
 use pulp::Simd;
 
-use crate::plant::{Library, Power, Square, power_and_slopes};
+use crate::plant::{Polynomial, Power, Square, power_and_slopes};
 
 /// What the equations of a component ask of a number.
 pub trait Scalar:
     Copy
+    + PartialEq
     + Add<Output = Self>
     + Sub<Output = Self>
     + Mul<Output = Self>
@@ -23,6 +24,21 @@ pub trait Scalar:
     /// The number without what it carries; comparisons are by it.
     fn value(self) -> f64;
 
+    /// Whether it carries no derivative other than zero.
+    #[must_use]
+    fn is_constant(&self) -> bool;
+
+    /// A function of the number, by its value and its slope there.
+    #[must_use]
+    fn function(self, value: f64, slope: f64) -> Self;
+
+    /// Whether it is zero and stays so.
+    #[inline(always)]
+    #[must_use]
+    fn is_zero(&self) -> bool {
+        self.value() == 0.0 && self.is_constant()
+    }
+
     /// `self` |`self`|^(`exponent` - 1).
     #[must_use]
     fn power(self, exponent: Self) -> Self;
@@ -30,6 +46,13 @@ pub trait Scalar:
     /// `self` |`self`|.
     #[must_use]
     fn square(self) -> Self;
+}
+
+/// The smaller of two; `other` where a comparison with it fails.
+#[inline(always)]
+#[must_use]
+pub fn smaller<T: Scalar>(number: T, other: T) -> T {
+    if number.value() < other.value() { number } else { other }
 }
 
 impl Scalar for f64 {
@@ -44,8 +67,23 @@ impl Scalar for f64 {
     }
 
     #[inline(always)]
+    fn is_constant(&self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn function(self, value: f64, _slope: f64) -> f64 {
+        value
+    }
+
+    #[inline(always)]
     fn power(self, exponent: f64) -> f64 {
-        Library::of(self, exponent)
+        // A branch that is always foreseen.
+        match exponent {
+            1.0 => self,
+            2.0 => self.square(),
+            _ => Polynomial::of(self, exponent),
+        }
     }
 
     #[inline(always)]
@@ -125,6 +163,20 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     }
 
     #[inline(always)]
+    fn is_constant(&self) -> bool {
+        let mut moves = false;
+        for slope in &self.slopes {
+            moves |= *slope != 0.0;
+        }
+        !moves
+    }
+
+    #[inline(always)]
+    fn function(self, value: f64, slope: f64) -> Self {
+        self.scaled(slope, value)
+    }
+
+    #[inline(always)]
     fn power(self, exponent: Self) -> Self {
         let [value, by_base, by_exponent] = power_and_slopes(self.value, exponent.value);
         self.combined(by_base, &exponent, by_exponent, value)
@@ -133,6 +185,13 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     #[inline(always)]
     fn square(self) -> Self {
         self.scaled(2.0 * self.value.abs(), Square::of(self.value, 2.0))
+    }
+}
+
+impl<S: Simd, const N: usize> PartialEq for Dual<S, N> {
+    #[inline(always)]
+    fn eq(&self, other: &Self) -> bool {
+        self.value == other.value && (*self - *other).is_constant()
     }
 }
 

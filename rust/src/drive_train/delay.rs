@@ -2,22 +2,24 @@
 
 use std::collections::VecDeque;
 
+use crate::scalar::Scalar;
+
 /// Ring buffer of a signal's past. Two entries at one time are a jump.
 #[derive(Debug, Clone)]
-pub struct Delay {
-    dead_time: f64,
-    history: VecDeque<(f64, f64)>,
+pub struct Delay<T = f64> {
+    dead_time: T,
+    history: VecDeque<(T, T)>,
     /// When what broke the signal arrives.
-    breaks: VecDeque<f64>,
+    breaks: VecDeque<T>,
 }
 
-impl Delay {
+impl<T: Scalar> Delay<T> {
     /// A signal that has had one value forever; room for so many steps within the dead time.
     #[must_use]
-    pub fn new(dead_time: f64, value: f64, steps: usize) -> Self {
+    pub fn new(dead_time: T, value: T, steps: usize) -> Self {
         let mut history = VecDeque::with_capacity(2 * steps + 8);
-        history.push_back((f64::NEG_INFINITY, value));
-        history.push_back((0.0, value));
+        history.push_back((value.constant(f64::NEG_INFINITY), value));
+        history.push_back((value.constant(0.0), value));
         Self { dead_time, history, breaks: VecDeque::with_capacity(steps + 4) }
     }
 
@@ -25,42 +27,46 @@ impl Delay {
     #[inline(always)]
     #[must_use]
     pub fn acts(&self) -> bool {
-        self.dead_time > 0.0
+        self.dead_time.value() > 0.0
     }
 
-    /// Add to the history; times never descend.
-    pub fn push(&mut self, time: f64, value: f64) {
+    /// Add to the history; times never descend. A signal that stands still needs no entries but where it jumps.
+    #[inline(always)]
+    pub fn push(&mut self, time: T, value: T) {
         self.history.push_back((time, value));
     }
 
     /// Note that the signal jumps or bends at a time.
-    pub fn push_break(&mut self, time: f64) {
+    #[inline(always)]
+    pub fn push_break(&mut self, time: T) {
         self.breaks.push_back(time + self.dead_time);
     }
 
     /// When the next break after a time arrives, infinity for none.
-    pub fn next_break(&mut self, after: f64) -> f64 {
-        while self.breaks.front().is_some_and(|&arrival| arrival <= after) {
+    #[inline(always)]
+    pub fn next_break(&mut self, after: f64) -> T {
+        while self.breaks.front().is_some_and(|arrival| arrival.value() <= after) {
             self.breaks.pop_front();
         }
-        self.breaks.front().copied().unwrap_or(f64::INFINITY)
+        self.breaks.front().copied().unwrap_or(self.dead_time.constant(f64::INFINITY))
     }
 
     /// Forget what no look-up at `time` or later needs.
+    #[inline(always)]
     pub fn forget(&mut self, time: f64) {
-        let oldest = time - self.dead_time;
-        while self.history.get(1).is_some_and(|&(next, _)| next <= oldest) {
+        let oldest = time - self.dead_time.value();
+        while self.history.get(1).is_some_and(|(next, _)| next.value() <= oldest) {
             self.history.pop_front();
         }
     }
 
     /// The delayed signal at `time`, by the piece that holds `time + nudge`: which side of a jump is meant.
+    #[inline(always)]
     #[must_use]
-    #[allow(clippy::float_cmp)]
-    pub fn at(&self, time: f64, nudge: f64) -> f64 {
+    pub fn at(&self, time: T, nudge: f64) -> T {
         let past = time - self.dead_time;
         let mut piece = 1;
-        while self.history.get(piece).is_some_and(|to| to.0 <= past + nudge) {
+        while self.history.get(piece).is_some_and(|to| to.0.value() <= past.value() + nudge) {
             piece += 1;
         }
         match (self.history.get(piece - 1), self.history.get(piece)) {
@@ -69,7 +75,7 @@ impl Delay {
                 from.1 + (to.1 - from.1) * ((past - from.0) / (to.0 - from.0))
             }
             (Some(from), _) => from.1,
-            (None, _) => f64::NAN,
+            (None, _) => past.constant(f64::NAN),
         }
     }
 }

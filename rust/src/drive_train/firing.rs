@@ -1,13 +1,15 @@
 //! Torque of single firings: each takes the fuel of its own moment and gives it back over its stroke.
 
-use std::f64::consts::TAU;
+use crate::scalar::Scalar;
+
+use super::turn::cosine;
 
 /// Angles closer than this are one [rev]: 50 ns at 20 rev/s.
 const SAME_ANGLE: f64 = 1e-6;
 
 /// Firings in turn, equally spaced.
 #[derive(Debug, Clone)]
-pub struct Firing {
+pub struct Firing<T = f64> {
     /// Angle between firings [rev of the engine], zero for a torque without pulses.
     interval: f64,
     /// Angle over which a firing works [rev of the engine].
@@ -15,17 +17,19 @@ pub struct Firing {
     /// Each cylinder's torque over the mean of all, in the order of firing.
     strength: Vec<f64>,
     /// Torque for which each cylinder was last fuelled [Nm].
-    fuelled: Vec<f64>,
-    /// Number of the latest firing, the first one of the record being zero.
-    count: i64,
+    fuelled: Vec<T>,
+    /// Number of the latest firing, the first one of the record being zero, and its cylinder.
+    count: f64,
+    latest: usize,
 }
 
-impl Firing {
+impl<T: Scalar> Firing<T> {
     /// Running steadily at a torque [Nm], a firing due at angle zero.
     #[must_use]
-    pub fn new(interval: f64, width: f64, strength: &[f64], torque: f64) -> Self {
-        let fuelled = strength.iter().map(|strength| torque * strength).collect();
-        Self { interval, width, strength: strength.to_vec(), fuelled, count: -1 }
+    pub fn new(interval: f64, width: f64, strength: &[f64], torque: T) -> Self {
+        let fuelled = strength.iter().map(|&strength| torque * strength).collect();
+        let latest = strength.len().saturating_sub(1);
+        Self { interval, width, strength: strength.to_vec(), fuelled, count: -1.0, latest }
     }
 
     /// Whether single firings are told apart.
@@ -46,36 +50,33 @@ impl Firing {
     #[inline(always)]
     #[must_use]
     pub fn left(&self, crank: f64) -> f64 {
-        if self.acts() { (self.count + 1) as f64 * self.interval - crank } else { f64::INFINITY }
+        if self.acts() { (self.count + 1.0) * self.interval - crank } else { f64::INFINITY }
     }
 
     /// Fire the next cylinder with the fuel for a mean torque [Nm].
-    pub fn fire(&mut self, torque: f64) {
-        self.count += 1;
-        let cylinder = self.cylinder(self.count);
-        self.fuelled[cylinder] = torque * self.strength[cylinder];
-    }
-
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_possible_wrap)]
-    fn cylinder(&self, firing: i64) -> usize {
-        firing.rem_euclid(self.strength.len() as i64) as usize
+    #[inline(always)]
+    pub fn fire(&mut self, torque: T) {
+        self.count += 1.0;
+        self.latest = if self.latest + 1 < self.strength.len() { self.latest + 1 } else { 0 };
+        self.fuelled[self.latest] = torque * self.strength[self.latest];
     }
 
     /// Torque at an angle of the crankshaft [rev]: a raised cosine over each working stroke, of mean one in their sum.
+    #[inline(always)]
     #[must_use]
-    pub fn torque(&self, crank: f64) -> f64 {
-        let mut torque = 0.0;
-        for back in 0..self.strength.len() {
-            #[allow(clippy::cast_possible_wrap)]
-            let firing = self.count - back as i64;
-            let age = crank - firing as f64 * self.interval;
-            if age >= self.width {
+    pub fn torque(&self, crank: T) -> T {
+        let mut torque = crank.constant(0.0);
+        let (mut firing, mut cylinder, per_width) = (self.count, self.latest, 1.0 / self.width);
+        for _ in 0..self.fuelled.len() {
+            let age = crank + firing * -self.interval;
+            if age.value() >= self.width {
                 break;
             }
-            let share = self.interval / self.width * (1.0 - (TAU * age / self.width).cos());
-            torque += share * self.fuelled[self.cylinder(firing)];
+            torque = torque + (cosine(age * per_width) * -1.0 + 1.0) * self.fuelled[cylinder];
+            firing -= 1.0;
+            cylinder = if cylinder == 0 { self.fuelled.len() } else { cylinder } - 1;
         }
-        torque
+        torque * (self.interval * per_width)
     }
 }
 

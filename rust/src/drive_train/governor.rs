@@ -1,6 +1,7 @@
 //! Speed governor: proportional, integral, and derivative of the filtered speed, between the limits of the rack.
 
 use crate::plant::limited;
+use crate::scalar::{Scalar, smaller};
 
 /// When the governor computes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,19 +17,19 @@ pub enum Timing {
 /// Turns engine speed and its set point into the commanded fuel rack.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs)]
-pub struct Governor {
+pub struct Governor<T = f64> {
     /// Rack position without any error, `X_0` [mm].
-    pub base_rack: f64,
+    pub base_rack: T,
     /// [mm/(rev/s)].
-    pub proportional: f64,
+    pub proportional: T,
     /// [mm/rev].
-    pub integral: f64,
+    pub integral: T,
     /// Of the speed alone, so that a step of the set point gives no kick [mm s/(rev/s)].
-    pub derivative: f64,
+    pub derivative: T,
     /// Time constant of the derivative's filter [s].
-    pub filter: f64,
-    pub minimum_rack: f64,
-    pub maximum_rack: f64,
+    pub filter: T,
+    pub minimum_rack: T,
+    pub maximum_rack: T,
     /// Whether the integral stands still while a limit holds the command.
     pub anti_windup: bool,
     pub timing: Timing,
@@ -36,33 +37,34 @@ pub struct Governor {
 
 /// Limits of the command at a time: what the governor may order, and what the engine makes of it at most.
 #[derive(Debug, Clone, Copy)]
-pub struct Ceiling {
+pub struct Ceiling<T = f64> {
     /// Of the rack [mm]: its stop and the smoke limit.
-    pub rack: f64,
+    pub rack: T,
     /// The rack at which the engine's torque meets its envelope [mm].
-    pub torque: f64,
+    pub torque: T,
 }
 
 /// A command and how the governor's memory changes.
 #[derive(Debug, Clone, Copy)]
-pub struct Command {
+pub struct Command<T = f64> {
     /// [mm].
-    pub rack: f64,
+    pub rack: T,
     /// Rate of the integrated error [rev/s].
-    pub error_rate: f64,
+    pub error_rate: T,
     /// Rate of the filtered speed [rev/s2].
-    pub filter_rate: f64,
+    pub filter_rate: T,
 }
 
-impl Governor {
+impl<T: Scalar> Governor<T> {
     /// What is ordered at a speed error [rev/s], its integral [rev] and a lead of the speed over the filtered one [rev/s],
     /// over so long a filter time [s]; and whether the integral may go on.
     #[inline(always)]
-    fn order(&self, miss: f64, integrated: f64, lead: f64, filter: f64, ceiling: &Ceiling) -> (f64, bool) {
+    fn order(&self, miss: T, integrated: T, lead: T, filter: T, ceiling: &Ceiling<T>) -> (T, bool) {
         let wanted = self.base_rack + self.proportional * miss + self.integral * integrated;
-        let wanted = if self.derivative == 0.0 { wanted } else { wanted - self.derivative * lead / filter };
-        let held = (wanted > ceiling.rack.min(ceiling.torque) && miss > 0.0)
-            || (wanted < self.minimum_rack && miss < 0.0);
+        let wanted =
+            if self.derivative.is_zero() { wanted } else { wanted - self.derivative * lead / filter };
+        let held = (wanted.value() > smaller(ceiling.rack, ceiling.torque).value() && miss.value() > 0.0)
+            || (wanted.value() < self.minimum_rack.value() && miss.value() < 0.0);
         (limited(wanted, self.minimum_rack, ceiling.rack), !(self.anti_windup && held))
     }
 
@@ -71,33 +73,34 @@ impl Governor {
     #[must_use]
     pub fn command(
         &self,
-        set_speed: f64,
-        speed: f64,
-        integrated: f64,
-        filtered: f64,
-        ceiling: &Ceiling,
-    ) -> Command {
+        set_speed: T,
+        speed: T,
+        integrated: T,
+        filtered: T,
+        ceiling: &Ceiling<T>,
+    ) -> Command<T> {
         let (miss, lead) = (set_speed - speed, speed - filtered);
         let (rack, free) = self.order(miss, integrated, lead, self.filter, ceiling);
         Command {
             rack,
-            error_rate: if free { miss } else { 0.0 },
-            filter_rate: if self.derivative == 0.0 { 0.0 } else { lead / self.filter },
+            error_rate: if free { miss } else { miss.constant(0.0) },
+            filter_rate: if self.derivative.is_zero() { miss.constant(0.0) } else { lead / self.filter },
         }
     }
 
     /// The command at a sample `elapsed` [s] after the one before, whose error was `miss_before`.
     ///
     /// The trapezoidal rule integrates, so that sampling delays by the hold alone, half a period.
+    #[inline(always)]
     #[must_use]
     pub fn sample(
         &self,
-        set_speed: f64,
-        speed: f64,
-        memory: &mut Memory,
-        elapsed: f64,
-        ceiling: &Ceiling,
-    ) -> f64 {
+        set_speed: T,
+        speed: T,
+        memory: &mut Memory<T>,
+        elapsed: T,
+        ceiling: &Ceiling<T>,
+    ) -> T {
         let (miss, lead) = (set_speed - speed, speed - memory.filtered);
         let filter = self.filter + elapsed;
         let integrated = memory.integrated + elapsed * 0.5 * (miss + memory.miss);
@@ -107,8 +110,8 @@ impl Governor {
         } else {
             (rack, _) = self.order(miss, memory.integrated, lead, filter, ceiling);
         }
-        if self.derivative != 0.0 {
-            memory.filtered += elapsed / filter * lead;
+        if !self.derivative.is_zero() {
+            memory.filtered = memory.filtered + elapsed / filter * lead;
         }
         memory.miss = miss;
         rack
@@ -117,13 +120,13 @@ impl Governor {
 
 /// What a sampling governor keeps between samples.
 #[derive(Debug, Clone, Copy)]
-pub struct Memory {
+pub struct Memory<T = f64> {
     /// Integrated error [rev].
-    pub integrated: f64,
+    pub integrated: T,
     /// Filtered speed [rev/s].
-    pub filtered: f64,
+    pub filtered: T,
     /// Error at the last sample [rev/s].
-    pub miss: f64,
+    pub miss: T,
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 mod delay;
 mod firing;
 mod governor;
+mod march;
 mod motion;
 mod parameters;
 mod propeller;
@@ -15,12 +16,15 @@ mod shaft;
 mod ship;
 mod simulate;
 mod state;
+mod turn;
 
 pub use governor::{Governor, Timing};
+pub use march::{March, NAMES, ROWS};
 pub use motion::{DriveTrain, FLOW, flow_at};
 pub use parameters::{PARAMETERS, Tables};
 pub use propeller::{Propeller, Quadrants};
 pub use ramp::Ramp;
 pub use shaft::{Answer, Shaft};
-pub use simulate::{ROWS, Run, simulate};
+pub use simulate::{Run, simulate};
 pub use state::{STATES, State};
+pub use turn::cosine;

@@ -1,6 +1,7 @@
 //! The equations of motion of the drive train between two events.
 
-use crate::plant::{Engine, Envelope, Gearbox, Library, Limit, Power, limited};
+use crate::plant::{Engine, Envelope, Gearbox, Slope, limited};
+use crate::scalar::{Scalar, smaller};
 
 use super::firing::Firing;
 use super::governor::{Ceiling, Command, Timing};
@@ -11,123 +12,131 @@ use super::{Governor, Propeller, STATES, State};
 
 /// Path of the command to the fuel rack.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Actuator {
+pub struct Actuator<T = f64> {
     /// [s].
-    pub dead_time: f64,
+    pub dead_time: T,
     /// Time constant [s].
-    pub lag: f64,
+    pub lag: T,
     /// Of the rack [mm/s].
-    pub rate: f64,
+    pub rate: T,
 }
 
 /// All components and where they start.
 #[derive(Debug, Clone)]
 #[allow(missing_docs)]
-pub struct DriveTrain {
-    pub governor: Governor,
+pub struct DriveTrain<T = f64> {
+    pub governor: Governor<T>,
     /// Of the set point's path [s].
-    pub set_dead_time: f64,
-    pub actuator: Actuator,
-    pub engine: Engine,
+    pub set_dead_time: T,
+    pub actuator: Actuator<T>,
+    pub engine: Engine<T>,
+    /// On the torque envelope.
+    pub limit_factor: T,
     /// By how much the rack may exceed what the charge air is good for [mm].
-    pub smoke_margin: f64,
+    pub smoke_margin: T,
     /// Time constant of the charge air behind the rack [s].
-    pub turbocharger_lag: f64,
+    pub turbocharger_lag: T,
     /// Of the brake torque [Nm/s].
-    pub torque_rate: f64,
+    pub torque_rate: T,
     /// [rev of the engine], zero for a torque without pulses.
     pub firing_interval: f64,
     pub firing_width: f64,
     pub strength: Vec<f64>,
-    pub gearbox: Gearbox,
+    pub gearbox: Gearbox<T>,
     /// Torque lost at the shaft [Nm/(rev/s)^`drag_exponent`], beside the gearbox's efficiency.
-    pub drag: f64,
-    pub drag_exponent: f64,
-    pub shaft: Shaft,
-    pub propeller: Propeller,
-    pub ship: Ship,
+    pub drag: T,
+    pub drag_exponent: T,
+    pub shaft: Shaft<T>,
+    pub propeller: Propeller<T>,
+    pub ship: Ship<T>,
     /// Shaft speed [rev/s].
-    pub initial_speed: f64,
+    pub initial_speed: T,
     /// [rev].
-    pub initial_error: f64,
+    pub initial_error: T,
     /// [m/s].
-    pub initial_ship_speed: f64,
+    pub initial_ship_speed: T,
     /// Set point before the record [rev/s].
-    pub set_point_before: f64,
+    pub set_point_before: T,
     /// At the first sample [rev].
-    pub crank_angle: f64,
+    pub crank_angle: T,
 }
 
 /// What the drive train remembers from one step to the next.
 #[derive(Debug, Clone)]
-pub struct Memory {
-    pub rack: Ramp,
-    pub torque: Ramp,
-    pub firing: Firing,
+pub struct Memory<T = f64> {
+    pub rack: Ramp<T>,
+    pub torque: Ramp<T>,
+    pub firing: Firing<T>,
     /// Command that a sampling governor holds [mm].
-    pub held: f64,
+    pub held: T,
 }
 
 /// What acts on the drive train within a step.
 #[derive(Debug, Clone, Copy)]
-pub struct Instant {
+pub struct Instant<T = f64> {
     /// Time since the step began [s].
-    pub elapsed: f64,
+    pub elapsed: T,
     /// Set point at the governor [rev/s]; of no meaning where that computes at times of its own.
-    pub set_speed: f64,
+    pub set_speed: T,
     /// Command that comes out of the actuator's dead time [mm]; None: there is none.
-    pub arriving: Option<f64>,
+    pub arriving: Option<T>,
 }
 
 /// What the governor and the fuel's way make of an instant.
 #[derive(Debug, Clone, Copy)]
-pub struct FuelPath {
+pub struct FuelPath<T = f64> {
     /// Of the governor.
-    pub command: Command,
+    pub command: Command<T>,
     /// Behind the dead time, before its rate is limited [mm].
-    pub fuel: f64,
+    pub fuel: T,
     /// [mm].
-    pub rack: f64,
+    pub rack: T,
     /// [mm/s].
-    pub rack_rate: f64,
+    pub rack_rate: T,
     /// Mean brake torque before its rate is limited [Nm].
-    pub demand: f64,
+    pub demand: T,
 }
 
 /// All signals at an instant, and the rates of the state.
 #[derive(Debug, Clone, Copy)]
-pub struct Flow {
+pub struct Flow<T = f64> {
     /// Of the governor [mm].
-    pub command: f64,
+    pub command: T,
     /// Mean brake torque [Nm].
-    pub mean: f64,
+    pub mean: T,
     /// What is recorded.
-    pub engine_speed: f64,
-    pub rack: f64,
-    pub brake: f64,
-    pub shaft: f64,
-    pub gauge: f64,
-    pub rates: State,
+    pub engine_speed: T,
+    pub rack: T,
+    pub brake: T,
+    pub shaft: T,
+    pub gauge: T,
+    pub rates: State<T>,
 }
 
-impl DriveTrain {
+impl<T: Scalar> DriveTrain<T> {
     /// Torque lost at the shaft [Nm].
     #[inline(always)]
-    #[must_use]
-    pub fn drag_torque(&self, shaft_speed: f64) -> f64 {
-        if self.drag == 0.0 { 0.0 } else { self.drag * Library::of(shaft_speed, self.drag_exponent) }
+    fn drag_torque(&self, shaft_speed: T) -> T {
+        if self.drag.is_zero() { self.drag } else { self.drag * shaft_speed.power(self.drag_exponent) }
+    }
+
+    /// What the envelope allows at an engine speed [Nm].
+    #[inline(always)]
+    fn limit(&self, limit: &mut impl Slope, engine_speed: T) -> T {
+        let torque = limit.torque(engine_speed.value());
+        engine_speed.function(torque, limit.slope()) * self.limit_factor
     }
 
     /// What holds the governor's command at a state.
     #[inline(always)]
     #[must_use]
-    pub fn ceiling(&self, limit: &mut impl Limit, engine_speed: f64, charge: f64) -> Ceiling {
-        let rack = (charge + self.smoke_margin).min(self.governor.maximum_rack);
+    pub fn ceiling(&self, limit: &mut impl Slope, engine_speed: T, charge: T) -> Ceiling<T> {
+        let rack = smaller(charge + self.smoke_margin, self.governor.maximum_rack);
         let torque = if self.governor.anti_windup {
             let Engine { rack_gain, speed_gain, offset, .. } = self.engine;
-            (limit.torque(engine_speed) - speed_gain * engine_speed - offset) / rack_gain
+            (self.limit(limit, engine_speed) - speed_gain * engine_speed - offset) / rack_gain
         } else {
-            f64::INFINITY
+            charge.constant(f64::INFINITY)
         };
         Ceiling { rack, torque }
     }
@@ -135,11 +144,12 @@ impl DriveTrain {
     /// The governor's command, and how its memory changes, at an instant.
     #[inline(always)]
     #[must_use]
-    pub fn command(&self, limit: &mut impl Limit, set_speed: f64, held: f64, state: &State) -> Command {
+    pub fn command(&self, limit: &mut impl Slope, set_speed: T, held: T, state: &State<T>) -> Command<T> {
         if self.governor.timing != Timing::Continuous {
-            return Command { rack: held, error_rate: 0.0, filter_rate: 0.0 };
+            let still = held.constant(0.0);
+            return Command { rack: held, error_rate: still, filter_rate: still };
         }
-        let speed = self.gearbox.ratio * state.engine_side;
+        let speed = state.engine_side * self.gearbox.ratio;
         let ceiling = self.ceiling(limit, speed, state.charge);
         self.governor.command(set_speed, speed, state.error, state.filtered, &ceiling)
     }
@@ -149,25 +159,24 @@ impl DriveTrain {
     #[must_use]
     pub fn fuel_path(
         &self,
-        limit: &mut impl Limit,
-        memory: &Memory,
-        at: &Instant,
-        state: &State,
-    ) -> FuelPath {
-        let engine_speed = self.gearbox.ratio * state.engine_side;
+        limit: &mut impl Slope,
+        memory: &Memory<T>,
+        at: &Instant<T>,
+        state: &State<T>,
+    ) -> FuelPath<T> {
+        let engine_speed = state.engine_side * self.gearbox.ratio;
         let command = self.command(limit, at.set_speed, memory.held, state);
         let fuel = at.arriving.unwrap_or(command.rack);
         let ordered = memory.rack.reached(fuel, at.elapsed);
-        let (rack, rack_rate) = if self.actuator.lag > 0.0 {
+        let (rack, rack_rate) = if self.actuator.lag.value() > 0.0 {
             (state.rack, (ordered - state.rack) / self.actuator.lag)
         } else {
-            (ordered, 0.0)
+            (ordered, ordered.constant(0.0))
         };
-        let Engine { rack_gain, speed_gain, offset, minimum_torque } = self.engine;
         let demand = limited(
-            rack * rack_gain + engine_speed * speed_gain + offset,
-            minimum_torque,
-            limit.torque(engine_speed),
+            self.engine.demand(rack, engine_speed),
+            self.engine.minimum_torque,
+            self.limit(limit, engine_speed),
         );
         FuelPath { command, fuel, rack, rack_rate, demand }
     }
@@ -175,11 +184,20 @@ impl DriveTrain {
     /// Everything at an instant.
     #[inline(always)]
     #[must_use]
-    pub fn flow(&self, limit: &mut impl Limit, memory: &Memory, at: &Instant, state: &State) -> Flow {
-        let engine_speed = self.gearbox.ratio * state.engine_side;
+    pub fn flow(
+        &self,
+        limit: &mut impl Slope,
+        memory: &Memory<T>,
+        at: &Instant<T>,
+        state: &State<T>,
+    ) -> Flow<T> {
+        let engine_speed = state.engine_side * self.gearbox.ratio;
         let FuelPath { command, rack, rack_rate, demand, .. } = self.fuel_path(limit, memory, at, state);
-        let charge_rate =
-            if self.smoke_margin.is_finite() { (rack - state.charge) / self.turbocharger_lag } else { 0.0 };
+        let charge_rate = if self.smoke_margin.value().is_finite() {
+            (rack - state.charge) / self.turbocharger_lag
+        } else {
+            rack.constant(0.0)
+        };
         let mean = memory.torque.reached(demand, at.elapsed);
         let brake = if memory.firing.acts() { memory.firing.torque(state.crank) } else { mean };
         let shaft = self.gearbox.shaft_torque(brake) - self.drag_torque(state.engine_side);
@@ -211,21 +229,20 @@ impl DriveTrain {
 
     /// The state from which a record starts: the rack and the twist as if all had stood so for long.
     #[must_use]
-    pub fn start(&self) -> (State, Memory) {
+    pub fn start(&self) -> (State<T>, Memory<T>) {
         let speed = self.initial_speed;
-        let engine_speed = self.gearbox.ratio * speed;
+        let engine_speed = speed * self.gearbox.ratio;
         let Governor { base_rack, proportional, integral, .. } = self.governor;
         let rack =
             base_rack + proportional * (self.set_point_before - engine_speed) + integral * self.initial_error;
-        let Engine { rack_gain, speed_gain, offset, .. } = self.engine;
-        let torque = rack * rack_gain + engine_speed * speed_gain + offset;
+        let torque = self.engine.demand(rack, engine_speed);
         let [load, _] = self.propeller.mean_torque_and_thrust(speed, self.initial_ship_speed);
         let state = State {
             engine_side: speed,
             propeller: speed,
             twist: self.shaft.twist(load),
             crank: self.crank_angle,
-            turn: 0.0,
+            turn: speed.constant(0.0),
             rack,
             charge: rack,
             error: self.initial_error,

@@ -1,7 +1,8 @@
 //! Parameter vector of the drive train and its checks.
 
 use crate::error::{Error, Result, require};
-use crate::plant::{self, Plant};
+use crate::plant::{self, Engine, Gearbox, Plant};
+use crate::scalar::Scalar;
 
 use super::governor::Timing;
 use super::motion::{Actuator, DriveTrain};
@@ -10,7 +11,7 @@ use super::shaft::Shaft;
 use super::ship::Ship;
 use super::{Governor, Propeller};
 
-const OWN: [&str; 33] = [
+const OWN: [&str; 34] = [
     "propeller_inertia",
     "shaft_stiffness",
     "shaft_damping",
@@ -44,6 +45,7 @@ const OWN: [&str; 33] = [
     "initial_ship_speed",
     "set_point_before",
     "crank_angle",
+    "limit_factor",
 ];
 
 /// Names of the entries of a parameter vector, in order: those of the plant first.
@@ -70,7 +72,9 @@ pub struct Tables {
 /// Which numbers a parameter may be.
 fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
     match name {
-        "propeller_inertia" | "blade_path" => (|value| value > 0.0 && value.is_finite(), "a positive number"),
+        "propeller_inertia" | "blade_path" | "limit_factor" => {
+            (|value| value > 0.0 && value.is_finite(), "a positive number")
+        }
         "shaft_stiffness" | "rack_rate" | "torque_rate" | "ship_mass" => {
             (|value| value > 0.0, "a positive number, infinity for none")
         }
@@ -87,15 +91,6 @@ fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
     }
 }
 
-/// The values of [`OWN`], each by itself a number that it may be.
-fn checked(values: &[f64]) -> Result<[f64; OWN.len()]> {
-    for (name, &value) in OWN.iter().zip(values) {
-        let (fits, expected) = expected(name);
-        require(fits(value), || format!("parameters: {name} is {value}, expected {expected}"))?;
-    }
-    values.try_into().map_err(|_| Error::Internal("the parameter vector changed its length".to_owned()))
-}
-
 impl DriveTrain {
     /// Build from a vector in the order of [`PARAMETERS`].
     ///
@@ -106,97 +101,15 @@ impl DriveTrain {
             format!("parameters has {} values, expected {}", values.len(), PARAMETERS.len())
         })?;
         let (shared, own) = values.split_at(plant::PARAMETERS.len());
-        let plant = Plant::from_parameters(shared, "parameters")?;
-        let [
-            propeller_side,
-            stiffness,
-            damping,
-            drag,
-            drag_exponent,
-            set_dead_time,
-            derivative,
-            filter,
-            period,
-            anti_windup,
-            minimum_rack,
-            maximum_rack,
-            smoke_margin,
-            turbocharger_lag,
-            dead_time,
-            lag,
-            rack_rate,
-            torque_rate,
-            firing_interval,
-            firing_width,
-            blades,
-            shaft_ripple,
-            blade_ripple,
-            blade_path,
-            inflow,
-            thrust,
-            mass,
-            resistance,
-            initial_speed,
-            initial_error,
-            initial_ship_speed,
-            set_point_before,
-            crank_angle,
-        ] = checked(own)?;
-        let timing = if period == 0.0 {
-            Timing::Continuous
-        } else if period.is_finite() {
-            Timing::Every(period)
-        } else {
-            Timing::AtFiring
-        };
-        let train = Self {
-            governor: Governor {
-                base_rack: plant.governor.base_rack,
-                proportional: plant.governor.proportional,
-                integral: plant.governor.integral,
-                derivative,
-                filter,
-                minimum_rack,
-                maximum_rack,
-                anti_windup: anti_windup > 0.5,
-                timing,
-            },
-            set_dead_time,
-            actuator: Actuator { dead_time, lag, rate: rack_rate },
-            engine: plant.engine,
-            smoke_margin,
-            turbocharger_lag,
-            torque_rate,
-            firing_interval,
-            firing_width,
-            strength: tables.strength,
-            gearbox: plant.gearbox,
-            drag,
-            drag_exponent,
-            shaft: Shaft {
-                engine_side: plant.shaft.inertia - propeller_side,
-                propeller_side,
-                stiffness,
-                damping,
-            },
-            propeller: Propeller {
-                coefficient: plant.propeller.coefficient,
-                exponent: plant.propeller.exponent,
-                thrust,
-                blade_path,
-                inflow,
-                blades,
-                shaft_ripple,
-                blade_ripple,
-                quadrants: tables.quadrants,
-            },
-            ship: Ship { mass, resistance },
-            initial_speed,
-            initial_error,
-            initial_ship_speed,
-            set_point_before,
-            crank_angle,
-        };
+        Plant::from_parameters(shared, "parameters")?;
+        for (name, &value) in OWN.iter().zip(own) {
+            let (fits, expected) = expected(name);
+            require(fits(value), || format!("parameters: {name} is {value}, expected {expected}"))?;
+        }
+        let values = values
+            .try_into()
+            .map_err(|_| Error::Internal("the parameter vector changed its length".to_owned()))?;
+        let train = Self::of(values, tables);
         train.require_agreement()?;
         Ok(train)
     }
@@ -234,6 +147,112 @@ impl DriveTrain {
             "parameters: firing_interval is 0, expected a positive angle for a governor that acts once a firing"
                 .to_owned()
         })
+    }
+}
+
+impl<T: Scalar> DriveTrain<T> {
+    /// Of checked numbers in the order of [`PARAMETERS`].
+    pub(crate) fn of(numbers: [T; PARAMETERS.len()], tables: Tables) -> Self {
+        let [
+            inertia,
+            ratio,
+            efficiency,
+            rack_gain,
+            speed_gain,
+            offset,
+            coefficient,
+            exponent,
+            base_rack,
+            proportional,
+            integral,
+            minimum_torque,
+            propeller_side,
+            stiffness,
+            damping,
+            drag,
+            drag_exponent,
+            set_dead_time,
+            derivative,
+            filter,
+            period,
+            anti_windup,
+            minimum_rack,
+            maximum_rack,
+            smoke_margin,
+            turbocharger_lag,
+            dead_time,
+            lag,
+            rack_rate,
+            torque_rate,
+            firing_interval,
+            firing_width,
+            blades,
+            shaft_ripple,
+            blade_ripple,
+            blade_path,
+            inflow,
+            thrust,
+            mass,
+            resistance,
+            initial_speed,
+            initial_error,
+            initial_ship_speed,
+            set_point_before,
+            crank_angle,
+            limit_factor,
+        ] = numbers;
+        let period = period.value();
+        let timing = if period == 0.0 {
+            Timing::Continuous
+        } else if period.is_finite() {
+            Timing::Every(period)
+        } else {
+            Timing::AtFiring
+        };
+        Self {
+            governor: Governor {
+                base_rack,
+                proportional,
+                integral,
+                derivative,
+                filter,
+                minimum_rack,
+                maximum_rack,
+                anti_windup: anti_windup.value() > 0.5,
+                timing,
+            },
+            set_dead_time,
+            actuator: Actuator { dead_time, lag, rate: rack_rate },
+            engine: Engine { rack_gain, speed_gain, offset, minimum_torque },
+            limit_factor,
+            smoke_margin,
+            turbocharger_lag,
+            torque_rate,
+            firing_interval: firing_interval.value(),
+            firing_width: firing_width.value(),
+            strength: tables.strength,
+            gearbox: Gearbox { ratio, efficiency },
+            drag,
+            drag_exponent,
+            shaft: Shaft { engine_side: inertia - propeller_side, propeller_side, stiffness, damping },
+            propeller: Propeller {
+                coefficient,
+                exponent,
+                thrust,
+                blade_path,
+                inflow,
+                blades: blades.value(),
+                shaft_ripple,
+                blade_ripple,
+                quadrants: tables.quadrants,
+            },
+            ship: Ship { mass, resistance },
+            initial_speed,
+            initial_error,
+            initial_ship_speed,
+            set_point_before,
+            crank_angle,
+        }
     }
 }
 

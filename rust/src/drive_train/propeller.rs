@@ -1,29 +1,29 @@
 //! Propeller behind a ship that may move: torque and thrust in four quadrants, and the ripple of the blades.
 
-use std::f64::consts::TAU;
-
 use crate::error::{Error, Result, require};
-use crate::plant::{Library, Power, Square};
+use crate::scalar::Scalar;
+
+use super::turn::cosine;
 
 /// Torque and thrust of a fixed-pitch propeller.
 #[derive(Debug, Clone)]
-pub struct Propeller {
+pub struct Propeller<T = f64> {
     /// Torque in bollard pull [Nm/(rev/s)^exponent].
-    pub coefficient: f64,
+    pub coefficient: T,
     /// Of the torque.
-    pub exponent: f64,
+    pub exponent: T,
     /// Thrust in bollard pull, less thrust deduction, of all propellers [N/(rev/s)^2].
-    pub thrust: f64,
+    pub thrust: T,
     /// Blade speed at 0.7 of the radius over the shaft speed, 0.7 pi D [m].
-    pub blade_path: f64,
+    pub blade_path: T,
     /// What the wake leaves of the ship's speed.
-    pub inflow: f64,
+    pub inflow: T,
     /// Of the ripple.
     pub blades: f64,
     /// Amplitude of the torque at once a turn, over the mean.
-    pub shaft_ripple: f64,
+    pub shaft_ripple: T,
     /// Amplitude of the torque at blade passage, over the mean.
-    pub blade_ripple: f64,
+    pub blade_ripple: T,
     /// None: bollard pull at any ship speed.
     pub quadrants: Option<Quadrants>,
 }
@@ -59,51 +59,64 @@ impl Quadrants {
     }
 
     /// Torque and thrust at an angle [rad], straight between points.
+    #[inline(always)]
     #[must_use]
-    fn at(&self, angle: f64) -> [f64; 2] {
-        let to = self.angle.partition_point(|&point| point <= angle).clamp(1, self.angle.len() - 1);
-        let part = (angle - self.angle[to - 1]) / (self.angle[to] - self.angle[to - 1]);
-        [&self.torque, &self.thrust].map(|row| row[to - 1] + part * (row[to] - row[to - 1]))
+    fn at<T: Scalar>(&self, angle: T) -> [T; 2] {
+        let at = angle.value();
+        let to = self.angle.partition_point(|&point| point <= at).clamp(1, self.angle.len() - 1);
+        let width = self.angle[to] - self.angle[to - 1];
+        let part = (at - self.angle[to - 1]) / width;
+        let (torque, thrust) = (&self.torque[to - 1..=to], &self.thrust[to - 1..=to]);
+        let [rise, thrust_rise] = [torque[1] - torque[0], thrust[1] - thrust[0]];
+        [
+            angle.function(torque[0] + part * rise, rise / width),
+            angle.function(thrust[0] + part * thrust_rise, thrust_rise / width),
+        ]
     }
 }
 
-impl Propeller {
+impl<T: Scalar> Propeller<T> {
     /// Torque [Nm] and thrust [N] at a shaft speed [rev/s], an angle of the shaft [rev] and a ship speed [m/s].
     #[inline(always)]
     #[must_use]
-    pub fn torque_and_thrust(&self, speed: f64, turn: f64, ship_speed: f64) -> [f64; 2] {
+    pub fn torque_and_thrust(&self, speed: T, turn: T, ship_speed: T) -> [T; 2] {
         let [mean, thrust] = self.mean_torque_and_thrust(speed, ship_speed);
-        [mean * (1.0 + self.ripple(turn)), thrust]
+        if self.shaft_ripple.is_zero() && self.blade_ripple.is_zero() {
+            return [mean, thrust];
+        }
+        let ripple = self.shaft_ripple * cosine(turn) + self.blade_ripple * cosine(turn * self.blades);
+        [mean * (ripple + 1.0), thrust]
     }
 
     /// The same without the ripple of the blades.
     #[inline(always)]
     #[must_use]
-    #[allow(clippy::float_cmp)]
-    pub fn mean_torque_and_thrust(&self, speed: f64, ship_speed: f64) -> [f64; 2] {
-        let power = |speed: f64| match self.exponent {
-            2.0 => Square::of(speed, 2.0),
-            exponent => Library::of(speed, exponent),
-        };
+    pub fn mean_torque_and_thrust(&self, speed: T, ship_speed: T) -> [T; 2] {
         match &self.quadrants {
-            None => [self.coefficient * power(speed), self.thrust * speed * speed.abs()],
+            None => [self.coefficient * speed.power(self.exponent), self.thrust * speed.square()],
             Some(quadrants) => {
                 let along = self.blade_path * speed;
                 let across = self.inflow * ship_speed;
-                let flow = along.hypot(across) / self.blade_path;
-                let [torque, thrust] = quadrants.at(across.atan2(along));
-                [torque * self.coefficient * power(flow), thrust * self.thrust * flow * flow]
+                let [flow, angle] = polar(along, across);
+                let flow = flow / self.blade_path;
+                let [torque, thrust] = quadrants.at(angle);
+                [torque * self.coefficient * flow.power(self.exponent), thrust * self.thrust * flow.square()]
             }
         }
     }
+}
 
-    #[inline(always)]
-    fn ripple(&self, turn: f64) -> f64 {
-        if self.shaft_ripple == 0.0 && self.blade_ripple == 0.0 {
-            return 0.0;
-        }
-        self.shaft_ripple * (TAU * turn).cos() + self.blade_ripple * (TAU * self.blades * turn).cos()
-    }
+/// Length and angle [rad] of a vector.
+#[inline(always)]
+fn polar<T: Scalar>(along: T, across: T) -> [T; 2] {
+    let (x, y) = (along.value(), across.value());
+    let length = x.hypot(y);
+    let (cosine, sine) = (x / length, y / length);
+    // One part carries the value, both their share of its derivatives.
+    [
+        along.function(length, cosine) + across.function(0.0, sine),
+        along.function(y.atan2(x), -sine / length) + across.function(0.0, cosine / length),
+    ]
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ pub use gearbox::Gearbox;
 pub use governor::Governor;
 pub use motion::Motion;
 pub use number::{Number, Registers};
-pub use power::{Library, Polynomial, Power, Square, power_and_slopes};
+pub use power::{Library, Polynomial, Power, Square, polynomial, power_and_slopes};
 pub use propeller::Propeller;
 pub use shaft::Shaft;
 

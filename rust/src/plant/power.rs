@@ -62,11 +62,10 @@ fn power<const FUSED: bool>(speed: f64, exponent: f64) -> f64 {
 #[inline(always)]
 #[must_use]
 pub fn power_and_slopes(speed: f64, exponent: f64) -> [f64; 3] {
-    let size = speed.abs().max(f64::MIN_POSITIVE);
-    // What a recursion waits for is the power alone; the logarithm is computed beside it.
-    let slope = size.powf(exponent - 1.0);
+    let logarithm = log2::<false>(speed.abs().max(f64::MIN_POSITIVE));
+    let slope = exp2::<false>(logarithm * (exponent - 1.0));
     let value = speed * slope;
-    [value, exponent * slope, value * (log2::<false>(size) * std::f64::consts::LN_2)]
+    [value, exponent * slope, value * (logarithm * std::f64::consts::LN_2)]
 }
 
 /// 2^52: added to a small whole number it leaves that number in the low bits.
@@ -124,9 +123,12 @@ fn exp2<const FUSED: bool>(y: f64) -> f64 {
         * f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52)
 }
 
+/// A polynomial of an even number of coefficients, the constant one first.
+///
 /// Even and odd powers apart: two chains half as long, which is what its caller waits for.
 #[inline(always)]
-fn polynomial<const FUSED: bool, const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
+#[must_use]
+pub fn polynomial<const FUSED: bool, const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
     let square = x * x;
     let (mut even, mut odd) = (0.0_f64, 0.0_f64);
     for pair in coefficients.as_chunks::<2>().0.iter().rev() {

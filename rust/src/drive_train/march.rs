@@ -1,0 +1,317 @@
+//! Steps of the classical Runge-Kutta method, cut at what breaks the signals: delayed samples and the governor's own.
+//!
+//! Times are numbers that may carry derivatives, too. What breaks a signal at a time that depends on a parameter, a
+//! dead time or the instant of a firing, moves with it: the steps up to there are as long as that time says, and then
+//! the state moves back to the time that stands still, at the rates from behind the break. What it thereby loses and
+//! gains is its derivative by the break's time. Plain numbers have no such steps.
+
+use crate::error::Result;
+use crate::plant::Slope;
+use crate::scalar::{Scalar, smaller};
+use crate::stop::{CHECK_EVERY, Stop};
+
+use super::delay::Delay;
+use super::governor::{self, Timing};
+use super::motion::{Flow, Instant, Memory};
+use super::set_point::SetPoint;
+use super::{DriveTrain, Run, State};
+
+/// Number of outputs.
+pub const ROWS: usize = 8;
+
+/// Names of the outputs for messages: `n_e`, `n_s` [rev/s], `M_b`, `M_g`, `M_s` [Nm], `X_f` [mm], `E_n` [rev], ship
+/// speed [m/s].
+pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n", "the ship's speed"];
+
+/// What is closer than this share of a step is at one time.
+pub const SAME: f64 = 1e-8;
+/// By this share of a step a time is moved to say which side of a jump is meant.
+const NUDGE: f64 = 1e-6;
+
+/// A simulation under way.
+pub struct March<'a, L, T = f64> {
+    train: &'a DriveTrain<T>,
+    limit: L,
+    run: &'a Run<'a>,
+    set_point: SetPoint<'a, T>,
+    step: f64,
+    state: State<T>,
+    memory: Memory<T>,
+    delay: Delay<T>,
+    governor: governor::Memory<T>,
+    /// Time of the governor's last and next sample [s], and of the next sample of the set point to arrive.
+    last_sample: T,
+    next_sample: f64,
+    next_arrival: T,
+    samples_taken: u64,
+    /// Whether the end of each step must be looked at.
+    remembers: bool,
+}
+
+impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
+    /// Before the first sample.
+    #[inline(always)]
+    pub fn new(train: &'a DriveTrain<T>, limit: L, run: &'a Run<'a>) -> Self {
+        let (state, memory) = train.start();
+        let step = run.dt / run.substeps as f64;
+        let set_point = SetPoint {
+            samples: run.set_speed,
+            before: train.set_point_before,
+            dt: run.dt,
+            dead_time: train.set_dead_time,
+            hold: run.hold,
+        };
+        let zero = state.engine_side.constant(0.0);
+        let dead_time = train.actuator.dead_time;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Saturates; a capacity only.
+        let steps = (dead_time.value() / step).min(1e6) as usize;
+        let mut delay = Delay::new(dead_time, memory.held, 2 * steps);
+        delay.push_break(zero);
+        Self {
+            train,
+            limit,
+            run,
+            set_point,
+            step,
+            governor: governor::Memory {
+                integrated: state.error,
+                filtered: state.filtered,
+                miss: train.set_point_before - state.engine_side * train.gearbox.ratio,
+            },
+            last_sample: zero,
+            next_sample: if matches!(train.governor.timing, Timing::Every(_)) { 0.0 } else { f64::INFINITY },
+            next_arrival: set_point.next_break(SAME * step),
+            samples_taken: 0,
+            remembers: delay.acts() || memory.rack.acts() || memory.torque.acts(),
+            state,
+            memory,
+            delay,
+        }
+    }
+
+    /// From the first sample to the last, each given to `record`.
+    ///
+    /// # Errors
+    /// What `record` finds, or a request to stop.
+    #[inline(always)]
+    pub fn through(
+        mut self,
+        mut record: impl FnMut(usize, &[T; ROWS]) -> Result<()>,
+        stop: &Stop,
+    ) -> Result<()> {
+        let (dt, substeps, samples) = (self.run.dt, self.run.substeps, self.run.set_speed.len());
+        let look_every = (CHECK_EVERY / substeps).max(1);
+        let mut time = 0.0;
+        for step in 0..=(samples - 1) * substeps {
+            let (sample, substep) = (step / substeps, step % substeps);
+            let border = (sample as f64 + (substep + 1) as f64 / substeps as f64) * dt;
+            let mut shown = substep != 0;
+            if !shown {
+                if sample % look_every == 0 {
+                    stop.check()?;
+                }
+                time = sample as f64 * dt;
+            }
+            loop {
+                let begin = self.begin(time);
+                if !shown {
+                    record(sample, &self.row(&begin))?;
+                    shown = true;
+                    if sample + 1 == samples {
+                        return Ok(());
+                    }
+                }
+                let end = self.next_end(time, border, &begin);
+                self.advance(time, end + -time, &begin);
+                time = end.value();
+                if !end.is_constant() {
+                    self.stand_still(end);
+                }
+                if time >= border {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The time at which a step must end, the border at the latest.
+    #[inline(always)]
+    fn next_end(&mut self, time: f64, border: f64, begin: &Flow<T>) -> T {
+        let soon = time + SAME * self.step;
+        if self.next_arrival.value() <= soon {
+            self.next_arrival = self.set_point.next_break(soon);
+        }
+        let mut due = if self.next_sample > soon { self.next_sample } else { f64::INFINITY };
+        // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
+        let speed = begin.engine_speed.value();
+        let wait = self.memory.firing.left(self.state.crank.value()) / speed;
+        if wait > 0.0 && wait < 2.0 * self.step {
+            let acceleration = self.train.gearbox.ratio.value() * begin.rates.engine_side.value();
+            let firing = time + wait / (1.0 + 0.5 * acceleration * wait / speed);
+            if firing > soon && firing < due {
+                due = firing;
+            }
+        }
+        let mut cut = smaller(self.next_arrival, self.delay.next_break(soon));
+        if due < cut.value() - SAME * self.step {
+            cut = cut.constant(due);
+        }
+        if border - cut.value() >= SAME * self.step {
+            cut
+        } else if (cut.value() - border).abs() < SAME * self.step {
+            cut + (border - cut.value())
+        } else {
+            cut.constant(border)
+        }
+    }
+
+    /// The signals at a time from which a step starts, once what is due there is done.
+    #[inline(always)]
+    fn begin(&mut self, time: f64) -> Flow<T> {
+        let now = self.state.crank.constant(time);
+        if self.delay.acts() {
+            self.delay.forget(time);
+        }
+        let timing = self.train.governor.timing;
+        if let Timing::Every(period) = timing
+            && time >= self.next_sample - SAME * self.step
+        {
+            self.samples_taken += 1;
+            self.next_sample = self.samples_taken as f64 * period;
+            self.sample(now);
+        }
+        if self.memory.firing.due(self.state.crank.value()) {
+            let at = if self.state.crank.is_constant() { now } else { self.move_to_firing(now) };
+            if timing == Timing::AtFiring {
+                self.sample(at);
+            }
+            let mean = self.flow(at).mean;
+            // No step is so long that a cylinder fires twice in it, unless the speed has left all bounds.
+            for _ in 0..self.train.strength.len() {
+                if self.memory.firing.due(self.state.crank.value()) {
+                    self.memory.firing.fire(mean);
+                }
+            }
+            if !at.is_constant() {
+                self.stand_still(at);
+            }
+        }
+        let flow = self.flow(now);
+        if self.delay.acts() && timing == Timing::Continuous {
+            self.delay.push(now, flow.command);
+        }
+        flow
+    }
+
+    /// The signals at a time, behind what jumps there.
+    #[inline(always)]
+    fn flow(&mut self, time: T) -> Flow<T> {
+        let at = self.instant(time, time.constant(0.0), NUDGE * self.step);
+        self.train.flow(&mut self.limit, &self.memory, &at, &self.state)
+    }
+
+    /// Move the state, and the time given back, with the instant at which the crankshaft has the angle it has.
+    #[inline(always)]
+    fn move_to_firing(&mut self, time: T) -> T {
+        let flow = self.flow(time);
+        let lead = (self.state.crank * -1.0 + self.state.crank.value()) / flow.engine_speed;
+        self.shift(time, lead, &flow);
+        time + lead
+    }
+
+    /// Move the state from a time that moves to the one that stands still.
+    #[inline(always)]
+    fn stand_still(&mut self, time: T) {
+        let flow = self.flow(time);
+        self.shift(time, time.constant(time.value()) - time, &flow);
+    }
+
+    /// Move the state by a time without length.
+    #[inline(always)]
+    fn shift(&mut self, time: T, lead: T, flow: &Flow<T>) {
+        self.state = self.state.after(lead, &flow.rates);
+        if self.remembers {
+            let at = self.instant(time, lead, NUDGE * self.step);
+            self.remember(time + lead, &at);
+        }
+    }
+
+    /// Let the governor compute.
+    #[inline(always)]
+    fn sample(&mut self, time: T) {
+        let speed = self.state.engine_side * self.train.gearbox.ratio;
+        let ceiling = self.train.ceiling(&mut self.limit, speed, self.state.charge);
+        let set_speed = self.set_point.at(time, time.value() + NUDGE * self.step);
+        let elapsed = time - self.last_sample;
+        let held = self.memory.held;
+        self.memory.held =
+            self.train.governor.sample(set_speed, speed, &mut self.governor, elapsed, &ceiling);
+        self.state.error = self.governor.integrated;
+        self.last_sample = time;
+        if self.delay.acts() {
+            self.delay.push(time, held);
+            self.delay.push(time, self.memory.held);
+            self.delay.push_break(time);
+        }
+    }
+
+    #[inline(always)]
+    fn instant(&self, begin: T, elapsed: T, nudge: f64) -> Instant<T> {
+        let time = begin + elapsed;
+        Instant {
+            elapsed,
+            set_speed: if self.train.governor.timing == Timing::Continuous {
+                self.set_point.at(time, time.value() + nudge)
+            } else {
+                time.constant(f64::NAN)
+            },
+            arriving: if self.delay.acts() { Some(self.delay.at(time, nudge)) } else { None },
+        }
+    }
+
+    /// A step of the classical Runge-Kutta method that starts with `begin`.
+    #[inline(always)]
+    fn advance(&mut self, time: f64, step: T, begin: &Flow<T>) {
+        let time = step.constant(time);
+        let half = step * 0.5;
+        let middle = self.instant(time, half, 0.0);
+        let end = self.instant(time, step, -NUDGE * self.step);
+        let (mut rates, mut sum) = (begin.rates, begin.rates);
+        // One place for the flow: in a closure that is called thrice it is not inlined.
+        for stage in 0..3 {
+            let last = stage == 2;
+            let (at, by, weight) = if last { (&end, step, 1.0) } else { (&middle, half, 2.0) };
+            let state = self.state.after(by, &rates);
+            rates = self.train.flow(&mut self.limit, &self.memory, at, &state).rates;
+            sum = sum.plus(weight, &rates);
+        }
+        self.state = self.state.after(step * (1.0 / 6.0), &sum);
+        if self.remembers {
+            self.remember(time + step, &end);
+        }
+    }
+
+    /// Keep what later steps need of the end of one.
+    #[inline(always)]
+    fn remember(&mut self, time: T, at: &Instant<T>) {
+        let reached = self.train.fuel_path(&mut self.limit, &self.memory, at, &self.state);
+        self.memory.rack.advance(reached.fuel, at.elapsed);
+        self.memory.torque.advance(reached.demand, at.elapsed);
+        if self.delay.acts() && self.train.governor.timing == Timing::Continuous {
+            self.delay.push(time, reached.command.rack);
+            // A continuous governor's command bends where a sample of the set point reaches it.
+            let since = (time.value() - self.set_point.dead_time.value()) / self.run.dt;
+            if (since - since.round()).abs() * self.run.dt < SAME * self.step {
+                self.delay.push_break(time);
+            }
+        }
+    }
+
+    /// The outputs, in the order of [`NAMES`].
+    #[inline(always)]
+    fn row(&self, flow: &Flow<T>) -> [T; ROWS] {
+        let State { propeller, error, ship, .. } = self.state;
+        [flow.engine_speed, propeller, flow.brake, flow.gauge, flow.shaft, flow.rack, error, ship]
+    }
+}
