@@ -68,7 +68,9 @@ def test_every_element_acts_as_its_closed_form_says():
     matrix[:, 1] = np.stack([0 * s, q["p"] + q["tau_prop"] * s, 0 * s - 1], axis=-1)
     matrix[:, 2] = np.stack([0 * s + 1, 0 * s - 1, -q["tau_twist"] * s], axis=-1)
     right = np.zeros((len(s), 3, 1), dtype=complex)
-    right[:, 0, 0] = loop / held * np.exp(-s * q["T_set"])
+    # The derivative is the speed's alone.
+    asked = loop * (q["vK_p"] + q["vK_i"] / s) / governor
+    right[:, 0, 0] = asked / held * np.exp(-s * q["T_set"])
     n_s, M_g = np.linalg.solve(matrix, right)[:, 1:, 0].T
     found, _ = structure.equations.response(q, FREQUENCIES[1:], [])
     assert np.allclose(found, [n_s, M_g], rtol=1e-12)
@@ -178,6 +180,23 @@ def test_the_full_tug_moves_as_the_structure_with_lag_and_twist_says():
         [],
     )
     assert np.abs(np.array(measured) / plain[:, 0] - 1).max() > 0.05
+
+
+def test_a_derivative_gain_is_that_of_the_simulated_governor():
+    # Of the speed alone: a governor that kicks at steps of the set point would answer otherwise.
+    gains = {"governor.K_d": 0.3, "governor.derivative_filter_s": 0.03, "governor.K_p": 1.0}
+    tug = Vessel.load("stan-tug-1205").replace(gains)
+    time = np.arange(4000) / 100.0
+    swing = 0.1 * np.sin(2 * np.pi * 1.0 * time) * np.sin(np.pi * time / 40.0) ** 2
+    experiment = simulate(tug, signals.Excitation("swing", "sine", 100.0, swing, hold="first"))
+    structure = Structure.linear(
+        torque="gauge", derivative=True, free_exponent=True, outputs=("dn", "dM", "dX")
+    )
+    model = dataclasses.asdict(linearise(tug)) | {"K_d": 0.3}
+    found = structure.equations.simulate({name: model[name] for name in structure.names}, experiment)
+    for name, row in zip(("n_e", "M_g", "X_f"), found, strict=True):
+        expected = experiment.normalised(name)
+        assert np.abs(row - expected).max() < 2e-3 * np.abs(expected).max()
 
 
 def test_curvature_is_the_second_order_of_the_plant():

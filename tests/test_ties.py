@@ -13,6 +13,7 @@ from shipfp_rs.likelihood import profile_likelihood
 from shipfp_rs.pipeline import structure_from
 from shipfp_rs.prediction import predict, structure_of
 from shipfp_rs.structure import Parameter
+from shipfp_rs.toml_files import validated
 from shipfp_rs.trial import Identify
 
 from .test_identifiability import BAND, CHIRP, VALUES, experiment, response, started_near_truth
@@ -184,6 +185,17 @@ def test_a_trial_file_says_it_too():
     assert structure_from(Identify.model_validate({"three_parameters": True}), "brake").outputs == ("dn",)
     three = structure_from(Identify.model_validate({"three_parameters": True}), "gauge")
     assert [parameter.name for parameter in three.free] == ["tau_n", "vK_p", "vK_i", "tau_prop"]
+
+
+def test_a_trial_file_asks_for_elements_of_the_drive_train():
+    options = Identify.model_validate({"sampling": "exact", "actuator_lag": True, "fixed": {"T_s": 0.1}})
+    structure = structure_from(options, "gauge")
+    assert (structure["T_s"].start, structure["T_s"].fixed) == (0.1, True)
+    assert structure.settings["sampling"] == "exact"
+    with pytest.raises(
+        InputError, match=r"trial: sampling: found with three_parameters = true, expected one of the two"
+    ):
+        validated({"sampling": True, "three_parameters": True}, Identify, "trial")
 
 
 def test_structures_of_a_users_own_take_ties():

@@ -26,11 +26,12 @@ GAINS = ("K_p", "K_i", "K_d")
 class ExtendedLinear:
     """Transfer functions of the drive train by the names of parameters; of those that are missing nothing acts.
 
-    The governor C = K_p + K_i/s + K_d s/(1 + T_f s) reaches the rack through A = exp(-s T_d) / (1 + tau_act s), times
-    (1 - exp(-s T_s)) / (s T_s) of one that samples every T_s and holds; the loop is L = v C A. The propeller's side
-    takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists: n_e* = (1 + tau_twist s (p + tau_prop s)) n_s*,
-    with tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The governor acts on the engine's side, where
-    (tau_n - tau_prop) s n_e* = (g - L) n_e* + L n_set* - M_g*. Without any of this: eq. 3.31 and 3.38.
+    The governor C = K_p + K_i/s + K_d s/(1 + T_f s), of which the set point passes the first two parts only, reaches the
+    rack through A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) of one that samples every T_s and
+    holds; the loop is L = v C A. The propeller's side takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists:
+    n_e* = (1 + tau_twist s (p + tau_prop s)) n_s*, with tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The
+    governor acts on the engine's side, where (tau_n - tau_prop) s n_e* = (g - L) n_e* + v (K_p + K_i/s) A n_set* - M_g*.
+    Without any of this: eq. 3.31 and 3.38.
 
     A governor that computes at each firing reads the speed where the firings' ripple stands, a share off its mean; the
     ripple goes with M_b / n^2, so that it acts on n_e* + misread (M_b* - 2 n_e*). The share is how far the mean speed
@@ -62,7 +63,7 @@ class ExtendedLinear:
         # What drives the shaft: the rack's command, an impulse, the water, which the twist lets through to the engine.
         nothing = np.zeros_like(s)
         delay = np.exp(-s * q.get("T_set", 0.0)) if source == INPUT else nothing
-        command = loop.integral / s if source == STATES[1] else C * delay
+        command = loop.integral / s if source == STATES[1] else loop.asked * delay
         momentum = q["tau_n"] if source == STATES[0] else 0.0
         water = float(source == WATER)
         given_way = water * q.get("tau_twist", 0.0) * s
@@ -78,7 +79,7 @@ class ExtendedLinear:
             dmisread = float(name == "misread")
             dA = (d.path - loop.path**2 * (misread * (d.v * C + v * d.governor) + dmisread * v * C)) / held**2
             dseen = misread * d.g + dmisread * (loop.g - 2.0)
-            dcommand = d.governor * delay + nothing
+            dcommand = d.asked * delay + nothing
             if source == INPUT and name == "T_set":
                 dcommand -= s * command
             if source == STATES[1]:
@@ -131,6 +132,8 @@ class _Part:
     g: float = 0.0
     integral: float = 0.0
     governor: Part = 0.0
+    asked: Part = 0.0
+    """What the governor makes of its set point, all but the derivative, which is the speed's alone."""
     path: Part = 0.0
     propeller: Part = 0.0
     twisted: Part = 0.0
@@ -150,16 +153,17 @@ class _Loop(_Part):
     def of(cls, q: Values, s: Spectrum) -> _Loop:
         gains = [q.get(f"v{name}", q.get(name, 0.0)) for name in GAINS]
         proportional, integral, derivative = gains
-        governor = proportional + integral / s
+        asked = proportional + integral / s
+        governor = asked
         if derivative:
-            governor = governor + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
+            governor = asked + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
         path = np.exp(-s * q.get("T_d", 0.0)) / (1.0 + q.get("tau_act", 0.0) * s)
         if "T_s" in q:
             path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
         propeller = q["p"] + q.get("tau_prop", 0.0) * s
         twisted = 1.0 + q.get("tau_twist", 0.0) * s * propeller
         engine = (q["tau_n"] - q.get("tau_prop", 0.0)) * s - q["g"]
-        return cls(q.get("v", 1.0), q["g"], integral, governor, path, propeller, twisted, engine, q, s)
+        return cls(q.get("v", 1.0), q["g"], integral, governor, asked, path, propeller, twisted, engine, q, s)
 
     def change(self, name: str) -> _Part:
         """Return the derivatives of the parts by a parameter."""
@@ -194,9 +198,9 @@ class _Loop(_Part):
     def _change_of_governor(self, gain: str) -> _Part:
         proportional, derivative = (self.q.get(f"v{name}", self.q.get(name, 0.0)) for name in ("K_p", "K_d"))
         if gain == "K_i":
-            return _Part(integral=1.0, governor=1.0 / self.s)
+            return _Part(integral=1.0, governor=1.0 / self.s, asked=1.0 / self.s)
         lag = DERIVATIVE_FILTER * derivative / proportional
         filtered = self.s / (1.0 + lag * self.s)
         if gain == "K_d":
             return _Part(governor=filtered * (1.0 - lag * filtered))
-        return _Part(governor=1.0 + derivative * lag / proportional * filtered**2)
+        return _Part(governor=1.0 + derivative * lag / proportional * filtered**2, asked=1.0)

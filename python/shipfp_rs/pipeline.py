@@ -141,7 +141,7 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
     declare = (
         Structure.three_parameters
         if options.three_parameters
-        else partial(Structure.linear, products=options.products)
+        else partial(Structure.linear, products=options.products, **options.elements)
     )
     structure = declare(
         torque=torque,

@@ -155,7 +155,7 @@ class Structure:
         dead_time_set_point: bool = False,
         actuator_lag: bool = False,
         derivative: bool = False,
-        sampling: bool = False,
+        sampling: bool | Literal["exact"] = False,
         misreading: bool = False,
         twist: bool = False,
         curvature: bool = False,
@@ -179,7 +179,10 @@ class Structure:
             Add the dead time T_d in the fuel path, T_set in the set-point path.
         actuator_lag, derivative, sampling
             Add the fuel actuator's time constant tau_act; the governor's derivative gain K_d; the period T_s at which it
-            samples and holds.
+            samples and holds. `sampling=True` is the hold alone, enough well below half the sample rate; with "exact" the
+            governor computes at its samples only, so that it mistakes faster motion for slower (aliasing). T_s is then
+            given, `with_fixed(T_s=...)`, and so is T_0, when the first sample of a record falls; its derivative
+            is the speed's alone, not that of the set point.
         misreading
             Add the share by which a governor that computes at each firing reads the speed off its mean: at rest,
             misread = (n_set - n_e) / n_e.
@@ -191,7 +194,7 @@ class Structure:
         speed
             Whose speed is measured, "engine" or "propeller"; the same unless the shaft twists.
         outputs
-            Of "dn", "dM", "dE", "dX"; not "dE" with one of the five before.
+            Of "dn", "dM", "dE", "dX"; not "dE" with one from actuator lag to curvature.
 
         Raises
         ------
@@ -201,7 +204,9 @@ class Structure:
         Notes
         -----
         All from actuator lag to curvature is computed by FFT (`TransferEquations`): exact for signals that one and the
-        same low-pass has passed, as those of `process`, whatever their sample rate.
+        same low-pass has passed, as those of `process`, whatever their sample rate. With `sampling="exact"` it is
+        stepped from one of the governor's samples to the next (`SampledGovernor`), the set point held between the
+        record's samples as the experiment says.
 
         Examples
         --------
@@ -210,6 +215,7 @@ class Structure:
         """
         from shipfp_rs.extended_linear import ExtendedLinear
         from shipfp_rs.linear_equations import LinearEquations
+        from shipfp_rs.sampled_governor import SampledGovernor
 
         if torque not in ("brake", "gauge"):
             raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
@@ -224,6 +230,13 @@ class Structure:
         if twist and not gauge:
             raise InputError("twist: found no gauge torque, expected torque='gauge' and the output 'dM'")
         extended = actuator_lag or derivative or sampling or misreading or twist or curvature
+        if sampling not in (False, True, "exact"):
+            raise InputError(f"sampling {sampling!r}, expected False, True or 'exact'")
+        exact = sampling == "exact"
+        if exact and (misreading or curvature):
+            raise InputError(
+                "sampling: found 'exact' with misreading or curvature, expected neither; use sampling=True"
+            )
         if extended and "dE" in outputs:
             raise InputError("outputs: found 'dE' with an extended drive train, expected some of dn, dM, dX")
         letter = "v" if products else ""
@@ -241,10 +254,11 @@ class Structure:
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 10.0),) if gauge else ()),
             *((Parameter("T_d", "s", 0.05, 0.0, 0.5),) if dead_time_loop else ()),
             *((Parameter("T_set", "s", 0.05, 0.0, 2.0),) if dead_time_set_point else ()),
-            *((Parameter("tau_act", "s", 0.05, 0.0, 1.0),) if actuator_lag else ()),
-            *((Parameter("T_s", "s", 0.02, 1e-4, 0.5),) if sampling else ()),
+            *((Parameter("tau_act", "s", 0.05, 1e-3 if exact else 0.0, 1.0),) if actuator_lag else ()),
+            *((Parameter("T_s", "s", 0.02, 1e-4, 0.5, fixed=exact),) if sampling else ()),
+            *((Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True),) if exact else ()),
             *((Parameter("misread", "-", 0.0, -0.01, 0.01),) if misreading else ()),
-            *((Parameter("tau_twist", "s", 1e-3, 0.0, 0.1),) if twist else ()),
+            *((Parameter("tau_twist", "s", 1e-3, 1e-6 if exact else 0.0, 0.1),) if twist else ()),
         )
         elements = {
             "actuator_lag": actuator_lag,
@@ -261,14 +275,17 @@ class Structure:
             "dead time of the set point": dead_time_set_point,
             "actuator lag": actuator_lag,
             "derivative gain": derivative,
-            "sampling governor": sampling,
+            "sampling governor": sampling and not exact,
+            "exactly sampling governor": exact,
             "misreading governor": misreading,
             "twist": twist,
             "curvature": curvature,
         }
         extras = [text for text, present in said.items() if present]
         equations: Equations = LinearEquations(tuple(outputs), gauge=gauge)
-        if extended:
+        if exact:
+            equations = SampledGovernor(tuple(outputs), gauge, speed)
+        elif extended:
             equations = ExtendedLinear(tuple(outputs), gauge, speed).equations(curvature=curvature)
         return cls(
             name=name or ("linear" + (": " + ", ".join(extras) if extras else "")),

@@ -22,6 +22,7 @@ Relation = Annotated[
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
 
+ELEMENTS = ("actuator_lag", "derivative", "sampling", "misreading", "twist", "curvature")
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
 
@@ -228,6 +229,13 @@ class Identify(Section):
     free_exponent: bool = False
     dead_time_loop: bool = False
     dead_time_set_point: bool = False
+    actuator_lag: bool = False
+    derivative: bool = False
+    sampling: bool | Literal["exact"] = False
+    misreading: bool = False
+    twist: bool = False
+    curvature: bool = False
+    """These six as in `Structure.linear`; not with three_parameters."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
     fixed: dict[str, float] = Field(default_factory=dict)
     priors: dict[str, Pair] = Field(default_factory=dict)
@@ -237,6 +245,17 @@ class Identify(Section):
     weighting: Literal["determinant", "variance", "none"] = "determinant"
     starts: Annotated[int, Field(ge=1)] = 8
     seed: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def elements(self) -> dict[str, Any]:
+        """What of the drive train beyond eq. 3.14-3.54 is asked for, by the options of `Structure.linear`."""
+        return {name: value for name in ELEMENTS if (value := getattr(self, name))}
+
+    @model_validator(mode="after")
+    def _three_parameters_are_all(self) -> Self:
+        if self.three_parameters and self.elements:
+            raise unexpected(next(iter(self.elements)), "with three_parameters = true", "one of the two")
+        return self
 
 
 class Trial(Section):
@@ -405,6 +424,8 @@ products = true                 # fit vK_p and vK_i, which speed and torque tell
 free_exponent = true            # propeller torque goes with n^p, p free
 dead_time_loop = true           # in the fuel path
 dead_time_set_point = true      # in the set-point path
+# sampling = "exact"            # a governor that computes every T_s, given below; true: its hold alone. Others of this
+#                               # kind: actuator_lag, derivative, misreading, twist, curvature
 weighting = "determinant"       # or "variance", "none"
 starts = 8
 seed = 0
