@@ -46,7 +46,7 @@ class Elimination:
     def __init__(self, search: Search, start: Array, known: Minimum | None = None) -> None:
         self._search = search
         self._linear = search.linear
-        # No derivative depends on an offset, so one pass tells all of them.
+        # No derivative depends on an offset, so one pass tells all of them, from wherever it is made but near.
         self._exact = all(set(block.linear) <= set(block.offsets) for block in search.blocks)
         kept, best = start[~self._linear], start[self._linear]
         # Where it was last, the best values there, and their slopes by the kept unknowns.
@@ -91,7 +91,8 @@ class Elimination:
             saved = float(gram[own, -1] @ coefficients[:, -1])
             vector = done.vector.copy()
             vector[linear] -= coefficients[:, -1]
-            self._lead = kept, vector[linear], -coefficients[:, :-1]
+            slopes = -coefficients[:, :-1] * (not self._exact)
+            self._lead = kept, vector[linear], slopes
             if not again or self._exact or saved <= REPEATED * max(float(gram[-1, -1]) - saved, 0.0):
                 break
             done = None

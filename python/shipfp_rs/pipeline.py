@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -82,7 +82,7 @@ def evaluate(
     """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
-    structure = structure_of(trial)
+    structure = structure_of(trial, vessel)
     experiments = [
         # A result is handed on: it names the file, not where it lay on this machine.
         replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
@@ -94,7 +94,7 @@ def evaluate(
         experiments,
         structure,
         weighting=options.weighting,
-        starts=options.starts,
+        starts=options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
         seed=options.seed if seed is None else seed,
         vessel=vessel.name,
         progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
@@ -114,17 +114,25 @@ def evaluate(
     return Run(fingerprint, tuple(experiments))
 
 
-def structure_of(trial: Trial) -> Structure:
-    """Return the structure that a trial's [identify] table asks for.
+def structure_of(trial: Trial, vessel: Vessel) -> Structure:
+    """Return the structure that a trial's [structure] table, or else its [identify] table, asks for.
 
     Raises
     ------
     InputError
-        Where it names an unknown parameter or output.
+        Where it names an unknown parameter or output, or an element that the vessel has not.
     """
-    torque = trial.channels.torque
+    torque, box, options = trial.channels.torque, trial.structure, trial.identify
     located: Torque | None = None if torque is None else "gauge" if torque.location == "gauge" else "brake"
-    return structure_from(trial.identify, located)
+    if box is None:
+        return structure_from(options, located)
+    structure = Structure.grey_box(
+        vessel,
+        box.free,
+        torque=box.torque or located or "brake",
+        outputs=_measured(box.outputs, located),
+    )
+    return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
 
 
 def structure_from(options: Identify, located: Torque | None) -> Structure:
@@ -148,6 +156,11 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
         free_exponent=options.free_exponent,
         dead_time_loop=options.dead_time_loop,
         dead_time_set_point=options.dead_time_set_point,
-        outputs=[output for output in options.outputs if output != "dM" or (located is not None and asked)],
+        outputs=_measured(options.outputs, located if asked else None),
     )
     return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
+
+
+def _measured(outputs: Sequence[str], located: Torque | None) -> list[str]:
+    """Outputs without the torque where none was measured."""
+    return [output for output in outputs if output != "dM" or located is not None]

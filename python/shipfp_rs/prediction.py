@@ -11,6 +11,11 @@ from shipfp_rs.experiment import Array, Experiment
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.structure import LINEAR_OPTIONS, Structure
+from shipfp_rs.toml_files import validated
+from shipfp_rs.vessel import Vessel
+
+CURVED, SETTLED = 30, 1e-9
+"""Steps at most to the initial state of a model that is not linear in it, and a step that is the last."""
 
 
 def predict(
@@ -27,7 +32,7 @@ def predict(
         Set point and measured outputs; the initial state and a constant offset of each output are fitted to them
         by least squares.
     structure
-        The fingerprint's; None rebuilds a linear one.
+        The fingerprint's; None rebuilds a linear one or a grey box.
 
     Returns
     -------
@@ -37,7 +42,7 @@ def predict(
     Raises
     ------
     InputError
-        Where the structure is not linear and not given, or the experiment lacks an output.
+        Where the structure is neither linear nor a grey box and not given, or the experiment lacks an output.
     """
     structure = structure or structure_of(fingerprint)
     return simulated_about(structure, fingerprint.settings["optimum"], experiment)
@@ -51,15 +56,23 @@ def simulated_about(
         structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
     )
     measured = np.array([experiment.normalised(signal) for signal in signals])
-    model, slopes = structure.equations.sensitivities(dict(values), experiment, structure.equations.states)
-    # A linear model is linear in its initial state, too: one least-squares solution is exact.
+    equations = structure.equations
     offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
-    basis = np.concatenate([slopes, offsets])
     valid = np.isfinite(measured).all(axis=0)
-    error = (measured - model)[:, valid]
-    weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
-    left = (basis[:, :, valid] * weight).reshape(len(basis), -1).T
-    fitted, *_ = np.linalg.lstsq(left, (error * weight).ravel(), rcond=None)
+    state = dict.fromkeys(equations.states, 0.0)
+    # A linear model is linear in its initial state, too: one least-squares solution is exact.
+    for _ in range(1 if set(state) <= set(getattr(equations, "linear_in", ())) else CURVED):
+        model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
+        basis = np.concatenate([slopes, offsets])
+        error = (measured - model)[:, valid]
+        weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
+        left = (basis[:, :, valid] * weight).reshape(len(basis), -1).T
+        fitted, *_ = np.linalg.lstsq(left, (error * weight).ravel(), rcond=None)
+        if not (np.abs(fitted[: len(state)]) > SETTLED).any():
+            break
+        state = {
+            name: value + float(step) for (name, value), step in zip(state.items(), fitted, strict=False)
+        }
     return dict(zip(signals, model + np.tensordot(fitted, basis, axes=1), strict=True))
 
 
@@ -91,17 +104,25 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
     Raises
     ------
     InputError
-        Where it is not a linear one: a file can't hold the equations of others.
+        Where it is neither a linear one nor a grey box: a file can't hold the equations of others.
     """
     declared = dict(fingerprint.structure)
-    if declared.get("kind") != "linear":
+    kind, rows = declared.get("kind"), declared.get("parameters", {})
+    if kind == "linear":
+        options = {key: declared[key] for key in (*LINEAR_OPTIONS, "outputs", "name") if key in declared}
+        structure = Structure.linear(**options)
+    elif kind == "grey box" and isinstance(declared["vessel"], dict):
+        vessel = validated(declared["vessel"], Vessel, "the fingerprint's vessel")
+        given = {name: row["start"] for name, row in rows.items() if row["fixed"]}
+        options = {key: declared[key] for key in ("torque", "outputs", "name")}
+        structure = Structure.grey_box(vessel, [name for name in rows if name not in given], **options)
+        structure = structure.with_fixed(**given)
+    else:
         raise InputError(
             f"structure {declared.get('name')!r} of the fingerprint is not linear, and a file can't hold its "
             "equations; give structure=..."
         )
-    options = {key: declared[key] for key in (*LINEAR_OPTIONS, "outputs", "name") if key in declared}
-    structure = Structure.linear(**options)
-    tied = {name: row["tied"] for name, row in declared["parameters"].items() if row.get("tied")}
+    tied = {name: row["tied"] for name, row in rows.items() if row.get("tied")}
     return structure.with_tied(
         **{name: (str(tie["to"]), float(tie["factor"]), float(tie["offset"])) for name, tie in tied.items()}
     )

@@ -469,7 +469,7 @@ class Structure:
             equations=PlantEquations(
                 vessel, linear.outputs, gauge="tau_prop" in linear.names, place=as_built
             ),
-            settings={"kind": "grey box", "vessel": vessel.name, "torque": torque},
+            settings={"kind": "grey box", "torque": torque, "vessel": vessel.model_dump(mode="json")},
         )
 
     @classmethod

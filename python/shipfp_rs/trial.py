@@ -217,6 +217,21 @@ class Window(Section):
         return self
 
 
+class GreyBox(Section):
+    """The plant of the vessel itself in place of [identify]'s linear structure; names are checked by the structure."""
+
+    kind: Literal["grey_box"]
+    free: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+    """What is searched for; all else is the vessel's."""
+    torque: Literal["gauge", "brake"] | None = None
+    """None: what the torque channel's location says."""
+    outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
+
+
+OF_ANY_STRUCTURE = frozenset({"fixed", "priors", "tied", "weighting", "starts", "seed"})
+"""Keys of [identify] that do not describe the linear structure."""
+
+
 class Identify(Section):
     """The structure to fit and how; parameter names are checked by the structure itself."""
 
@@ -244,6 +259,7 @@ class Identify(Section):
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
     starts: Annotated[int, Field(ge=1)] = 8
+    """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
     seed: Annotated[int, Field(ge=0)] = 0
 
     @property
@@ -274,6 +290,8 @@ class Trial(Section):
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
+    structure: GreyBox | None = None
+    """None: the linear structure that [identify] describes."""
     identify: Identify = Identify()
 
     @model_validator(mode="after")
@@ -281,6 +299,11 @@ class Trial(Section):
         names = [window.name for window in self.windows]
         if len(set(names)) < len(names):
             raise unexpected("windows", f"names {names}", "each name once")
+        linear = sorted(self.identify.model_fields_set - OF_ANY_STRUCTURE)
+        if self.structure is not None and linear:
+            raise unexpected(
+                f"identify.{linear[0]}", "a key of the linear structure", "none beside the table [structure]"
+            )
         point = self.operating_point
         missing = point.n_e_rpm is None or (self.channels.torque is not None and point.M_Nm is None)
         if missing and point.steady_s is None:
@@ -435,5 +458,9 @@ seed = 0
 # v = [1.2, 0.1]
 # [identify.tied]               # name = [another name, factor], or with an offset: a ratio that the governor's manual gives
 # vK_i = ["vK_p", 2.4]
+
+# [structure]                   # the vessel's own plant with its limits, in place of the lines above from torque to
+# kind = "grey_box"             # dead_time_set_point: starts at the vessel file's values, in their units
+# free = ["propeller_inertia", "Kp_abs", "Ki_abs", "torque_exponent"]
 """
 """Text that `shipfp init` writes; valid as it stands."""

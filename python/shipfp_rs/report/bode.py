@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiment import Array, Experiment
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse, local_response
-from shipfp_rs.prediction import predict_response
+from shipfp_rs.prediction import predict, predict_response, structure_of
 from shipfp_rs.structure import Structure
 
 SMOOTHED = 13
@@ -28,7 +29,8 @@ def compared_responses(
     """Return the measured response of each experiment that has one, and the model's.
 
     The measured one knows nothing of the model: local polynomials over the band that the set point excites.
-    Points with a standard deviation above 30 % are left out, and experiments without any point.
+    Points with a standard deviation above 30 % are left out, and experiments without any point. A model that is not linear
+    has no response but to an excitation: its own to the experiment's set point, found in the same way.
 
     Parameters
     ----------
@@ -42,16 +44,38 @@ def compared_responses(
     InputError
         As `predict`.
     """
-    pairs = []
+    structure, pairs = structure or structure_of(fingerprint), []
     for experiment in experiments:
-        measured = _measured(experiment)
-        if measured is not None:
-            pairs.append((measured, predict_response(fingerprint, measured, structure=structure)))
+        measured = _measured(experiment, structure)
+        if measured is None:
+            continue
+        try:
+            model = predict_response(fingerprint, measured, structure=structure)
+        except InputError:
+            model = _simulated(experiment, predict(fingerprint, experiment, structure), measured)
+        pairs.append((measured, replace(model, name=structure.name)))
     return pairs
 
 
-def _measured(experiment: Experiment) -> FrequencyResponse | None:
-    signals = [name for name in experiment.signals if name in experiment.operating_point and name != "n_set"]
+def _simulated(
+    experiment: Experiment, model: Mapping[str, Array], measured: FrequencyResponse
+) -> FrequencyResponse:
+    """Return the response of a model that made these deviations, at the measured frequencies."""
+    signals = {
+        name: experiment.operating_point[name] * (1.0 + row)
+        for name, row in model.items()
+        if name in measured.response
+    }
+    bare = replace(experiment, signals={"n_set": experiment.signals["n_set"], **signals})
+    response = local_response(bare, _band(experiment), signals=[*signals])
+    return response.select(np.isin(response.frequency_hz, measured.frequency_hz))
+
+
+def _measured(experiment: Experiment, structure: Structure) -> FrequencyResponse | None:
+    chosen = [
+        structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
+    ]
+    signals = [name for name in chosen if name in experiment.operating_point]
     try:
         response = local_response(experiment, _band(experiment), signals=signals)
     except InputError:
