@@ -14,7 +14,7 @@ from shipfp_rs.faults.scan import scan
 from shipfp_rs.low_pass import MARGIN_S
 from shipfp_rs.rows import Rows
 from shipfp_rs.spans import Spans, clipped_to, joined, marks, runs
-from shipfp_rs.trial import Processing, SetPoint, Torque
+from shipfp_rs.trial import Processing, Rack, SetPoint, Torque
 
 Array = npt.NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Cleaner:
     rows
         The channel.
     sensor
-        Its calibration. A set point drives the model and is bridged; a torque is masked.
+        Its calibration. A set point drives the model and is bridged; torque and rack are masked.
     processing
         What counts as a fault.
     first, last
@@ -40,13 +40,15 @@ class Cleaner:
     """
 
     def __init__(
-        self, rows: Rows, sensor: SetPoint | Torque, processing: Processing, first: int, last: int
+        self, rows: Rows, sensor: SetPoint | Torque | Rack, processing: Processing, first: int, last: int
     ) -> None:
         settings = processing.faults
         self.drives = isinstance(sensor, SetPoint)
         self.rows = rows
         self.channel = rows.channel
-        self.calibration = sensor.calibration.calibration("rpm" if self.drives else "Nm")
+        unit = "rpm" if self.drives else "mm" if isinstance(sensor, Rack) else "Nm"
+        self.calibration = sensor.calibration.calibration(unit)
+        self._spike = "D1" if self.drives else "spike" if isinstance(sensor, Rack) else "C"
         self.spikes = processing.set_point_jumps if self.drives else processing.torque_spikes
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz
@@ -88,9 +90,9 @@ class Cleaner:
 
     def faults(self) -> list[Fault]:
         """Return what was found, after all samples of the stretch were asked for."""
-        kind, method = ("D1", "bridged by straight lines") if self.drives else ("C", "masked")
+        method = "bridged by straight lines" if self.drives else "masked"
         name = self.channel.name
-        found = [Fault(kind, name, method, self._within(joined(self._spikes)))]
+        found = [Fault(self._spike, name, method, self._within(joined(self._spikes)))]
         found += [Fault(lost, name, method, self._within(spans)) for lost, spans in self._found.items()]
         found.append(
             Fault("D2", name, f"{self.mains_hz:g} Hz taken out", self._within(self._hum), excluded=False)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from shipfp_rs import slips
 from shipfp_rs.errors import InputError
 from shipfp_rs.log import Log
-from shipfp_rs.trial import SetPoint, Torque
+from shipfp_rs.trial import Rack, SetPoint, Torque
 from shipfp_rs.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +23,7 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
-def require_unit(log: Log, key: str, sensor: SetPoint | Torque) -> None:
+def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack) -> None:
     """Refuse a calibration for another unit than the log's."""
     recorded = log.channel(sensor.column).unit
     if recorded and recorded != sensor.unit:

@@ -30,7 +30,7 @@ from shipfp_rs.plausibility import require_sense, require_unit
 from shipfp_rs.pulse_train import PulseTrain
 from shipfp_rs.rows import STRETCH_BYTES, Rows
 from shipfp_rs.spans import clipped_to, joined, marks
-from shipfp_rs.trial import SIGNAL_OF_LOCATION, SetPoint, Tacho, Torque, Trial, Window
+from shipfp_rs.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
 from shipfp_rs.vessel import Vessel
 from shipfp_rs.workers import side_by_side
 
@@ -67,7 +67,8 @@ def process(
     Returns
     -------
     list of Experiment
-        One for each window, with n_set and n_e [rpm] and the torque [Nm] by its location, NaN where masked.
+        One for each window, with n_set and n_e [rpm], the torque [Nm] by its location and the rack X_f in its
+        calibration's unit, NaN where masked.
         `provenance["faults"]` lists every fault: kind (`shipfp_rs.faults.KINDS`), channel, method, count, the
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
         or, where they are the set point's, in every answer to it.
@@ -129,7 +130,11 @@ class _Recording:
         self._chunk = chunk
         self._stopped = threading.Event()
         channels = trial.channels
-        for key, sensor in (("set_point", channels.set_point), ("torque", channels.torque)):
+        for key, sensor in (
+            ("set_point", channels.set_point),
+            ("torque", channels.torque),
+            ("rack", channels.rack),
+        ):
             if sensor is not None:
                 require_unit(log, key, sensor)
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
@@ -138,15 +143,13 @@ class _Recording:
         # In the order of time, in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
         self._base = self._rows(channels.set_point)
-        sensors = (channels.set_point, channels.torque, *channels.tachos.values())
-        self._channels = {
-            sensor.column: self._rows(sensor).channel for sensor in sensors if sensor is not None
-        }
+        sensors = (channels.set_point, *channels.levels.values(), *channels.tachos.values())
+        self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
         self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
         self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
-    def _rows(self, sensor: SetPoint | Torque | Tacho, kept_bytes: int = 0) -> Rows:
+    def _rows(self, sensor: SetPoint | Torque | Rack | Tacho, kept_bytes: int = 0) -> Rows:
         return Rows(
             self.log,
             sensor.column,
@@ -177,20 +180,20 @@ class _Recording:
     def _read(self) -> None:
         """Read, clean and resample every channel, then find the speed in every stretch."""
         channels = self.trial.channels
-        levels = [partial(self._cleaned, channels.set_point)]
-        if channels.torque is not None:
-            levels.append(partial(self._cleaned, channels.torque))
+        levels = [partial(self._cleaned, s) for s in (channels.set_point, *channels.levels.values())]
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
         self.set_point: dict[str, _Cleaned] = found[0]
-        self.torque: dict[str, _Cleaned] | None = found[1] if channels.torque is not None else None
+        self.levels: dict[str, dict[str, _Cleaned]] = dict(
+            zip(channels.levels, found[1 : len(levels)], strict=True)
+        )
         self.trains: list[PulseTrain] = found[len(levels) :]
         speeds = side_by_side(
             [partial(self._engine_speed, grid) for grid in self.grids.values()], self._stopped
         )
         self.speeds = dict(zip(self.grids, speeds, strict=True))
 
-    def _cleaned(self, sensor: SetPoint | Torque) -> dict[str, _Cleaned]:
+    def _cleaned(self, sensor: SetPoint | Torque | Rack) -> dict[str, _Cleaned]:
         """Calibrate, repair and resample a channel in every stretch."""
         rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
@@ -205,7 +208,7 @@ class _Recording:
 
     def operating_point(self) -> dict[str, float]:
         """Values given, or means over the steady stretch."""
-        given, torque = self.trial.operating_point, self.trial.channels.torque
+        given = self.trial.operating_point
         point: dict[str, float] = {}
         if given.steady_s is not None:
             signals, _ = self._signals(STEADY_STRETCH)
@@ -217,8 +220,9 @@ class _Recording:
                 )
         if given.n_e_rpm is not None:
             point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
-        if given.M_Nm is not None and torque is not None:
-            point[SIGNAL_OF_LOCATION[torque.location]] = given.M_Nm
+        for signal, sensor in self.trial.channels.levels.items():
+            value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
+            point |= {} if value is None else {signal: value}
         return point
 
     def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
@@ -254,23 +258,21 @@ class _Recording:
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return the signals of a stretch at the common rate, and an account of how they were made."""
-        torque = self.trial.channels.torque
         set_point, speed = self.set_point[label], self.speeds[label]
         signals = {"n_set": set_point.samples, "n_e": speed.rpm}
         faults = set_point.faults + speed.faults
         told_by = {speed.account["channel"]: ["n_e"]}
         calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
-        if torque is not None and self.torque is not None:
-            cleaned = self.torque[label]
-            name = SIGNAL_OF_LOCATION[torque.location]
+        for name, sensor in self.trial.channels.levels.items():
+            cleaned, is_torque = self.levels[name][label], isinstance(sensor, Torque)
             signals[name] = cleaned.samples
-            faults += cleaned.faults
-            told_by[torque.column] = [name]
-            calibration["torque"] = dataclasses.asdict(cleaned.calibration)
-            if np.nansum(cleaned.samples) < 0.0:
-                rows = np.array([self._within(self._rows(torque), label)])
+            faults = faults + cleaned.faults
+            told_by[sensor.column] = [name]
+            calibration["torque" if is_torque else "rack"] = dataclasses.asdict(cleaned.calibration)
+            if is_torque and np.nansum(cleaned.samples) < 0.0:
+                rows = np.array([self._within(self._rows(sensor), label)])
                 kept = "kept: negative on average; normalised with a negative mean it tells the same"
-                faults = [*faults, Fault("sign", torque.column, kept, rows, excluded=False)]
+                faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
         require_sense(label, signals, self.vessel)
         told_by[self._base.channel.name] = [name for name in signals if name != "n_set"]
         self._exclude(signals, label, faults, told_by)
@@ -286,9 +288,8 @@ class _Recording:
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
         """Tell where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
         channels = self.trial.channels
-        sensors: list[tuple[SetPoint | Torque | Tacho, str]] = [(channels.set_point, "n_set")]
-        if channels.torque is not None:
-            sensors.append((channels.torque, SIGNAL_OF_LOCATION[channels.torque.location]))
+        sensors: list[tuple[SetPoint | Torque | Rack | Tacho, str]] = [(channels.set_point, "n_set")]
+        sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
         sensors += [(tacho, "n_e" if name == train else "") for name, tacho in channels.tachos.items()]
         told = {}
         for sensor, signal in sensors:

@@ -101,6 +101,19 @@ class Torque(Section):
     """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
 
 
+class Rack(Section):
+    """The fuel rack, or what an engine's CAN bus tells of its fuel: nothing without fuel, and in proportion to it.
+
+    Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm.
+    """
+
+    column: str
+    unit: str
+    calibration: Line
+    delay_s: float = 0.0
+    """How late the channel tells what happened, half the period at which a bus repeats it included [s]; taken off."""
+
+
 class Tacho(Section):
     """A pulse train."""
 
@@ -116,7 +129,7 @@ class Tacho(Section):
 
 
 class Channels(Section):
-    """Set point, torque, and any number of pulse trains under names of their own."""
+    """Set point, torque, fuel rack, and any number of pulse trains under names of their own."""
 
     # pydantic checks the extra tables as pulse trains.
     model_config = ConfigDict(extra="allow")
@@ -124,6 +137,7 @@ class Channels(Section):
 
     set_point: SetPoint
     torque: Torque | None = None
+    rack: Rack | None = None
 
     @model_validator(mode="after")
     def _has_a_pulse_train(self) -> Self:
@@ -132,6 +146,12 @@ class Channels(Section):
                 "PTM", "no pulse train", "at least one table like [channels.PTM_4] with pulses_per_rev"
             )
         return self
+
+    @property
+    def levels(self) -> dict[str, Torque | Rack]:
+        """Measured outputs that are recorded as levels, by the signals that they become."""
+        torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
+        return torque | ({} if self.rack is None else {"X_f": self.rack})
 
     @property
     def tachos(self) -> dict[str, Tacho]:
@@ -145,6 +165,8 @@ class OperatingPoint(Section):
     n_e_rpm: Auto = None
     M_Nm: Auto = None
     """At the place of the torque channel."""
+    X_mm: Auto = None
+    """Of the rack's channel, in the unit of its calibration."""
     steady_s: Pair | None = None
     """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
 
@@ -196,6 +218,7 @@ class Processing(Section):
     """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
     timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
     torque_spikes: Spikes = Spikes()
+    """Of the rack's channel, too."""
     set_point_jumps: Spikes = Spikes()
     faults: Faults = Faults()
 
@@ -305,16 +328,21 @@ class Trial(Section):
                 f"identify.{linear[0]}", "a key of the linear structure", "none beside the table [structure]"
             )
         point = self.operating_point
-        missing = point.n_e_rpm is None or (self.channels.torque is not None and point.M_Nm is None)
+        given = {
+            "n_e": point.n_e_rpm,
+            **dict.fromkeys(SIGNAL_OF_LOCATION.values(), point.M_Nm),
+            "X_f": point.X_mm,
+        }
+        missing = any(given[signal] is None for signal in ("n_e", *self.channels.levels))
         if missing and point.steady_s is None:
             raise unexpected(
                 "operating_point",
-                "neither n_e_rpm and M_Nm nor steady_s",
-                "both values, or steady_s = [start, stop]",
+                "neither n_e_rpm, M_Nm and X_mm of what is recorded nor steady_s",
+                "these values, or steady_s = [start, stop]",
             )
         if missing and len(self.trial.log) > 1 and self.align is None:
             raise unexpected(
-                "operating_point", '"auto" with several logs', "n_e_rpm and M_Nm given as numbers"
+                "operating_point", '"auto" with several logs', "n_e_rpm, M_Nm and X_mm given as numbers"
             )
         files = [Path(log).name for log in self.trial.log]
         if self.align is not None:
@@ -393,6 +421,12 @@ unit = "V"
 calibration = { scale = 1059.0, offset = 0.0 }
 location = "gauge"              # "gauge" between the inertias, "brake" of the engine, "shaft" of the gearbox
 # delay_s = 0.004               # how late the channel is (filters of the telemetry); any channel may have one
+
+# [channels.rack]               # the fuel rack, or the fuel that a CAN bus tells, in any unit that is 0 without fuel
+# column = "fuel"
+# unit = "%"
+# calibration = { scale = 1.0, offset = 0.0 }
+# delay_s = 0.05                # half the period at which a bus repeats it, for one
 
 [channels.PTM_4]                # a pulse train; add one table for each, under any name
 column = "PTM_4"

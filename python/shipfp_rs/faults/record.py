@@ -19,6 +19,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "D1": "set-point jumps",
         "D2": "mains hum on the set point",
         "D3": "chirp of constant frequency",
+        "spike": "spikes",
         "gap": "missing samples",
         "dropout": "dropouts to zero",
         "stuck": "stuck channel",

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiment import UNITS, Experiment
 from shipfp_rs.faults.record import Fault
 from shipfp_rs.faults.scan import scan
 from shipfp_rs.inspection.channels import ChannelReport, describe
@@ -142,7 +142,7 @@ def inspect_log(
             "set_point_to_speed": linearity(points),
             "pulse_trains": trains(experiments),
             "noise": {
-                key: {"std": float(np.nanstd(values)), "unit": _UNITS.get(key, "Nm")}
+                key: {"std": float(np.nanstd(values)), "unit": UNITS[key]}
                 for key, values in longest.signals.items()
             },
             "bandwidth_hz": {
@@ -174,9 +174,6 @@ def inspect_log(
             trial.channels.set_point.column if trial is not None else set_point_of(log)
         )
     return Inspection(log.name, tuple(reports), tuple(faults), tuple(windows), spectra, peaks, points, checks)
-
-
-_UNITS = {"n_set": "rpm", "n_e": "rpm"}
 
 
 def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
