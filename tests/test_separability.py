@@ -165,12 +165,12 @@ def test_a_trial_with_a_rack_channel_tells_the_gains(recorded, tmp_path):
     trial = trial_with(text, tmp_path, 'outputs = ["dn", "dM", "dX"]\n' + known)
     (experiment,) = process(log, trial, ship)
     assert experiment.operating_point["X_f"] == pytest.approx(45.0, rel=1e-3)
-    found = identify(experiment, structure_of(trial), starts=1)
+    found = identify(experiment, structure_of(trial, TUG), starts=1)
     for name in GAINS:
         # A log's filters and pulses leave less than a per cent of error beside the noise.
         assert found[name].value == pytest.approx(truth[name], rel=0.03)
         assert found[name].status == "free"
-    bare = identify(experiment, structure_of(trial_with(text, tmp_path, known)), starts=1)
+    bare = identify(experiment, structure_of(trial_with(text, tmp_path, known), TUG), starts=1)
     for name in GAINS:
         assert bare[name].value is None
 
@@ -200,7 +200,7 @@ def test_an_output_without_its_channel_is_one_line(recorded, tmp_path):
     start, stop = text.index("[channels.rack]"), text.index("[channels.PTM_1]")
     trial = trial_with(text[:start] + text[stop:], tmp_path, 'outputs = ["dn", "dM", "dX"]\n')
     with pytest.raises(InputError, match=r"no signal for output 'dX', expected one of X_f"):
-        identify(process(log, trial, TUG), structure_of(trial))
+        identify(process(log, trial, TUG), structure_of(trial, TUG))
 
 
 def test_a_spike_of_the_rack_is_masked(recorded, tmp_path):
