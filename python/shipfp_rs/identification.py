@@ -285,7 +285,9 @@ def _blocks(
         if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "plant"):
             _require_sense(item)
     return tuple(
-        Block.build(item, structure, offsets=offsets, initial_state=initial_state, weigh=weigh)
+        Block.build(
+            item, structure.part(item.name), offsets=offsets, initial_state=initial_state, weigh=weigh
+        )
         for item in items
     )
 

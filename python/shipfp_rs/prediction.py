@@ -94,7 +94,8 @@ def predict_response(
         structure.signal_for(output, measured.response, measured.name) for output in structure.outputs
     )
     frequency = np.geomspace(0.8 * measured.frequency_hz.min(), 1.25 * measured.frequency_hz.max(), points)
-    response, _ = structure.equations.response(fingerprint.settings["optimum"], frequency, ())
+    own = structure.part(measured.name).equations
+    response, _ = own.response(fingerprint.settings["optimum"], frequency, ())
     return FrequencyResponse(structure.name, frequency, dict(zip(signals, response, strict=True)))
 
 

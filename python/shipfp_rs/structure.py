@@ -12,7 +12,8 @@ import numpy.typing as npt
 from shipfp_rs import slips
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.ties import Tie, followed, resolved, tied
+from shipfp_rs.parameter import Parameter as Parameter
+from shipfp_rs.ties import Tie, bare, followed, resolved, tied
 
 if TYPE_CHECKING:
     from shipfp_rs.extended_linear import Place
@@ -69,44 +70,6 @@ LINEAR_OPTIONS = (
     "speed",
 )
 """Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter: name, unit, start, bounds; fixed at its start, with a prior (mean, standard deviation), or tied."""
-
-    name: str
-    unit: str
-    start: float
-    lower: float
-    upper: float
-    fixed: bool = False
-    prior: tuple[float, float] | None = None
-    tied: Tie | None = None
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.start):
-            raise InputError(f"parameter {self.name}: start is {self.start}, expected a finite number")
-        if self.fixed or self.tied is not None:
-            return
-        if not self.lower < self.upper:
-            raise InputError(
-                f"parameter {self.name}: bounds {self.lower:g} to {self.upper:g} hold no value between them"
-            )
-        if not self.lower <= self.start <= self.upper:
-            raise InputError(
-                f"parameter {self.name}: start {self.start:g} is outside its bounds {self.lower:g} to {self.upper:g}; "
-                "widen the bounds or move the start"
-            )
-        if self.prior is not None and not (np.isfinite(self.prior[0]) and self.prior[1] > 0):
-            raise InputError(
-                f"parameter {self.name}: prior {self.prior}, expected a finite mean and a positive standard deviation"
-            )
-
-    @property
-    def scale(self) -> float:
-        """A typical size, by which sensitivities are made comparable."""
-        return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
 
 
 class Equations(Protocol):
@@ -579,6 +542,72 @@ class Structure:
         signals = _own_signals(outputs)
         equations = FunctionEquations(simulate, tuple(parameters), tuple(signals), response)
         return cls(name, tuple(parameters), signals, equations, {"kind": "function"})
+
+    @classmethod
+    def joint(
+        cls, parts: Mapping[str, Structure], shared: Sequence[str], *, name: str | None = None
+    ) -> Structure:
+        """Declare one structure for trials that share some parameters: a ship at two speeds, or after a refit.
+
+        Parameters
+        ----------
+        parts
+            The name of an `Experiment` or `FrequencyResponse` to its structure; all with the same outputs.
+        shared
+            Names of the parameters that are the same for all; start, bounds and prior are the first part's. The others
+            are called by their part, "tau_n (fast)"; `with_tied` relates those that are alike in some of the parts.
+        name
+            For reports.
+
+        Raises
+        ------
+        InputError
+            For fewer than two parts, other outputs, or a shared parameter that a part has not.
+
+        Examples
+        --------
+        >>> plain = Structure.linear(products=True, dead_time_loop=True)
+        >>> both = Structure.joint({"slow": plain, "fast": plain}, shared=["p", "T_d"])
+        >>> [parameter.name for parameter in both.free][:3]
+        ['tau_n (slow)', 'g (slow)', 'vK_p (slow)']
+        """
+        from shipfp_rs.joint import JointEquations, PartEquations
+
+        if len(parts) < 2:
+            raise InputError(f"joint structure: {len(parts)} parts, expected two or more")
+        first = next(iter(parts.values()))
+        parameters: dict[str, Parameter] = {}
+        equations = {}
+        for label, part in parts.items():
+            if part.outputs != first.outputs or part.equations.states != first.equations.states:
+                raise InputError(
+                    f"joint structure: {label!r} explains {', '.join(part.outputs)} from other outputs or states than "
+                    "the first part, expected the same"
+                )
+            if part.ties:
+                raise InputError(
+                    f"joint structure: {label!r} has ties, expected none; tie the joint structure's own"
+                )
+            for parameter in shared:
+                _ = part[parameter]  # an unknown name is refused
+            names = {own if own in shared else f"{own} ({label})": own for own in part.names}
+            equations[label] = PartEquations(part.equations, names)
+            for outer, own in names.items():
+                parameters.setdefault(outer, replace(part[own], name=outer))
+        return cls(
+            name or " and ".join(f"{part.name} ({label})" for label, part in parts.items()),
+            tuple(parameters.values()),
+            first.signals,
+            JointEquations(equations),
+            {"kind": "joint", "parts": list(parts), "shared": list(shared)},
+        )
+
+    def part(self, name: str) -> Structure:
+        """Return the structure for data of this name: itself, or of a joint one the part's, in the joint names."""
+        parts = bare(self.equations)
+        if self.settings["kind"] != "joint":
+            return self
+        return replace(self, equations=tied(parts.part(name), self.ties))  # type: ignore[attr-defined]
 
     def __getitem__(self, name: str) -> Parameter:
         """Return a parameter by name."""

@@ -87,12 +87,10 @@ def tied(equations: Equations, ties: Ties) -> Equations:
 
 
 @dataclass(frozen=True)
-class TiedEquations:
-    """Any equations, some of whose parameters follow others: a derivative is that along with all that follow."""
+class Behind:
+    """Equations whose parameters are functions, straight lines, of those that are asked for."""
 
     equations: Equations
-    ties: Ties
-    """Resolved."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -108,7 +106,7 @@ class TiedEquations:
     def stable(self) -> Callable[[Mapping[str, float]], bool] | None:
         """Whether values give a stable loop, None where the equations can't tell."""
         stable = getattr(self.equations, "stable", None)
-        return None if stable is None else lambda values: stable(followed(values, self.ties))
+        return None if stable is None else lambda values: stable(self._values(values))
 
     @property
     def products(self) -> Callable[..., tuple[Array, int]] | None:
@@ -117,14 +115,14 @@ class TiedEquations:
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
-        return self.equations.simulate(followed(values, self.ties), experiment)
+        return self.equations.simulate(self._values(values), experiment)
 
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
     ) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         moved, chain = self._chain(names)
-        simulated, slopes = self.equations.sensitivities(followed(values, self.ties), experiment, moved)
+        simulated, slopes = self.equations.sensitivities(self._values(values), experiment, moved)
         return simulated, np.tensordot(chain, slopes.reshape(len(moved), *simulated.shape), axes=1)
 
     def response(
@@ -132,23 +130,41 @@ class TiedEquations:
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
         moved, chain = self._chain(names)
-        response, slopes = self.equations.response(followed(values, self.ties), frequency_hz, moved)
+        response, slopes = self.equations.response(self._values(values), frequency_hz, moved)
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
 
     def _products(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], *rest: Array
     ) -> tuple[Array, int]:
-        """Return the sums (O, W + 2, O, W + 2) of columns that follow."""
+        """Return the sums (O, W + 2, O, W + 2) of the columns of `names`."""
         moved, chain = self._chain(names)
         kernel = self.equations.products  # type: ignore[attr-defined]
-        sums, count = kernel(followed(values, self.ties), experiment, moved, *rest)
+        sums, count = kernel(self._values(values), experiment, moved, *rest)
         # What an offset adds and the residual stand behind the derivatives.
         columns = np.pad(chain, ((0, 2), (0, 2)))
         columns[-2:, -2:] = np.eye(2)
         return np.einsum("ac,icjd,bd->iajb", columns, sums, columns, optimize=True), count
 
+    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the values of the equations' own parameters."""
+        raise NotImplementedError
+
     def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
-        """Return all that moves with `names`, and by how much, shape (W, all)."""
+        """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class TiedEquations(Behind):
+    """Equations some of whose parameters follow others: a derivative is that along with all that follow."""
+
+    ties: Ties
+    """Resolved."""
+
+    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+        return followed(values, self.ties)
+
+    def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
         moved = [*names, *(name for name, tie in self.ties.items() if tie.to in names and name not in names)]
         chain = np.eye(len(names), len(moved))
         for name in moved[len(names) :]:

@@ -1,0 +1,83 @@
+"""One structure for several trials that have some parameters in common and others of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.ties import Behind
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class PartEquations(Behind):
+    """Equations of one trial in the names of all: the others' parameters do nothing to it."""
+
+    names: Mapping[str, str]
+    """The joint structure's names to the equations' own."""
+
+    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+        states = {name: value for name, value in values.items() if name in self.states}
+        return states | {own: values[name] for name, own in self.names.items()}
+
+    def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
+        own = [self.names.get(name, name) for name in names]
+        here = [name in self.names or name in self.states for name in names]
+        return [name for name, is_here in zip(own, here, strict=True) if is_here], np.eye(len(names))[:, here]
+
+
+@dataclass(frozen=True)
+class JointEquations:
+    """Equations of each trial by its name."""
+
+    parts: Mapping[str, PartEquations]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Initial states of any trial."""
+        return next(iter(self.parts.values())).states
+
+    @property
+    def linear_in(self) -> tuple[str, ...]:
+        """Unknowns of an experiment in which the outputs are linear."""
+        return next(iter(self.parts.values())).linear_in
+
+    def stable(self, values: Mapping[str, float]) -> bool:
+        """Whether every trial's loop is stable, as far as its equations can tell."""
+        return all(part.stable is None or part.stable(values) for part in self.parts.values())
+
+    def part(self, name: str) -> PartEquations:
+        """Return the equations of one trial.
+
+        Raises
+        ------
+        InputError
+            For a name that no part has.
+        """
+        if name not in self.parts:
+            raise InputError(
+                f"joint structure: no part for {name!r}, expected one of {', '.join(self.parts)}"
+            )
+        return self.parts[name]
+
+    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+        """Return the normalised outputs of an experiment that has the name of a part, shape (O, N)."""
+        return self.part(experiment.name).simulate(values, experiment)
+
+    def sensitivities(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
+    ) -> tuple[Array, Array]:
+        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        return self.part(experiment.name).sensitivities(values, experiment, names)
+
+    def response(self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]) -> NoReturn:
+        """Refuse: without a name there is no telling whose response is meant."""
+        raise InputError("joint structure: a response is one part's; give structure.part(name)")

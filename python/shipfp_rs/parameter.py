@@ -1,0 +1,48 @@
+"""One parameter of a structure: what it is called, where its search starts and ends, and what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.ties import Tie
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: name, unit, start, bounds; fixed at its start, with a prior (mean, standard deviation), or tied."""
+
+    name: str
+    unit: str
+    start: float
+    lower: float
+    upper: float
+    fixed: bool = False
+    prior: tuple[float, float] | None = None
+    tied: Tie | None = None
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.start):
+            raise InputError(f"parameter {self.name}: start is {self.start}, expected a finite number")
+        if self.fixed or self.tied is not None:
+            return
+        if not self.lower < self.upper:
+            raise InputError(
+                f"parameter {self.name}: bounds {self.lower:g} to {self.upper:g} hold no value between them"
+            )
+        if not self.lower <= self.start <= self.upper:
+            raise InputError(
+                f"parameter {self.name}: start {self.start:g} is outside its bounds {self.lower:g} to {self.upper:g}; "
+                "widen the bounds or move the start"
+            )
+        if self.prior is not None and not (np.isfinite(self.prior[0]) and self.prior[1] > 0):
+            raise InputError(
+                f"parameter {self.name}: prior {self.prior}, expected a finite mean and a positive standard deviation"
+            )
+
+    @property
+    def scale(self) -> float:
+        """A typical size, by which sensitivities are made comparable."""
+        return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
