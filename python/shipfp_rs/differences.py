@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,6 +92,31 @@ class Differences:
             self.complex_step = exact is not None
             slopes = slopes if exact is None else exact
         return value, slopes
+
+
+def by_part(
+    differences: Differences,
+    function: Callable[[npt.NDArray[Any]], Sequence[npt.NDArray[Any]]],
+    vector: Array,
+    size: Array,
+    lower: npt.ArrayLike = -np.inf,
+    upper: npt.ArrayLike = np.inf,
+) -> list[list[Array]]:
+    """Return the derivatives of a function that returns several arrays: for each entry of the vector one of each array.
+
+    The other arguments are those of `Differences`.
+    """
+
+    def flat(at: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.concatenate([part.ravel() for part in function(at)])
+
+    parts = function(vector)
+    edges = np.cumsum([part.size for part in parts])[:-1]
+    _, slopes = differences(flat, vector, size, lower, upper)
+    return [
+        [piece.reshape(part.shape) for piece, part in zip(np.split(row, edges), parts, strict=True)]
+        for row in slopes
+    ]
 
 
 def _complex_step(function: Function, vector: Array, size: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.differences import Differences
+from shipfp_rs.differences import Differences, by_part
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiment import Experiment
 
@@ -87,18 +87,11 @@ class MatrixEquations:
         if not moved:
             return model, {}
 
-        def flat(vector: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            at = {**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}}
-            return np.concatenate([matrix.ravel() for matrix in self._model(at)])
+        def at(vector: npt.NDArray[Any]) -> Model:
+            return self._model({**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}})
 
-        _, slopes = _differentiated(self.differences, flat, values, moved)
-        edges = np.cumsum([matrix.size for matrix in model])[:-1]
-        return model, {
-            p.name: _twofold(
-                model, [part.reshape(m.shape) for part, m in zip(np.split(row, edges), model, strict=True)]
-            )
-            for p, row in zip(moved, slopes, strict=True)
-        }
+        slopes = by_part(self.differences, at, *_about(values, moved))
+        return model, {p.name: _twofold(model, parts) for p, parts in zip(moved, slopes, strict=True)}
 
     def _model(self, values: Values) -> Model:
         own = {p.name: values[p.name] for p in self.parameters}
@@ -209,8 +202,12 @@ def _differentiated(
     values: Values,
     parameters: Sequence[Parameter],
 ) -> tuple[Array, Array]:
-    return differences(
-        function,
+    return differences(function, *_about(values, parameters))
+
+
+def _about(values: Values, parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
+    """Return where to differentiate, typical sizes and bounds, each (W,)."""
+    return (
         np.array([values[p.name] for p in parameters], dtype=np.float64),
         np.array([p.scale for p in parameters]),
         np.array([p.lower for p in parameters]),

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy.linalg import schur
 from scipy.signal import lfilter
 
-from shipfp_rs.differences import Differences
+from shipfp_rs.differences import Differences, by_part
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.extended_linear import DERIVATIVE_FILTER, STATES, Place
@@ -143,19 +143,13 @@ class SampledGovernor:
         self, values: Values, offsets: Array, names: Sequence[str]
     ) -> tuple[tuple[Numbers, ...], dict[str, list[Numbers]]]:
         """Return the model and its derivatives by parameter, exact to rounding."""
-        model = self._model(values, offsets)
-        edges = np.cumsum([matrix.size for matrix in model])[:-1]
 
-        def flat(vector: Numbers) -> Numbers:
-            moved = self._model({**values, **dict(zip(names, vector, strict=True))}, offsets)
-            return np.concatenate([matrix.ravel() for matrix in moved])
+        def at(vector: Numbers) -> tuple[Numbers, ...]:
+            return self._model({**values, **dict(zip(names, vector, strict=True))}, offsets)
 
         vector = np.array([values[name] for name in names], dtype=np.float64)
-        _, slopes = Differences(complex_step=True)(flat, vector, np.ones(len(vector)))
-        return model, {
-            name: [part.reshape(m.shape) for part, m in zip(np.split(row, edges), model, strict=True)]
-            for name, row in zip(names, slopes, strict=True)
-        }
+        slopes = by_part(Differences(complex_step=True), at, vector, np.ones(len(vector)))
+        return self._model(values, offsets), dict(zip(names, slopes, strict=True))
 
     def _model(self, values: Values, offsets: Array) -> tuple[Numbers, ...]:
         """Return F (m, m), G (m,), the state of one unit of each initial state (m, 2), H and dH/d(delta) (U, O, m)."""
