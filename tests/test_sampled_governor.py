@@ -242,3 +242,14 @@ def test_what_cannot_go_together_is_refused():
         Structure.linear(sampling="sometimes")
     with pytest.raises(InputError, match="'dE'"):
         Structure.linear(sampling="exact", outputs=("dn", "dE"))
+
+
+def test_when_the_governor_looks_is_found_from_aliases(trial):
+    # Cut 3.05 s after the start: the governor's next sample, at 3.2 s, is 0.15 s into the record.
+    ship, record = trial
+    later = record.window(3.05, 100.0)
+    structure = declared("exact").with_fixed(T_s=0.2, v=linearise(ship).v).with_bounds(T_0=(0.0, 0.1, 0.2))
+    found = identify(later, structure, starts=1, noise="white")
+    assert abs(found["T_0"].value - 0.15) < 4 * found["T_0"].std
+    assert found["T_0"].std < 1e-3
+    assert abs(found["T_d"].value - ship.actuator.dead_time_s) < 4 * found["T_d"].std

@@ -144,8 +144,7 @@ class Structure:
             Add the fuel actuator's time constant tau_act; the governor's derivative gain K_d; the period T_s at which it
             samples and holds. `sampling=True` is the hold alone, enough well below half the sample rate; with "exact" the
             governor computes at its samples only, so that it mistakes faster motion for slower (aliasing). T_s is then
-            given, `with_fixed(T_s=...)`, and so is T_0, when the first sample of a record falls; its derivative
-            is the speed's alone, not that of the set point.
+            given, `with_fixed(T_s=...)`, and so is T_0, when its first sample of a record falls, unless bounds free it.
         misreading
             Add the share by which a governor that computes at each firing reads the speed off its mean: at rest,
             misread = (n_set - n_e) / n_e.
