@@ -141,10 +141,11 @@ class Structure:
         dead_time_loop, dead_time_set_point
             Add the dead time T_d in the fuel path, T_set in the set-point path.
         actuator_lag, derivative, sampling
-            Add the fuel actuator's time constant tau_act; the governor's derivative gain K_d; the period T_s at which it
-            samples and holds. `sampling=True` is the hold alone, enough well below half the sample rate; with "exact" the
-            governor computes at its samples only, so that it mistakes faster motion for slower (aliasing). T_s is then
-            given, `with_fixed(T_s=...)`, and so is T_0, when its first sample of a record falls, unless bounds free it.
+            Add the fuel actuator's time constant tau_act; the governor's derivative gain K_d, on the speed alone; the
+            period T_s at which it samples and holds. `sampling=True` is the hold alone, enough well below half the sample
+            rate; with "exact" the governor computes at its samples only, so that it mistakes faster motion for slower
+            (aliasing). T_s is then given, `with_fixed(T_s=...)`, and so is T_0, when its first sample of a record falls,
+            unless bounds free it.
         misreading
             Add the share by which a governor that computes at each firing reads the speed off its mean: at rest,
             misread = (n_set - n_e) / n_e.
