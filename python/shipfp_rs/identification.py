@@ -22,7 +22,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.innovations import with_innovations
 from shipfp_rs.problem import Block, Data
 from shipfp_rs.residuals import residual_tests
-from shipfp_rs.solver import Minimum, Search, best_of_random, mean_scatter, start_vectors
+from shipfp_rs.solver import Minimum, Noise, Search, best_of_random, mean_scatter, start_vectors
 from shipfp_rs.statistics import fit_pct, information_criteria, nrmse_pct
 from shipfp_rs.structure import Structure
 from shipfp_rs.verdict import structure_test, verdict
@@ -132,7 +132,7 @@ def identify(
         time_limit_s=time_limit_s,
         progress=progress,
     )
-    return _fingerprint(search_minima(data, structure, options), vessel=vessel)
+    return fingerprint_of(search_minima(data, structure, options), vessel=vessel)
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,10 @@ class Found:
     seed: int | None
 
 
-def search_minima(data: Data | Sequence[Data], structure: Structure, options: Options) -> Found:
-    """Search as `identify` does, and judge nothing yet.
+def search_minima(
+    data: Data | Sequence[Data], structure: Structure, options: Options, *, weights: Noise | None = None
+) -> Found:
+    """Search as `identify` does, and judge nothing yet; `weights` are those of another search's minimum.
 
     Raises
     ------
@@ -234,6 +236,7 @@ def search_minima(data: Data | Sequence[Data], structure: Structure, options: Op
         initial=given,
         time_limit_s=options.time_limit_s,
         covariance=options.covariance,
+        weights=weights,
     )
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
@@ -365,7 +368,8 @@ def _minima(
     return [best, *(minimum for minimum in found if minimum is not best)]
 
 
-def _fingerprint(ended: Found, *, vessel: str | None) -> Fingerprint:
+def fingerprint_of(ended: Found, *, vessel: str | None) -> Fingerprint:
+    """Return what a search found as `identify` does: with intervals, residual tests and a verdict."""
     search, best = ended.search, ended.best
     structure, count = search.structure, len(search.free)
     found = estimates(search, best)

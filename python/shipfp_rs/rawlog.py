@@ -16,6 +16,7 @@ from shipfp_rs.calibration import Calibration
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.faults import simulated
+from shipfp_rs.inflow import Inflow, disturbed
 from shipfp_rs.linear_model import linearise
 from shipfp_rs.log import Log
 from shipfp_rs.signals import Excitation
@@ -145,6 +146,8 @@ def simulate_raw_log(
     n_e_rpm: float | None = None,
     steady_s: float = 60.0,
     pause_s: float = 20.0,
+    inflow: Inflow | None = None,
+    simulated_hz: float | None = None,
     seed: int = 0,
 ) -> tuple[Log, Truth]:
     """Simulate a trial as a logger would have recorded it.
@@ -168,8 +171,13 @@ def simulate_raw_log(
         Operating point [rpm]; None: the ship's own.
     steady_s, pause_s
         Length of the steady stretch, and of each pause [s].
+    inflow
+        Water that moves; None: still.
+    simulated_hz
+        Rate at which the drive train is simulated; None: the logger's. 200 Hz show all that a tug's does, in a fifth of
+        the time.
     seed
-        Of noise and faults.
+        Of noise, faults and water.
 
     Raises
     ------
@@ -185,23 +193,73 @@ def simulate_raw_log(
     >>> truth.windows[0].start_s
     60.0
     """
-    sensors = _without_the_plants_own_ripple(sensors or Sensors(), vessel)
+    sensors = sensors or Sensors()
     strikes = frozenset(faults)
+    rate = simulated_hz or sensors.rate_hz
+    set_point, windows = joined(excitations, rate, steady_s, pause_s, even="D3" in strikes)
+    clean = simulate(vessel, set_point, n_e_rpm=n_e_rpm)
+    model = linearise(vessel, n_e_rpm)
+    moving = clean if inflow is None else disturbed(clean, model, inflow, seed)
+    log, recorder = _recorded(moving, vessel, windows, sensors, strikes, seed)
+    truth = Truth(
+        linear=dataclasses.asdict(model),
+        windows=windows,
+        steady_s=(0.0, steady_s),
+        faults=recorder.faults,
+        reflector_angles=recorder.reflectors,
+        clean=clean,
+    )
+    return log, truth
+
+
+def recorded(
+    moving: Experiment,
+    vessel: Vessel,
+    windows: Sequence[TrueWindow] = (),
+    *,
+    sensors: Sensors | None = None,
+    faults: Iterable[Kind] = ("A", "C", "D1"),
+    seed: int = 0,
+) -> Log:
+    """Return what a logger records of a simulated experiment, as `simulate_raw_log` does of one of its own.
+
+    Parameters
+    ----------
+    moving
+        n_set, n_e [rpm], n_s [rev/s] and M_g [Nm]; brought to the logger's rate by straight lines.
+    vessel
+        The ship that was simulated.
+    windows
+        Where its excitations lie; hum strikes in chirps.
+    sensors, faults, seed
+        As for `simulate_raw_log`.
+    """
+    return _recorded(moving, vessel, windows, sensors or Sensors(), frozenset(faults), seed)[0]
+
+
+def _recorded(
+    moving: Experiment,
+    vessel: Vessel,
+    windows: Sequence[TrueWindow],
+    sensors: Sensors,
+    strikes: frozenset[Kind],
+    seed: int,
+) -> tuple[Log, _Recorder]:
+    sensors = _without_the_plants_own_ripple(sensors, vessel)
     if unknown := strikes - set(get_args(Kind)):
         raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Kind))}")
-    set_point, windows = _joined(excitations, sensors.rate_hz, steady_s, pause_s, even="D3" in strikes)
-    clean = simulate(vessel, set_point, n_e_rpm=n_e_rpm)
+    rows = _at_rate(moving, sensors.rate_hz)
     gear = vessel.gearbox.ratio
-    angle = _angle(clean.signals["n_s"], clean.rate_hz)
+    angle = _angle(rows["n_s"], sensors.rate_hz)
     twisted = vessel.shaft.stiffness_Nm_rad is not None
-    engine_angle = _angle(clean.signals["n_e"] / 60.0, clean.rate_hz) if twisted else gear * angle
-    recorder = _Recorder(sensors, strikes, clean.duration, seed)
+    engine_angle = _angle(rows["n_e"] / 60.0, sensors.rate_hz) if twisted else gear * angle
+    recorder = _Recorder(sensors, strikes, moving.duration, seed)
     chirps = [window for window in windows if window.kind == "chirp"]
     firing = vessel.engine.cylinders / (vessel.engine.strokes / 2)
     volts = {
-        "U_setpoint": recorder.set_point(clean.signals["n_set"], chirps),
+        "U_setpoint": recorder.set_point(rows["n_set"], chirps),
         "U_torque": recorder.torque(
-            clean.signals["M_g"], angle, (1.0, float(vessel.propeller.blades), gear, firing * gear)
+            rows["M_g"], angle, (1.0, float(vessel.propeller.blades), gear, firing * gear)
         ),
         "PTM_1": recorder.pulses("PTM_1", angle, np.zeros(1)),
         "PTM_4": recorder.pulses("PTM_4", angle, (np.arange(4) + np.array(sensors.reflector_errors)) / 4.0),
@@ -214,15 +272,17 @@ def simulate_raw_log(
         units=dict.fromkeys(volts, "V"),
         name="simulated log",
     )
-    truth = Truth(
-        linear=dataclasses.asdict(linearise(vessel, n_e_rpm)),
-        windows=windows,
-        steady_s=(0.0, steady_s),
-        faults=recorder.faults,
-        reflector_angles=recorder.reflectors,
-        clean=clean,
-    )
-    return log, truth
+    return log, recorder
+
+
+def _at_rate(moving: Experiment, rate_hz: float) -> dict[str, Array]:
+    """The signals that are recorded, at the logger's rate."""
+    rows = {name: moving.signals[name] for name in ("n_set", "n_e", "n_s", "M_g")}
+    if moving.rate_hz == rate_hz:
+        return rows
+    count = round(len(moving) * rate_hz / moving.rate_hz)
+    at = np.arange(count) * (moving.rate_hz / rate_hz)
+    return {name: np.interp(at, np.arange(len(moving)), row) for name, row in rows.items()}
 
 
 def trial_toml(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth) -> str:
@@ -279,7 +339,7 @@ free_exponent = true
 """
 
 
-def _joined(
+def joined(
     excitations: Excitation | Sequence[Excitation],
     rate_hz: float,
     steady_s: float,
@@ -287,7 +347,7 @@ def _joined(
     *,
     even: bool,
 ) -> tuple[Excitation, tuple[TrueWindow, ...]]:
-    """One excitation at the logger's rate: steady stretch, then each part and a pause; chirps are `even` or not."""
+    """Return one excitation at a rate: steady stretch, then each part and a pause; chirps are `even` or not."""
     parts = [excitations] if isinstance(excitations, Excitation) else list(excitations)
     if not parts:
         raise InputError("excitations is empty, expected at least one")

@@ -72,6 +72,8 @@ class Search:
     initial: Mapping[str, float] = field(default_factory=dict)
     time_limit_s: float | None = None
     covariance: str = "model"
+    weights: Noise | None = None
+    """Weights and noise models that are given, as another search left them; None: they follow the residuals."""
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
@@ -238,6 +240,8 @@ class Search:
     def initial_noise(self) -> Noise:
         """Weights before the first fit: by the spread of each measured output."""
         outputs = len(self.structure.outputs)
+        if self.weights is not None:
+            return self.weights
         if self.weighting in ("none", "std"):
             return Noise(np.eye(outputs))
         spread = np.sum([np.diag(block.scatter) for block in self.blocks], axis=0)
@@ -257,7 +261,11 @@ class Search:
 
     @property
     def _refines(self) -> bool:
-        return self.noise == "ar" and any(isinstance(block.data, Experiment) for block in self.blocks)
+        return (
+            self.weights is None
+            and self.noise == "ar"
+            and any(isinstance(block.data, Experiment) for block in self.blocks)
+        )
 
     def _with_models(self, minimum: Minimum) -> Noise:
         raw = self.evaluate(minimum.vector, ())
@@ -279,7 +287,7 @@ class Search:
 
     @property
     def _reweighs(self) -> bool:
-        return self.weighting in ("variance", "determinant")
+        return self.weights is None and self.weighting in ("variance", "determinant")
 
     def _weighted(
         self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
