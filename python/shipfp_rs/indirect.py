@@ -62,6 +62,14 @@ class Binding:
     found: Array
     slopes: Array
 
+    def about(self, fingerprint: Fingerprint) -> Binding:
+        """Return the same slopes about the ship that led another inference back."""
+        record = fingerprint.settings["indirect"]
+        ship, found = (
+            np.array([record[key][name] for name in self.names]) for key in ("simulated", "of_the_simulated")
+        )
+        return replace(self, ship=ship, found=found)
+
     def ship_of(self, found: Array) -> Array:
         """Return the parameters of the ship of which the structure finds these, to first order."""
         return np.asarray(self.ship + np.linalg.solve(self.slopes, found - self.found))
@@ -100,7 +108,8 @@ def indirect_inference(
     -------
     Fingerprint
         As that of `identify`, its values, standard deviations and intervals led back. settings["indirect"] holds the
-        estimates of the structure itself and how far the last round was off, in standard deviations.
+        estimates of the structure itself, the last simulated ship and the structure's estimates of it, and how far
+        these were off, in standard deviations.
 
     Raises
     ------
@@ -381,11 +390,13 @@ def _led_back(
         reach = deviation * ((own.ci95[1] - own.ci95[0]) / (2.0 * own.std) if own.ci95 and own.std else 1.96)
         parameters[name] = Estimate(value, deviation, (value - reach, value + reach), own.unit, own.status)
     alone = ", ".join(f"{name} {value:.4g}" for name, value in zip(names, found.tolist(), strict=True))
-    record = {
-        "of_the_structure": dict(zip(names, found.tolist(), strict=True)),
-        "std_of_the_structure": dict(zip(names, std.tolist(), strict=True)),
-        "off": off,
+    rows = {
+        "of_the_structure": found,
+        "std_of_the_structure": std,
+        "simulated": binding.ship,
+        "of_the_simulated": binding.found,
     }
+    record = {key: dict(zip(names, row.tolist(), strict=True)) for key, row in rows.items()} | {"off": off}
     return replace(
         first,
         parameters=parameters,

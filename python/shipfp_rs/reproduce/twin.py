@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -80,12 +81,24 @@ def binding() -> Binding:
     return bind(records, structure_for(tug.truth, records), tug.vessel, **OPTIONS)
 
 
-def fitted(twin: Twin, part: str, bound: Binding) -> Fingerprint:
-    """Identify a part of a trial without a look at the truth, beyond `KNOWN`."""
+def fitted(twin: Twin, part: str, bound: Binding, *, near: Fingerprint | None = None) -> Fingerprint:
+    """Identify a part of a trial without a look at the truth, beyond `KNOWN`; the search may begin where another ended."""
     records = twin.experiments(experiments_of(part))
     structure = structure_for(twin.truth, records)
-    vessel = Vessel.load(VESSEL)
-    return indirect_inference(records, structure, vessel, binding=bound, **OPTIONS)
+    options: dict[str, Any] = dict(OPTIONS)
+    if near is not None:
+        found = near.settings["indirect"]["of_the_structure"]
+        structure, options["starts"] = structure.with_start(**found), 1
+        bound = bound.about(near)
+    return indirect_inference(records, structure, Vessel.load(VESSEL), binding=bound, **options)
+
+
+def fitted_parts(twin: Twin, parts: Sequence[str], bound: Binding) -> dict[str, Fingerprint]:
+    """Identify parts of a trial, each by itself; where one ended the next begins, which spares it starts at random."""
+    told: dict[str, Fingerprint] = {}
+    for part in sorted(parts, key=lambda part: part != CHIRP):
+        told[part] = fitted(twin, part, bound, near=told.get(CHIRP))
+    return told
 
 
 def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
@@ -107,7 +120,7 @@ def outcome(seed: int, parts: Sequence[str], bound: Binding) -> Outcome:
     """Make a trial and identify parts of it."""
     names = tuple(dict.fromkeys(name for part in parts for name in experiments_of(part)))
     twin = Twin.of(seed, names)
-    return Outcome(seed, twin.truth, {part: fitted(twin, part, bound) for part in parts})
+    return Outcome(seed, twin.truth, fitted_parts(twin, parts, bound))
 
 
 def outcomes(seeds: Sequence[int], parts: Sequence[str], bound: Binding) -> Iterator[Outcome]:
@@ -269,8 +282,8 @@ def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None
 
     for part in PARTS:
         add("thesis", part, fitted_as_the_thesis(tug, part))
-    for part in parts:
-        add("ours", part, fitted(tug, part, bound))
+    for part, fingerprint in fitted_parts(tug, parts, bound).items():
+        add("ours", part, fingerprint)
     steps = fit_to_steps(tug, fingerprints[f"ours, {ALL}"])
     told = [Outcome(0, tug.truth, {CHIRP: fingerprints[f"ours, {CHIRP}"]})]
     if draws > 1:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -74,11 +74,14 @@ class Twin:
         Set point, torque and three pulse trains at 2 kHz, with noise and faults, in moving water.
     recorded
         Where the experiments lie in it.
+    processed
+        Experiments by rate and name, once they have been asked for.
     """
 
     vessel: Vessel
     log: Log
     recorded: Truth
+    processed: dict[float, dict[str, Experiment]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, seed: int, names: Sequence[str] = EVERYTHING, *, still: bool = False) -> Twin:
@@ -105,15 +108,19 @@ class Twin:
 
     def experiments(self, names: Sequence[str], rate_hz: float = RATE_HZ) -> list[Experiment]:
         """Cut experiments out of the log as `shipfp process` does; nothing of the truth but their times is used."""
-        places = {window.name: window for window in self.recorded.windows}
-        windows = tuple(_fitted(places[name]) for name in names)
+        if rate_hz not in self.processed:
+            self.processed[rate_hz] = self._process(rate_hz)
+        return [self.processed[rate_hz][name] for name in names]
+
+    def _process(self, rate_hz: float) -> dict[str, Experiment]:
+        windows = tuple(_fitted(window) for window in self.recorded.windows)
         text = trial_toml(
             VESSEL, self.log.name, Sensors(), dataclasses.replace(self.recorded, windows=windows)
         )
         trial = Trial.model_validate(tomllib.loads(text))
         processing = trial.processing.model_copy(update={"rate_hz": rate_hz})
         found = process(self.log, trial.model_copy(update={"processing": processing}), Vessel.load(VESSEL))
-        return [dataclasses.replace(experiment, hold="first") for experiment in found]
+        return {experiment.name: dataclasses.replace(experiment, hold="first") for experiment in found}
 
 
 def _fitted(window: TrueWindow) -> TrueWindow:
