@@ -86,14 +86,14 @@ def test_the_structure_of_the_thesis_is_called_wrong_and_misses_the_truth(tug: T
 
 
 def test_a_log_shows_what_the_ship_did() -> None:
-    """Pulses, calibrations and filters of the raw log change a simulated answer by parts in ten thousand."""
+    """Pulses, calibrations and filters of the raw log change a simulated answer by less than a part in a thousand."""
     still = Twin.of(3, ("S11",), still=True)
     (record,) = still.experiments(("S11",))
     answer = answered(still.vessel, record, at_the_shaft=True)
     inner = slice(None, -8)  # the low-pass looks ahead, beyond the record's end
     for name in ("n_e", "M_g"):
         difference = answer.normalised(name)[inner] - record.normalised(name)[inner]
-        assert np.std(difference) < 3e-4 * np.std(record.normalised(name))
+        assert np.std(difference) < 1e-3 * np.std(record.normalised(name))
 
 
 def test_faults_and_moving_water_are_in_the_log(tug: Twin) -> None:

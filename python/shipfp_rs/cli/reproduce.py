@@ -106,19 +106,20 @@ def _reproduce(
 @reproduce.command()
 def twin(
     draws: Annotated[
-        int, typer.Option("--draws", min=1, metavar="N", help="Ships whose long chirp is identified.")
+        int, typer.Option("--draws", min=1, metavar="N", help="Ships whose short chirp is identified.")
     ] = 1,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for twin.json and the figure.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Identify the tug's trial on a simulated ship whose parameters are known: Table 7.1 with the truth beside it."""
     from shipfp_rs.reproduce import twin as study
+    from shipfp_rs.reproduce import twin_figures as figures
 
-    with progress() as notify:
-        found = study.reproduce(draws, lambda done, jobs: notify(f"identifying, {done} of {jobs} done"))
-    if json:
-        print_json(found.to_dict())
-        return
-    _print(found)
+    _reproduce(
+        "twin.json", lambda step: study.reproduce(draws, step), figures.draw, figures.FILES, out, json=json
+    )
 
 
 def _print(found: Reproduction) -> None:
