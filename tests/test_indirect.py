@@ -8,16 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shipfp_rs import signals
+from shipfp_rs.answer import answered
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.indirect import (
-    Binding,
-    answered,
-    bind,
-    indirect_inference,
-    parameters_of,
-    with_parameters,
-)
+from shipfp_rs.indirect import Binding, bind, indirect_inference
+from shipfp_rs.ship_parameters import parameters_of, with_parameters
 from shipfp_rs.simulation import simulate
 from shipfp_rs.structure import Structure
 from shipfp_rs.vessel import Vessel

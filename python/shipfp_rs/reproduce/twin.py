@@ -13,14 +13,16 @@ from typing import Any
 
 import numpy as np
 
+from shipfp_rs.answer import answered
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification import identify
-from shipfp_rs.indirect import Binding, answered, bind, indirect_inference, with_parameters
+from shipfp_rs.indirect import Binding, bind, indirect_inference
 from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
 from shipfp_rs.reproduce.fullscale_trial import VESSEL
 from shipfp_rs.reproduce.twin_trial import EVERYTHING, Twin
+from shipfp_rs.ship_parameters import with_parameters
 from shipfp_rs.statistics import fit_pct
 from shipfp_rs.structure import Structure
 from shipfp_rs.vessel import Vessel

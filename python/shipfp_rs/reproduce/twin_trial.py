@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from shipfp_rs.experiment import Experiment
-from shipfp_rs.indirect import parameters_of
 from shipfp_rs.inflow import Inflow
 from shipfp_rs.log import Log
 from shipfp_rs.processing import process
 from shipfp_rs.rawlog import Kind, Sensors, TrueWindow, Truth, simulate_raw_log, trial_toml
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation, plan
+from shipfp_rs.ship_parameters import parameters_of
 from shipfp_rs.trial import Trial
 from shipfp_rs.vessel import Vessel
 

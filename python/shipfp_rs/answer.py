@@ -1,0 +1,88 @@
+"""What a simulated vessel answers to a record's set point, on the record's own grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiment import Experiment
+from shipfp_rs.log import Channel
+from shipfp_rs.low_pass import LowPass
+from shipfp_rs.signals import Excitation
+from shipfp_rs.simulation import simulate
+from shipfp_rs.vessel import Vessel
+
+Array = npt.NDArray[np.float64]
+
+LEAST_RATE_HZ = 100.0
+"""A set point of a lower rate is brought above it, so that its curves stay what they were."""
+LEAD_S = 10.0
+"""For which the simulated ship stands at the operating point: the filters fill, and its mean is what it stands at."""
+
+
+def answered(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
+    """Return what a vessel answers to a record's set point in still water, sampled and masked as the record.
+
+    A set point that is straight between samples (hold "first", as of processed logs) is taken as low-passed, and so is
+    the answer.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    record
+        Its set point, deviating from its operating point, is put about the vessel's own.
+    at_the_shaft
+        Whether the speed is that of the shaft behind the twist.
+    """
+    up = max(1, math.ceil(LEAST_RATE_HZ / record.rate_hz))
+    rate = up * record.rate_hz
+    lead = up * round(LEAD_S * record.rate_hz)
+    moving = _between(record, up)
+    samples = np.concatenate([np.zeros(lead), moving, np.full(lead, moving[-1])])
+    answer = simulate(vessel, Excitation(record.name, record.kind, rate, samples, hold=record.hold))
+    gear = 60.0 * vessel.gearbox.ratio
+    signals = {**answer.signals, **({"n_e": answer.signals["n_s"] * gear} if at_the_shaft else {})}
+    signals = {name: signals[name] for name in record.signals if name in signals}
+    point = {name: float(row[lead // 2 : lead].mean()) for name, row in signals.items() if name != "E_n"}
+    if up == 1 or record.hold == "zero":
+        rows = {name: row[lead : lead + up * len(record) : up] for name, row in signals.items()}
+    else:
+        channel = Channel(record.name, "", rate, len(samples))
+        low_pass = LowPass(channel, record.rate_hz, float(lead))
+        rows = {name: low_pass(partial(_stretch, row), len(record)) for name, row in signals.items()}
+    rows = {name: np.where(np.isnan(record.signals[name]), np.nan, row) for name, row in rows.items()}
+    # What the filter would make of the set point beyond the record's ends is not known.
+    rows["n_set"] = record.signals["n_set"] - record.operating_point["n_set"] + point["n_set"]
+    return replace(
+        record,
+        signals=rows,
+        operating_point={**answer.operating_point, **point},
+        provenance={"source": "simulation"},
+    )
+
+
+def _between(record: Experiment, up: int) -> Array:
+    """Deviation of the set point [rpm] at `up` times the record's rate, shape (up N,); gaps are bridged."""
+    deviation = record.signals["n_set"] - record.operating_point["n_set"]
+    at = np.arange(len(deviation))
+    known = np.isfinite(deviation)
+    if not known.any():
+        raise InputError(f"experiment {record.name!r}: every sample of n_set is masked")
+    deviation = np.interp(at, at[known], deviation[known])
+    if up == 1:
+        return deviation
+    if record.hold == "zero":
+        return np.repeat(deviation, up)
+    fine = np.minimum(np.arange(up * len(at)) / up, at[-1])
+    return np.asarray(make_interp_spline(at, deviation, k=5)(fine))
+
+
+def _stretch(samples: Array, start: int, stop: int) -> Array:
+    return samples[start:stop].copy()
