@@ -14,10 +14,23 @@ from shipfp_rs.errors import InputError, SimulationError
 from .test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
 from .twins import drive_train, plant
 from .twins import sensitivity as twin
+from .twins.drive_train import NO_QUADRANTS
 from .twins.plant import M_B, N_E, UNLIMITED
 from .twins.sensitivity import vector
 
-NAMES = _core.GREY_BOX_PARAMETERS
+NAMES = _core.DRIVE_TRAIN_PARAMETERS
+SIX = np.ones(6)
+PLANT = (
+    *_core.PLANT_PARAMETERS,
+    "propeller_inertia",
+    "limit_factor",
+    "rack_rate",
+    "torque_rate",
+    "set_dead_time",
+    "initial_speed",
+    "initial_error",
+)
+"""Parameters of the plant with rate limits and a late set point."""
 ALL_OUTPUTS = list(range(len(_core.GREY_BOX_OUTPUTS)))
 ELEMENTS = {
     "nothing": {},
@@ -47,12 +60,21 @@ def along_all(parameters):
     smooth = np.isfinite(parameters)
     at = NAMES.index("set_dead_time")
     smooth[at] = round(parameters[at] / 0.02, 9) % 1.0 != 0.0
-    return unit(*(name for name, take in zip(NAMES, smooth, strict=True) if take))
+    return unit(*(name for name, take in zip(NAMES, smooth, strict=True) if take and name in PLANT))
 
 
 def run(parameters, envelope, n_set, directions, dt=0.02, substeps=1, hold="first", outputs=ALL_OUTPUTS):
-    return _core.plant_sensitivities(
-        parameters, *envelope, n_set, dt, substeps, hold, outputs, np.asarray(directions, dtype=float)
+    return _core.drive_train_sensitivities(
+        parameters,
+        *envelope,
+        SIX,
+        NO_QUADRANTS,
+        n_set,
+        dt,
+        substeps,
+        hold,
+        outputs,
+        np.asarray(directions, dtype=float),
     )
 
 
@@ -67,8 +89,9 @@ def assert_slopes_close(found, expected, tolerance):
 @pytest.mark.parametrize("envelope", ["unlimited", "seven points"])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_derivatives_are_those_of_a_complex_step_through_the_equations(element, envelope, hold):
-    parameters = vector(**ELEMENTS[element], initial_error=0.1)
-    n_set, directions = wander(30), along_all(parameters)
+    n_set = wander(30)
+    parameters = vector(**ELEMENTS[element], initial_error=0.1, set_point_before=n_set[0])
+    directions = along_all(parameters)
     values, slopes = run(parameters, ENVELOPES[envelope], n_set, directions, substeps=2, hold=hold)
     expected = twin.sensitivities(
         parameters, *ENVELOPES[envelope], n_set, 0.02, 2, hold, ALL_OUTPUTS, directions=directions
@@ -104,7 +127,7 @@ def test_derivatives_hold_for_any_ship(factors, exponent, limit, whole, part, ra
     ):
         parameters[NAMES.index(name)] *= factor
     directions = np.random.default_rng(seed).normal(size=(9, len(NAMES))) * np.where(
-        np.isfinite(parameters), np.maximum(np.abs(parameters), 0.1), 0.0
+        np.isfinite(parameters) & np.isin(NAMES, PLANT), np.maximum(np.abs(parameters), 0.1), 0.0
     )
     directions[:, ~np.isfinite(parameters)] = 0.0
     envelope = (SEVEN_POINTS[0], SEVEN_POINTS[1] * limit)
@@ -170,9 +193,11 @@ def test_the_sums_are_those_of_residuals_and_sensitivities(taps):
     measured[0, 100:103] = np.nan
     measured[1, 700] = np.nan
     filters = np.concatenate([np.ones((2, 1)), 0.3 * random.normal(size=(2, taps - 1))], axis=1)
-    sums, count = _core.plant_products(
+    sums, count = _core.drive_train_products(
         parameters,
         *SEVEN_POINTS,
+        SIX,
+        NO_QUADRANTS,
         n_set,
         0.02,
         1,
@@ -211,9 +236,9 @@ def test_the_sums_are_those_of_residuals_and_sensitivities(taps):
         (vector(set_dead_time=-0.1), unit(), "set_dead_time is -0.1"),
         (vector(inertia=0.0), unit(), "inertia is 0"),
         (vector(), unit("torque_rate"), "expected 0 where the parameter is inf"),
-        (vector()[:-1], unit(), "18 values, expected 19"),
-        (vector(), np.ones((2, 3)), r"expected \[2, 19\]"),
-        (vector(), np.zeros((40, 19)), "expected up to"),
+        (vector()[:-1], unit(), "45 values, expected 46"),
+        (vector(), np.ones((2, 3)), r"expected \[2, 46\]"),
+        (vector(), np.zeros((40, 46)), "expected up to"),
     ],
 )
 def test_what_makes_no_sense_is_named(parameters, directions, message):

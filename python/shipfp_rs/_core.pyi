@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 __all__ = [
     "DRIVE_TRAIN_PARAMETERS",
     "GREY_BOX_OUTPUTS",
-    "GREY_BOX_PARAMETERS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
@@ -19,7 +18,9 @@ __all__ = [
     "__version__",
     "_panic_for_test",
     "_spin_for_test",
+    "drive_train_products",
     "drive_train_rates",
+    "drive_train_sensitivities",
     "find_spikes",
     "leftover_sums",
     "linear_cost",
@@ -28,8 +29,6 @@ __all__ = [
     "linear_response",
     "linear_response_sensitivities",
     "linear_sensitivities",
-    "plant_products",
-    "plant_sensitivities",
     "pulse_levels",
     "running_median",
     "simulate_drive_train",
@@ -96,13 +95,14 @@ def drive_train_rates(
     fuel: float,
 ) -> NDArray[np.float64]: ...
 
-GREY_BOX_PARAMETERS: tuple[str, ...]
 GREY_BOX_OUTPUTS: tuple[str, ...]
 
-def plant_sensitivities(
+def drive_train_sensitivities(
     parameters: NDArray[np.float64],
     limit_speed: NDArray[np.float64],
     limit_torque: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    quadrants: NDArray[np.float64],
     n_set: NDArray[np.float64],
     dt: float,
     substeps: int,
@@ -110,10 +110,12 @@ def plant_sensitivities(
     outputs: Sequence[int],
     directions: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def plant_products(
+def drive_train_products(
     parameters: NDArray[np.float64],
     limit_speed: NDArray[np.float64],
     limit_torque: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    quadrants: NDArray[np.float64],
     n_set: NDArray[np.float64],
     dt: float,
     substeps: int,

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from shipfp_rs import slips
-from shipfp_rs.drive_train import drive_train
+from shipfp_rs.drive_train import OFF, drive_train
 from shipfp_rs.errors import InputError
+from shipfp_rs.plant_equations import WIDEST
 from shipfp_rs.structure import Parameter
 from shipfp_rs.vessel import Vessel
 
@@ -16,41 +17,44 @@ ELEMENTS: Mapping[str, str] = {
     "limit": "engine.envelope",
     "rack_rate": "actuator.rate_mm_s",
     "torque_rate": "engine.torque_rate_Nm_s",
+    "fuel_dead_time": "actuator.dead_time_s",
+    "fuel_lag": "actuator.lag_s",
+    "shaft_stiffness": "shaft.stiffness_Nm_rad",
+    "shaft_damping": "shaft.stiffness_Nm_rad",
+    "drag_coefficient": "gearbox.drag_Nm",
+    "drag_exponent": "gearbox.drag_Nm",
+    "Kd_abs": "governor.K_d",
+    "derivative_filter": "governor.K_d",
+    "minimum_rack": "governor.minimum_rack_mm",
+    "maximum_rack": "governor.maximum_rack_mm",
+    "smoke_margin": "engine.smoke_margin_mm",
+    "turbocharger_lag": "engine.smoke_margin_mm",
+    "shaft_ripple": "propeller.shaft_ripple",
+    "blade_ripple": "propeller.blade_ripple",
 }
 """Parameters of elements that a vessel need not have, with their keys in its file."""
 
-ABSENT: Mapping[str, tuple[str, float]] = {
-    "shaft_stiffness": ("shaft.stiffness_Nm_rad", math.inf),
-    "drag_coefficient": ("gearbox.drag_Nm", 0.0),
-    "Kd_abs": ("governor.K_d", 0.0),
-    "governor_period": ("governor.sample_rate_hz or once_a_firing", 0.0),
-    "minimum_rack": ("governor.minimum_rack_mm", -math.inf),
-    "maximum_rack": ("governor.maximum_rack_mm", math.inf),
-    "smoke_margin": ("engine.smoke_margin_mm", math.inf),
-    "fuel_dead_time": ("actuator.dead_time_s or governor.computation_delay_s", 0.0),
-    "fuel_lag": ("actuator.lag_s", 0.0),
-    "firing_interval": ("engine.firing", 0.0),
-    "shaft_ripple": ("propeller.shaft_ripple", 0.0),
-    "blade_ripple": ("propeller.blade_ripple", 0.0),
-    "ship_mass": ("ship", math.inf),
+BESIDE: Mapping[str, str] = {
+    "shaft_damping": "shaft_stiffness",
+    "drag_exponent": "drag_coefficient",
+    "derivative_filter": "Kd_abs",
+    "turbocharger_lag": "smoke_margin",
 }
-"""Elements of a drive train that the grey box has not: keys in a vessel's file, and the values that switch them off."""
+"""Parameters that mean nothing where another one is switched off."""
 
 
 def require_modelled(vessel: Vessel) -> None:
-    """Refuse a vessel with an element whose effect the fit would put into other parameters.
+    """Refuse a ship that moves: its speed at the start of a record is not known.
 
     Raises
     ------
     InputError
-        Which elements these are.
+        Where the vessel has a `ship`.
     """
-    own = drive_train(vessel).values
-    found = [key for name, (key, off) in ABSENT.items() if own[name] != off]
-    if found:
+    if vessel.ship is not None:
         raise InputError(
-            f"vessel {vessel.name!r} has {', '.join(found)}, which a grey box has not; expected a vessel without: take them "
-            "out of its file or set them with vessel.replace(...)"
+            f"vessel {vessel.name!r} has a ship that moves, which a grey box has not; expected a vessel without: take "
+            "[ship] out of its file or set it with vessel.replace(...)"
         )
 
 
@@ -76,11 +80,12 @@ def parameters(vessel: Vessel, free: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 def _rows(vessel: Vessel) -> dict[str, tuple[str, float, float, float]]:
-    """Unit, start and bounds by name; the start is not finite where the vessel lacks the element."""
+    """Unit, start and bounds by name of what the vessel has; the start of a limit that it lacks is not finite."""
     own = drive_train(vessel).values
     torque, speed = vessel.nominal_brake_torque, vessel.nominal_engine_speed
     load = own["torque_coefficient"] * vessel.nominal_shaft_speed ** own["torque_exponent"]
     limit = 1.0 if vessel.engine.envelope else math.inf
+    damping = own["shaft_damping"]
 
     def within(name: str, unit: str, factor: float) -> tuple[str, float, float, float]:
         return unit, own[name], own[name] / factor, own[name] * factor
@@ -88,7 +93,7 @@ def _rows(vessel: Vessel) -> dict[str, tuple[str, float, float, float]]:
     def about(name: str, unit: str, width: float) -> tuple[str, float, float, float]:
         return unit, own[name], own[name] - width, own[name] + width
 
-    return {
+    rows = {
         "inertia": within("inertia", "kg m2", 5.0),
         "propeller_inertia": ("kg m2", own["propeller_inertia"], 0.0, own["inertia"]),
         "gear_ratio": within("gear_ratio", "-", 2.0),
@@ -106,4 +111,20 @@ def _rows(vessel: Vessel) -> dict[str, tuple[str, float, float, float]]:
         "rack_rate": within("rack_rate", "mm/s", 5.0),
         "torque_rate": within("torque_rate", "Nm/s", 5.0),
         "T_set": ("s", own["set_dead_time"], 0.0, max(2.0, 2.0 * own["set_dead_time"])),
+        "fuel_dead_time": within("fuel_dead_time", "s", WIDEST),
+        "fuel_lag": within("fuel_lag", "s", 5.0),
+        "shaft_stiffness": within("shaft_stiffness", "Nm/rad", 5.0),
+        "shaft_damping": ("Nm s/rad", damping, 0.0, max(5.0 * damping, 1e-3 * own["shaft_stiffness"])),
+        "drag_coefficient": within("drag_coefficient", "Nm/(rev/s)^q", 5.0),
+        "drag_exponent": ("-", own["drag_exponent"], 0.0, 4.0),
+        "Kd_abs": within("Kd_abs", "mm s/(rev/s)", 20.0),
+        "derivative_filter": within("derivative_filter", "s", 5.0),
+        "minimum_rack": about("minimum_rack", "mm", own["X_0"]),
+        "maximum_rack": about("maximum_rack", "mm", own["X_0"]),
+        "smoke_margin": ("mm", own["smoke_margin"], 0.0, 5.0 * own["smoke_margin"]),
+        "turbocharger_lag": within("turbocharger_lag", "s", 5.0),
+        "shaft_ripple": within("shaft_ripple", "-", 5.0),
+        "blade_ripple": within("blade_ripple", "-", 5.0),
     }
+    off = {name for name, value in OFF.items() if own[name] == value}
+    return {name: row for name, row in rows.items() if BESIDE.get(name, name) not in off or name == "T_set"}

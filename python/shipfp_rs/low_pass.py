@@ -71,7 +71,7 @@ class LowPass:
         self.start = max(round(start), 0)
         inner_rate = channel.rate_hz * self.up
         shift = start - self.start
-        self.taps = _taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
+        self.taps = taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
         # Runs of masked samples longer than the filter are not bridged: no output sees both of their sides.
         self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
@@ -140,7 +140,7 @@ class LowPass:
         return bridged
 
 
-def _taps(rate: float, shift: float) -> Array:
+def taps(rate: float, shift: float) -> Array:
     """Kaiser-windowed sinc for an output at `rate` times the inner rate, its middle `shift` inner samples late."""
     count, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate / 0.5)
     half = count // 2

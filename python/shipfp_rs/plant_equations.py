@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.drive_train import drive_train
+from shipfp_rs.drive_train import OFF, DriveTrain, drive_train
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment, Hold
 from shipfp_rs.vessel import Vessel
@@ -24,6 +24,8 @@ Place = Callable[[Vessel, Values], Mapping[str, Any]]
 
 COMPLEX_STEP = 1e-30
 """The square of it vanishes beside 1, so derivatives of the parameters are exact to rounding."""
+WIDEST = 5.0
+"""Factor by which a search may change what must stay a positive number."""
 STEP_OF_FASTEST = 0.1
 """Longest step as part of the plant's shortest time constant; RK4 then has it to 1e-6 of itself."""
 
@@ -58,7 +60,7 @@ def as_built(vessel: Vessel, values: Values) -> Mapping[str, Any]:
 
     Its coefficient and exponent would make a long curved valley.
     """
-    own = {name: value for name, value in values.items() if name in _core.GREY_BOX_PARAMETERS}
+    own = {name: value for name, value in values.items() if name in _core.DRIVE_TRAIN_PARAMETERS}
     return own | {
         "torque_coefficient": values["propeller_torque"]
         / vessel.nominal_shaft_speed ** values["torque_exponent"],
@@ -71,14 +73,18 @@ def _rack(vessel: Vessel) -> float:
     return vessel.operating_point.X_0_mm
 
 
-_Run = tuple[Array, Array, Array, Array, float, int, Hold, list[int], Array]
+_Run = tuple[Array, Array, Array, Array, Array, Array, float, int, Hold, list[int], Array]
+
+OF_THE_PLANT = ("set_dead_time", "rack_rate", "torque_rate")
+"""Elements that the plant in the linear structure's terms has, too."""
 
 
 @dataclass(frozen=True)
 class PlantEquations:
-    """Plant of eq. 3.1 to 3.11 with a vessel's torque envelope, rate limits and dead time of the set point.
+    """Plant of eq. 3.1 to 3.11 with a vessel's torque envelope, rate limits and dead time of the set point, or with all.
 
-    `place` says what a structure's parameters are to the kernel. All else is the vessel's. The derivatives are those of
+    `place` says what a structure's parameters are to the kernel. All else is the vessel's; unless `whole`, the elements
+    that a linear structure has no terms for are off. The derivatives are those of
     the integration itself, carried along through its steps; at a limit they are those of the side it is on.
     """
 
@@ -87,6 +93,7 @@ class PlantEquations:
     gauge: bool
     place: Place = about_operating_point
     states: tuple[str, ...] = ("initial dn", "initial dE")
+    whole: bool = False
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -97,7 +104,7 @@ class PlantEquations:
     ) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         scale, shift = self._normal(experiment)
-        rows, slopes = _core.plant_sensitivities(*self._run(values, experiment, names))
+        rows, slopes = _core.drive_train_sensitivities(*self._run(values, experiment, names))
         return rows * scale[:, None] + shift[:, None], slopes * scale[:, None]
 
     def products(
@@ -112,7 +119,7 @@ class PlantEquations:
         """Return sums of products of residuals and sensitivities and the number of samples; see `LinearEquations`."""
         scale, shift = self._normal(experiment)
         run = self._run(values, experiment, names)
-        return _core.plant_products(*run, scale, measured, offsets + shift, filters)
+        return _core.drive_train_products(*run, scale, measured, offsets + shift, filters)
 
     def response(
         self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
@@ -122,42 +129,60 @@ class PlantEquations:
             "the plant structure has no frequency response; fit it to an Experiment, or use Structure.linear"
         )
 
-    def _parameters(self, values: Values) -> npt.NDArray[Any]:
+    def _train(self) -> DriveTrain:
+        train = drive_train(self.vessel)
+        if self.whole:
+            return train
+        off = {name: value for name, value in OFF.items() if name not in OF_THE_PLANT}
+        return DriveTrain({**train.values, **off}, train.strength, np.empty((3, 0)))
+
+    def _parameters(self, train: DriveTrain, values: Values, before: float) -> npt.NDArray[Any]:
         vessel = self.vessel
         known: Mapping[str, Any] = {
-            **drive_train(vessel).values,
+            **train.values,
+            "initial_ship_speed": 0.0,
+            "crank_angle": 0.0,
+            "set_point_before": before,
             "initial_speed": vessel.nominal_shaft_speed * (1.0 + values.get("initial dn", 0.0)),
             "initial_error": vessel.nominal_engine_speed * values.get("initial dE", 0.0),
             **self.place(vessel, values),
         }
-        return np.array([known[name] for name in _core.GREY_BOX_PARAMETERS])
+        return np.array([known[name] for name in _core.DRIVE_TRAIN_PARAMETERS])
 
     def _run(self, values: Values, experiment: Experiment, names: Sequence[str]) -> _Run:
         """Return what both kernels ask for."""
-        dt = 1.0 / experiment.rate_hz
-        directions = np.zeros((len(names), len(_core.GREY_BOX_PARAMETERS)))
+        dt, train = 1.0 / experiment.rate_hz, self._train()
+        set_point = experiment.signals["n_set"] / 60.0
+        before = float(set_point[0])
+        directions = np.zeros((len(names), len(_core.DRIVE_TRAIN_PARAMETERS)))
         for row, name in zip(directions, names, strict=True):
-            moved = self._parameters({**values, name: values.get(name, 0.0) + 1j * COMPLEX_STEP})
+            shifted = {**values, name: values.get(name, 0.0) + 1j * COMPLEX_STEP}
+            moved = self._parameters(train, shifted, before)
             row[:] = moved.imag / COMPLEX_STEP
         torque = "M_g" if self.gauge else "M_b"
         outputs = [{"dn": "n_e", "dM": torque, "dE": "E_n", "dX": "X_f"}[output] for output in self.outputs]
         return (
-            self._parameters(values).astype(np.float64),
+            self._parameters(train, values, before).astype(np.float64),
             *self.vessel.envelope(),
-            experiment.signals["n_set"] / 60.0,
+            train.strength,
+            train.quadrants,
+            set_point,
             dt,
-            self._substeps(dt),
+            self._substeps(dt, train),
             experiment.hold,
             [_core.GREY_BOX_OUTPUTS.index(output) for output in outputs],
             directions,
         )
 
-    def _substeps(self, dt: float) -> int:
+    def _substeps(self, dt: float, train: DriveTrain) -> int:
         vessel, point = self.vessel, self.vessel.operating_point
         torque = vessel.nominal_brake_torque * vessel.gearbox.ratio * vessel.gearbox.efficiency
         tau_n = 2.0 * np.pi * vessel.inertia * vessel.nominal_shaft_speed / torque
         rate = (vessel.propeller.torque_exponent - point.g + point.v * vessel.governor.K_p) / tau_n
-        return max(1, int(np.ceil(dt * rate / STEP_OF_FASTEST)))
+        longest = min(STEP_OF_FASTEST / rate, train.step_s(vessel.nominal_shaft_speed))
+        # A search may come to shorter dead times, down to their bounds.
+        longest = min(longest, train.values["fuel_dead_time"] / WIDEST or longest)
+        return max(1, int(np.ceil(dt / longest)))
 
     def _normal(self, experiment: Experiment) -> tuple[Array, Array]:
         """Return factor and shift (O,) that turn the kernel's outputs into normalised ones."""

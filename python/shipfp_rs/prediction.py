@@ -55,7 +55,7 @@ def simulated_about(
     signals = tuple(
         structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
     )
-    measured = np.array([experiment.normalised(signal) for signal in signals])
+    measured = structure.measured(experiment)
     equations = structure.equations
     offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
     valid = np.isfinite(measured).all(axis=0)
@@ -115,7 +115,7 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
     elif kind == "grey box" and isinstance(declared["vessel"], dict):
         vessel = validated(declared["vessel"], Vessel, "the fingerprint's vessel")
         given = {name: row["start"] for name, row in rows.items() if row["fixed"]}
-        options = {key: declared[key] for key in ("torque", "outputs", "name")}
+        options = {key: declared[key] for key in ("torque", "outputs", "name", "pass_hz") if key in declared}
         structure = Structure.grey_box(vessel, [name for name in rows if name not in given], **options)
         structure = structure.with_fixed(**given)
     else:

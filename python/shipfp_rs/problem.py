@@ -85,7 +85,7 @@ class Block:
             signals = tuple(
                 structure.signal_for(output, data.signals, data.name) for output in structure.outputs
             )
-            measured = np.array([data.normalised(signal) for signal in signals])
+            measured = structure.measured(data)
             nuisance = (structure.equations.states if initial_state else ()) + (
                 tuple(f"offset {output}" for output in structure.outputs) if offsets else ()
             )

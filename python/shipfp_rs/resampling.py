@@ -232,7 +232,7 @@ class _Residuals:
     ) -> _Residuals:
         simulated = simulated_about(structure, values, record)
         model = np.array(list(simulated.values()))
-        residual = np.array([record.normalised(signal) for signal in simulated]) - model
+        residual = structure.measured(record) - model
         valid = np.isfinite(residual).all(axis=0)
         kept = residual[:, valid]
         block = max(map(block_length, kept)) if block_s is None else round(block_s * record.rate_hz)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -381,9 +382,10 @@ class Structure:
         *,
         torque: Torque = "brake",
         outputs: Sequence[str] = ("dn", "dM"),
+        pass_hz: float | None = None,
         name: str | None = None,
     ) -> Structure:
-        """Declare the nonlinear plant of a vessel in its own terms: inertia, engine map, governor, limits (eq. 3.1 to 3.11).
+        """Declare the whole drive train of a vessel in its own terms: eq. 3.1 to 3.11 and all elements that it has.
 
         Parameters
         ----------
@@ -395,15 +397,20 @@ class Structure:
             "propeller_torque" [Nm] (at the vessel's operating speed), "torque_exponent", "gear_ratio",
             "transmission_efficiency", "limit" (factor on the torque envelope), "minimum_torque" [Nm],
             "rack_rate" [mm/s], "torque_rate" [Nm/s], "T_set" [s] (dead time of the set
-            point). Limits and rates need a vessel that has them.
+            point); "fuel_dead_time", "fuel_lag" [s], "shaft_stiffness" [Nm/rad], "shaft_damping" [Nm s/rad],
+            "drag_coefficient" [Nm/(rev/s)^q], "drag_exponent", "Kd_abs" [mm s/(rev/s)], "derivative_filter" [s],
+            "minimum_rack", "maximum_rack", "smoke_margin" [mm], "turbocharger_lag" [s], "shaft_ripple", "blade_ripple".
+            Elements need a vessel that has them.
         torque, outputs
             As for `linear`.
+        pass_hz
+            Compare measured and simulated outputs below this frequency [Hz]: both go through one zero-phase low-pass,
+            the set point does not. Single firings, blades and the swinging shaft have phases that no fit can match.
 
         Raises
         ------
         InputError
-            For an unknown name or output, an element that the vessel does not have, or one that it has and the grey box
-            has not (firing, a flexible shaft, sampling, dead time or lag of the fuel, a smoke limiter, a moving ship).
+            For an unknown name or output, an element that the vessel does not have, or a ship that moves.
 
         Notes
         -----
@@ -421,18 +428,29 @@ class Structure:
         ['inertia', 'Kp_abs']
         """
         from shipfp_rs.grey_box import parameters, require_modelled
+        from shipfp_rs.pass_band import PassBand
         from shipfp_rs.plant_equations import PlantEquations, as_built
 
         require_modelled(vessel)
+        if pass_hz is not None and not (math.isfinite(pass_hz) and pass_hz > 0.0):
+            raise InputError(f"pass_hz is {pass_hz}, expected a positive frequency [Hz], or None")
         linear = cls.linear(torque=torque, outputs=outputs)
+        equations: Equations = PlantEquations(
+            vessel, linear.outputs, gauge="tau_prop" in linear.names, place=as_built, whole=True
+        )
+        if pass_hz is not None:
+            equations = PassBand(equations, pass_hz)
         return cls(
             name=name or f"grey box of {vessel.name}",
             parameters=parameters(vessel, free),
             signals=linear.signals,
-            equations=PlantEquations(
-                vessel, linear.outputs, gauge="tau_prop" in linear.names, place=as_built
-            ),
-            settings={"kind": "grey box", "torque": torque, "vessel": vessel.model_dump(mode="json")},
+            equations=equations,
+            settings={
+                "kind": "grey box",
+                "torque": torque,
+                "vessel": vessel.model_dump(mode="json"),
+                **({} if pass_hz is None else {"pass_hz": pass_hz}),
+            },
         )
 
     @classmethod
@@ -631,6 +649,13 @@ class Structure:
                 return candidate
         expected = ", ".join(self.signals[output])
         raise InputError(f"{data!r}: no signal for output {output!r}, expected one of {expected}")
+
+    def measured(self, experiment: Experiment) -> Array:
+        """Return the measured outputs as the equations' are to be compared with them, normalised, shape (O, N)."""
+        chosen = (self.signal_for(output, experiment.signals, experiment.name) for output in self.outputs)
+        rows = np.array([experiment.normalised(name) for name in chosen])
+        passed = getattr(self.equations, "passed", None)
+        return rows if passed is None else np.asarray(passed(rows, experiment))
 
     @property
     def names(self) -> tuple[str, ...]:

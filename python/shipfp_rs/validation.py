@@ -43,8 +43,8 @@ def validate(
     structure = structure or structure_of(fingerprint)
     predicted = predict(fingerprint, experiment, structure)
     fits = {}
-    for output, (signal, model) in zip(structure.outputs, predicted.items(), strict=True):
-        measured = experiment.normalised(signal)
+    rows = zip(structure.outputs, structure.measured(experiment), predicted.values(), strict=True)
+    for output, measured, model in rows:
         fits[output] = nrmse_pct(measured, measured - model)
     return fits
 

@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 use crate::plant::{Polynomial, Power, Square, power_and_slopes};
 
@@ -39,6 +39,9 @@ pub trait Scalar:
         self.value() == 0.0 && self.is_constant()
     }
 
+    /// Do what is long and wanted in several places: once for all of them where numbers carry derivatives.
+    fn apart<Op: WithSimd>(self, op: Op) -> Op::Output;
+
     /// `self` |`self`|^(`exponent` - 1).
     #[must_use]
     fn power(self, exponent: Self) -> Self;
@@ -74,6 +77,11 @@ impl Scalar for f64 {
     #[inline(always)]
     fn function(self, value: f64, _slope: f64) -> f64 {
         value
+    }
+
+    #[inline(always)]
+    fn apart<Op: WithSimd>(self, op: Op) -> Op::Output {
+        op.with_simd(pulp::Scalar::new())
     }
 
     #[inline(always)]
@@ -177,7 +185,15 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     }
 
     #[inline(always)]
+    fn apart<Op: WithSimd>(self, op: Op) -> Op::Output {
+        self.simd.vectorize(op)
+    }
+
+    #[inline(always)]
     fn power(self, exponent: Self) -> Self {
+        if exponent.value == 1.0 && exponent.is_constant() {
+            return self;
+        }
         let [value, by_base, by_exponent] = power_and_slopes(self.value, exponent.value);
         self.combined(by_base, &exponent, by_exponent, value)
     }

@@ -5,28 +5,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from shipfp_rs._core import GREY_BOX_OUTPUTS, GREY_BOX_PARAMETERS
+from shipfp_rs._core import DRIVE_TRAIN_PARAMETERS, GREY_BOX_OUTPUTS
 
-from .plant import LAUNCH, N_E
+from . import drive_train
 
 Array = NDArray[np.float64]
 
-DEFAULTS = LAUNCH | {
-    "propeller_inertia": 8.0,
-    "limit_factor": 1.0,
-    "rack_rate": math.inf,
-    "torque_rate": math.inf,
-    "set_dead_time": 0.0,
-    "initial_speed": N_E / 3.0,
-    "initial_error": 0.0,
-}
+DEFAULTS = drive_train.DEFAULTS | {"propeller_inertia": 8.0}
 
 
 def vector(**changes):
     """Parameters of the launch with its elements off, some of them changed."""
     assert set(changes) <= set(DEFAULTS)
     values = DEFAULTS | changes
-    return np.array([values[name] for name in GREY_BOX_PARAMETERS])
+    return np.array([values[name] for name in DRIVE_TRAIN_PARAMETERS])
 
 
 def least(a, b):
@@ -36,7 +28,7 @@ def least(a, b):
 
 def simulate(parameters, limit_speed, limit_torque, n_set, dt, substeps, hold, outputs):
     """Rows of the outputs, by their places in GREY_BOX_OUTPUTS; complex ones if a parameter is."""
-    q = dict(zip(GREY_BOX_PARAMETERS, parameters.tolist(), strict=True))
+    q = dict(zip(DRIVE_TRAIN_PARAMETERS, parameters.tolist(), strict=True))
     ramps = {"rack": None, "torque": None}
 
     def ramped(name, demand, elapsed):
@@ -76,16 +68,18 @@ def simulate(parameters, limit_speed, limit_torque, n_set, dt, substeps, hold, o
     late = math.floor(q["set_dead_time"].real / dt)
     part = q["set_dead_time"] - late * dt
 
+    before = q["set_point_before"].real
+
     def sample(k):
-        return n_set[min(max(k, 0), n_set.size - 1)]
+        return n_set[min(k, n_set.size - 1)] if k >= 0 else before
 
     def piece(k, start, duration):
         """Value at `start` after sample `k`, slope, duration."""
-        slope = (sample(k + 1) - sample(k)) / dt if hold == "first" else 0.0
+        slope = (sample(k + 1) - sample(k)) / dt if hold == "first" and k >= 0 else 0.0
         return sample(k) + slope * start, slope, duration
 
     state = np.array([q["initial_speed"], q["initial_error"]])
-    _, _, rack, _ = signals(n_set[0], 0.0, state)
+    _, _, rack, _ = signals(before, 0.0, state)
     ramps = {"rack": rack, "torque": q["A1"] * rack + q["A2"] * q["gear_ratio"] * state[0] + q["A3"]}
     rows = []
     for k in range(n_set.size):

@@ -42,15 +42,19 @@ impl<T: Scalar> Firing<T> {
     /// Whether the next firing is due at an angle of the crankshaft [rev].
     #[inline(always)]
     #[must_use]
-    pub fn due(&self, crank: f64) -> bool {
-        self.left(crank) <= SAME_ANGLE
+    pub fn due(&self, crank: T) -> bool {
+        self.left(crank).value() <= SAME_ANGLE
     }
 
     /// Angle that is left to the next firing [rev], infinite where there is none.
     #[inline(always)]
     #[must_use]
-    pub fn left(&self, crank: f64) -> f64 {
-        if self.acts() { (self.count + 1.0) * self.interval - crank } else { f64::INFINITY }
+    pub fn left(&self, crank: T) -> T {
+        if self.acts() {
+            crank * -1.0 + (self.count + 1.0) * self.interval
+        } else {
+            crank.constant(f64::INFINITY)
+        }
     }
 
     /// Fire the next cylinder with the fuel for a mean torque [Nm].

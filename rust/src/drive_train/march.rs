@@ -1,11 +1,13 @@
 //! Steps of the classical Runge-Kutta method, cut at what breaks the signals: delayed samples and the governor's own.
 //!
-//! Times are numbers that may carry derivatives, too. What breaks a signal at a time that depends on a parameter, a
-//! dead time or the instant of a firing, moves with it: the steps up to there are as long as that time says, and then
-//! the state moves back to the time that stands still, at the rates from behind the break. What it thereby loses and
-//! gains is its derivative by the break's time. Plain numbers have no such steps.
+//! Times are numbers that may carry derivatives, too: what breaks a signal comes at a time that depends on a dead time or
+//! on the crankshaft, and steps end where that time says. Before a sample is taken, the state moves to the time that
+//! stands still, at the rates from behind the break: what it loses at the rates before and gains at those behind is its
+//! derivative by the break's time. These moves have no length; plain numbers know nothing of them.
 
 use crate::error::Result;
+use pulp::{Simd, WithSimd};
+
 use crate::plant::Slope;
 use crate::scalar::{Scalar, smaller};
 use crate::stop::{CHECK_EVERY, Stop};
@@ -27,6 +29,40 @@ pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"
 pub const SAME: f64 = 1e-8;
 /// By this share of a step a time is moved to say which side of a jump is meant.
 const NUDGE: f64 = 1e-6;
+
+/// The signals at an instant, to be computed in one place.
+struct FlowAt<'a, L, T> {
+    train: &'a DriveTrain<T>,
+    limit: &'a mut L,
+    memory: &'a Memory<T>,
+    at: &'a Instant<T>,
+    state: &'a State<T>,
+}
+
+impl<L: Slope, T: Scalar> WithSimd for FlowAt<'_, L, T> {
+    type Output = Flow<T>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Flow<T> {
+        self.train.flow(self.limit, self.memory, self.at, self.state)
+    }
+}
+
+/// The end of a step to be remembered, in one place.
+struct Remember<'m, 'a, L, T> {
+    march: &'m mut March<'a, L, T>,
+    time: T,
+    at: &'m Instant<T>,
+}
+
+impl<L: Slope, T: Scalar> WithSimd for Remember<'_, '_, L, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        self.march.remember(self.time, self.at);
+    }
+}
 
 /// A simulation under way.
 pub struct March<'a, L, T = f64> {
@@ -101,7 +137,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     ) -> Result<()> {
         let (dt, substeps, samples) = (self.run.dt, self.run.substeps, self.run.set_speed.len());
         let look_every = (CHECK_EVERY / substeps).max(1);
-        let mut time = 0.0;
+        let mut time = self.last_sample;
         for step in 0..=(samples - 1) * substeps {
             let (sample, substep) = (step / substeps, step % substeps);
             let border = (sample as f64 + (substep + 1) as f64 / substeps as f64) * dt;
@@ -110,9 +146,13 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                 if sample % look_every == 0 {
                     stop.check()?;
                 }
-                time = sample as f64 * dt;
+                self.move_to(&mut time, sample as f64 * dt);
             }
             loop {
+                if self.is_sample_due(time.value()) {
+                    let now = time.value();
+                    self.move_to(&mut time, now);
+                }
                 let begin = self.begin(time);
                 if !shown {
                     record(sample, &self.row(&begin))?;
@@ -122,12 +162,9 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                     }
                 }
                 let end = self.next_end(time, border, &begin);
-                self.advance(time, end + -time, &begin);
-                time = end.value();
-                if !end.is_constant() {
-                    self.stand_still(end);
-                }
-                if time >= border {
+                self.advance(time, end - time, &begin);
+                time = end;
+                if time.value() >= border {
                     break;
                 }
             }
@@ -135,27 +172,32 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         Ok(())
     }
 
+    /// Whether a governor that samples at times of its own is to do so.
+    #[inline(always)]
+    fn is_sample_due(&self, time: f64) -> bool {
+        time >= self.next_sample - SAME * self.step
+    }
+
     /// The time at which a step must end, the border at the latest.
     #[inline(always)]
-    fn next_end(&mut self, time: f64, border: f64, begin: &Flow<T>) -> T {
-        let soon = time + SAME * self.step;
+    fn next_end(&mut self, now: T, border: f64, begin: &Flow<T>) -> T {
+        let soon = now.value() + SAME * self.step;
         if self.next_arrival.value() <= soon {
             self.next_arrival = self.set_point.next_break(soon);
         }
-        let mut due = if self.next_sample > soon { self.next_sample } else { f64::INFINITY };
-        // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
-        let speed = begin.engine_speed.value();
-        let wait = self.memory.firing.left(self.state.crank.value()) / speed;
-        if wait > 0.0 && wait < 2.0 * self.step {
-            let acceleration = self.train.gearbox.ratio.value() * begin.rates.engine_side.value();
-            let firing = time + wait / (1.0 + 0.5 * acceleration * wait / speed);
-            if firing > soon && firing < due {
-                due = firing;
-            }
-        }
         let mut cut = smaller(self.next_arrival, self.delay.next_break(soon));
-        if due < cut.value() - SAME * self.step {
-            cut = cut.constant(due);
+        if self.next_sample > soon && self.next_sample < cut.value() - SAME * self.step {
+            cut = cut.constant(self.next_sample);
+        }
+        // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
+        let speed = begin.engine_speed;
+        let wait = self.memory.firing.left(self.state.crank) / speed;
+        if wait.value() > 0.0 && wait.value() < 2.0 * self.step {
+            let acceleration = begin.rates.engine_side * self.train.gearbox.ratio;
+            let firing = now + wait / (acceleration * wait / speed * 0.5 + 1.0);
+            if firing.value() > soon {
+                cut = smaller(firing, cut);
+            }
         }
         if border - cut.value() >= SAME * self.step {
             cut
@@ -168,33 +210,28 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
 
     /// The signals at a time from which a step starts, once what is due there is done.
     #[inline(always)]
-    fn begin(&mut self, time: f64) -> Flow<T> {
-        let now = self.state.crank.constant(time);
+    fn begin(&mut self, now: T) -> Flow<T> {
         if self.delay.acts() {
-            self.delay.forget(time);
+            self.delay.forget(now.value());
         }
         let timing = self.train.governor.timing;
         if let Timing::Every(period) = timing
-            && time >= self.next_sample - SAME * self.step
+            && self.is_sample_due(now.value())
         {
             self.samples_taken += 1;
             self.next_sample = self.samples_taken as f64 * period;
             self.sample(now);
         }
-        if self.memory.firing.due(self.state.crank.value()) {
-            let at = if self.state.crank.is_constant() { now } else { self.move_to_firing(now) };
+        if self.memory.firing.due(self.state.crank) {
             if timing == Timing::AtFiring {
-                self.sample(at);
+                self.sample(now);
             }
-            let mean = self.flow(at).mean;
+            let mean = self.flow(now).mean;
             // No step is so long that a cylinder fires twice in it, unless the speed has left all bounds.
             for _ in 0..self.train.strength.len() {
-                if self.memory.firing.due(self.state.crank.value()) {
+                if self.memory.firing.due(self.state.crank) {
                     self.memory.firing.fire(mean);
                 }
-            }
-            if !at.is_constant() {
-                self.stand_still(at);
             }
         }
         let flow = self.flow(now);
@@ -208,32 +245,28 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     #[inline(always)]
     fn flow(&mut self, time: T) -> Flow<T> {
         let at = self.instant(time, time.constant(0.0), NUDGE * self.step);
-        self.train.flow(&mut self.limit, &self.memory, &at, &self.state)
+        let Self { train, limit, memory, state, .. } = self;
+        time.apart(FlowAt { train, limit, memory, at: &at, state })
     }
 
-    /// Move the state, and the time given back, with the instant at which the crankshaft has the angle it has.
+    /// Move the state to a time that stands still, from one that may move but has the same value.
     #[inline(always)]
-    fn move_to_firing(&mut self, time: T) -> T {
+    fn move_to(&mut self, time: &mut T, still: f64) {
+        let still = time.constant(still);
+        if !time.is_constant() {
+            self.shift(*time, still - *time);
+        }
+        *time = still;
+    }
+
+    /// Move the state by a time without length, at the rates from behind what jumps there.
+    #[inline(always)]
+    fn shift(&mut self, time: T, lead: T) {
         let flow = self.flow(time);
-        let lead = (self.state.crank * -1.0 + self.state.crank.value()) / flow.engine_speed;
-        self.shift(time, lead, &flow);
-        time + lead
-    }
-
-    /// Move the state from a time that moves to the one that stands still.
-    #[inline(always)]
-    fn stand_still(&mut self, time: T) {
-        let flow = self.flow(time);
-        self.shift(time, time.constant(time.value()) - time, &flow);
-    }
-
-    /// Move the state by a time without length.
-    #[inline(always)]
-    fn shift(&mut self, time: T, lead: T, flow: &Flow<T>) {
         self.state = self.state.after(lead, &flow.rates);
         if self.remembers {
             let at = self.instant(time, lead, NUDGE * self.step);
-            self.remember(time + lead, &at);
+            time.apart(Remember { march: self, time: time + lead, at: &at });
         }
     }
 
@@ -272,8 +305,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
 
     /// A step of the classical Runge-Kutta method that starts with `begin`.
     #[inline(always)]
-    fn advance(&mut self, time: f64, step: T, begin: &Flow<T>) {
-        let time = step.constant(time);
+    fn advance(&mut self, time: T, step: T, begin: &Flow<T>) {
         let half = step * 0.5;
         let middle = self.instant(time, half, 0.0);
         let end = self.instant(time, step, -NUDGE * self.step);
@@ -283,12 +315,13 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
             let last = stage == 2;
             let (at, by, weight) = if last { (&end, step, 1.0) } else { (&middle, half, 2.0) };
             let state = self.state.after(by, &rates);
-            rates = self.train.flow(&mut self.limit, &self.memory, at, &state).rates;
+            let Self { train, limit, memory, .. } = self;
+            rates = step.apart(FlowAt { train, limit, memory, at, state: &state }).rates;
             sum = sum.plus(weight, &rates);
         }
         self.state = self.state.after(step * (1.0 / 6.0), &sum);
         if self.remembers {
-            self.remember(time + step, &end);
+            step.apart(Remember { march: self, time: time + step, at: &end });
         }
     }
 

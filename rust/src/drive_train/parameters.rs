@@ -72,9 +72,7 @@ pub struct Tables {
 /// Which numbers a parameter may be.
 fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
     match name {
-        "propeller_inertia" | "blade_path" | "limit_factor" => {
-            (|value| value > 0.0 && value.is_finite(), "a positive number")
-        }
+        "blade_path" | "limit_factor" => (|value| value > 0.0 && value.is_finite(), "a positive number"),
         "shaft_stiffness" | "rack_rate" | "torque_rate" | "ship_mass" => {
             (|value| value > 0.0, "a positive number, infinity for none")
         }
@@ -82,10 +80,9 @@ fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
         "maximum_rack" => (|value| value > f64::NEG_INFINITY, "a number, infinity for none"),
         "minimum_rack" => (|value| value < f64::INFINITY, "a number, minus infinity for none"),
         "governor_period" => (|value| value >= 0.0, "zero or more, infinity for once a firing"),
-        "shaft_damping" | "set_dead_time" | "derivative_filter" | "turbocharger_lag" | "fuel_dead_time"
-        | "fuel_lag" | "firing_interval" | "firing_width" | "blades" | "ship_resistance" => {
-            (|value| value >= 0.0 && value.is_finite(), "zero or more")
-        }
+        "propeller_inertia" | "shaft_damping" | "set_dead_time" | "derivative_filter"
+        | "turbocharger_lag" | "fuel_dead_time" | "fuel_lag" | "firing_interval" | "firing_width"
+        | "blades" | "ship_resistance" => (|value| value >= 0.0 && value.is_finite(), "zero or more"),
         "anti_windup" => (|value| [0.0, 1.0].contains(&value), "0 or 1"),
         _ => (f64::is_finite, "a finite number"),
     }
@@ -97,6 +94,13 @@ impl DriveTrain {
     /// # Errors
     /// Where the vector has the wrong length or a value makes no sense.
     pub fn from_parameters(values: &[f64], tables: Tables) -> Result<Self> {
+        let train = Self::of_any_inertias(values, tables)?;
+        train.require_inertias()?;
+        Ok(train)
+    }
+
+    /// The same without a look at the inertias: a search may come to two that no ship has, and must go on.
+    pub(crate) fn of_any_inertias(values: &[f64], tables: Tables) -> Result<Self> {
         require(values.len() == PARAMETERS.len(), || {
             format!("parameters has {} values, expected {}", values.len(), PARAMETERS.len())
         })?;
@@ -114,15 +118,24 @@ impl DriveTrain {
         Ok(train)
     }
 
-    /// What one value demands of another.
-    fn require_agreement(&self) -> Result<()> {
+    /// What one inertia demands of the other.
+    fn require_inertias(&self) -> Result<()> {
         let Shaft { engine_side, propeller_side, stiffness, .. } = self.shaft;
-        let inertia = engine_side + propeller_side;
-        require(engine_side > 0.0 || (engine_side == 0.0 && stiffness == f64::INFINITY), || {
+        let (inertia, rigid) = (engine_side + propeller_side, stiffness == f64::INFINITY);
+        require(engine_side > 0.0 || (engine_side == 0.0 && rigid), || {
             format!(
                 "parameters: propeller_inertia is {propeller_side}, expected less than inertia, {inertia}"
             )
         })?;
+        require(propeller_side > 0.0 || rigid, || {
+            format!(
+                "parameters: propeller_inertia is {propeller_side}, expected a positive number beside a stiffness"
+            )
+        })
+    }
+
+    /// What one value demands of another.
+    fn require_agreement(&self) -> Result<()> {
         let Governor { minimum_rack, maximum_rack, derivative, filter, timing, .. } = self.governor;
         require(minimum_rack < maximum_rack, || {
             format!(

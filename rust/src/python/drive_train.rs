@@ -6,6 +6,7 @@ use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow, hand_back};
 use super::guard;
+use super::linear::expect_shape;
 use super::plant::{envelope, zeros};
 use crate::drive_train::{
     DriveTrain, FLOW, PARAMETERS, Quadrants, ROWS, Run, STATES, State, Tables, flow_at, simulate,
@@ -71,22 +72,19 @@ fn drive_train(
     quadrants: &Bound<'_, PyAny>,
 ) -> PyResult<DriveTrain> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
+    Ok(DriveTrain::from_parameters(parameters.as_slice()?, tables(strength, quadrants)?)?)
+}
+
+pub(super) fn tables(strength: &Bound<'_, PyAny>, quadrants: &Bound<'_, PyAny>) -> PyResult<Tables> {
     let strength: Vector<'_> = borrow("strength", strength)?;
     let quadrants: PyReadonlyArray2<'_, f64> = borrow("quadrants", quadrants)?;
     let points = quadrants.shape()[1];
-    if quadrants.shape()[0] != 3 {
-        return Err(Error::Invalid(format!(
-            "quadrants has shape {:?}, expected [3, points]: angle, torque, thrust",
-            quadrants.shape()
-        ))
-        .into());
-    }
+    expect_shape("quadrants", quadrants.shape(), [3, points], "angle, torque, thrust; points")?;
     let rows = quadrants.as_slice()?;
-    let tables = Tables {
+    Ok(Tables {
         strength: strength.as_slice()?.to_vec(),
         quadrants: Quadrants::new(&rows[..points], &rows[points..2 * points], &rows[2 * points..])?,
-    };
-    Ok(DriveTrain::from_parameters(parameters.as_slice()?, tables)?)
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

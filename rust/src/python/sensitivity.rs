@@ -1,26 +1,29 @@
-//! Bindings of the plant with its elements and derivatives.
+//! Bindings of the drive train with its derivatives.
 
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow, hand_back};
+use super::drive_train::tables;
 use super::guard;
 use super::linear::expect_shape;
 use super::plant::{envelope, zeros};
-use crate::drive_train::Run;
-use crate::sensitivity::{OUTPUTS, Output, PARAMETERS, Record, Subject, simulate};
+use crate::drive_train::{PARAMETERS, Run};
+use crate::sensitivity::{OUTPUTS, Output, Record, Subject, simulate};
 
 type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
 
-/// Simulated outputs [O, N] and their derivatives [W, O, N] in the directions [W, 19] of the parameter vector.
+/// Simulated outputs [O, N] and their derivatives [W, O, N] in the directions [W, P] of the parameter vector.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn plant_sensitivities<'py>(
+fn drive_train_sensitivities<'py>(
     py: Python<'py>,
     parameters: &Bound<'py, PyAny>,
     limit_speed: &Bound<'py, PyAny>,
     limit_torque: &Bound<'py, PyAny>,
+    strength: &Bound<'py, PyAny>,
+    quadrants: &Bound<'py, PyAny>,
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
@@ -28,7 +31,7 @@ fn plant_sensitivities<'py>(
     outputs: Vec<usize>,
     directions: &Bound<'py, PyAny>,
 ) -> PyResult<Sensitivities<'py>> {
-    let subject = subject(parameters, limit_speed, limit_torque, directions)?;
+    let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
     let outputs = Output::from_indices(&outputs)?;
@@ -50,11 +53,13 @@ fn plant_sensitivities<'py>(
 /// what an offset of it adds, and its residual.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn plant_products<'py>(
+fn drive_train_products<'py>(
     py: Python<'py>,
     parameters: &Bound<'py, PyAny>,
     limit_speed: &Bound<'py, PyAny>,
     limit_torque: &Bound<'py, PyAny>,
+    strength: &Bound<'py, PyAny>,
+    quadrants: &Bound<'py, PyAny>,
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
@@ -66,7 +71,7 @@ fn plant_products<'py>(
     offsets: &Bound<'py, PyAny>,
     filters: &Bound<'py, PyAny>,
 ) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
-    let subject = subject(parameters, limit_speed, limit_torque, directions)?;
+    let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
     let rows = outputs.len();
@@ -92,6 +97,8 @@ fn subject(
     parameters: &Bound<'_, PyAny>,
     limit_speed: &Bound<'_, PyAny>,
     limit_torque: &Bound<'_, PyAny>,
+    strength: &Bound<'_, PyAny>,
+    quadrants: &Bound<'_, PyAny>,
     directions: &Bound<'_, PyAny>,
 ) -> PyResult<Subject> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
@@ -103,7 +110,8 @@ fn subject(
         "directions, parameters",
     )?;
     let envelope = envelope(limit_speed, limit_torque)?;
-    Ok(Subject::new(parameters.as_slice()?, directions.as_slice()?, envelope)?)
+    let tables = tables(strength, quadrants)?;
+    Ok(Subject::new(parameters.as_slice()?, directions.as_slice()?, envelope, tables)?)
 }
 
 /// Steps, each with its derivatives.
@@ -112,9 +120,8 @@ fn work(subject: &Subject, run: &Run<'_>) -> usize {
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add("GREY_BOX_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
     module.add("GREY_BOX_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
-    module.add_function(wrap_pyfunction!(plant_sensitivities, module)?)?;
-    module.add_function(wrap_pyfunction!(plant_products, module)?)?;
+    module.add_function(wrap_pyfunction!(drive_train_sensitivities, module)?)?;
+    module.add_function(wrap_pyfunction!(drive_train_products, module)?)?;
     Ok(())
 }

@@ -2,14 +2,15 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::drive_train::{Ramp, Run};
+use crate::drive_train::{DriveTrain, Ramp, Run};
 use crate::error::{Error, Result};
 use crate::integrate::Hold;
-use crate::plant::{Envelope, Slope, State, limited};
+use crate::plant::{Envelope, Governor, Propeller, Slope, State, limited};
 use crate::scalar::{Scalar, Tangent};
 use crate::stop::{CHECK_EVERY, Stop};
 
-use super::parameters::{Subject, Train};
+use super::parameters::Subject;
+use super::whole::through_whole;
 
 /// Names of what can be asked for: `n_e`, `n_s` [rev/s], `M_b`, `M_g` [Nm], `X_f` [mm], `E_n` [rev].
 pub const OUTPUTS: [&str; 6] = ["n_e", "n_s", "M_b", "M_g", "X_f", "E_n"];
@@ -30,6 +31,18 @@ impl Output {
     const ALL: [Self; OUTPUTS.len()] =
         [Self::EngineSpeed, Self::ShaftSpeed, Self::BrakeTorque, Self::GaugeTorque, Self::Rack, Self::Error];
 
+    /// Its place among the rows of the whole drive train.
+    pub(super) fn row(self) -> usize {
+        match self {
+            Self::EngineSpeed => 0,
+            Self::ShaftSpeed => 1,
+            Self::BrakeTorque => 2,
+            Self::GaugeTorque => 3,
+            Self::Rack => 5,
+            Self::Error => 6,
+        }
+    }
+
     /// By their places in [`OUTPUTS`].
     ///
     /// # Errors
@@ -49,6 +62,9 @@ impl Output {
     }
 }
 
+/// What takes a block of outputs: the first sample, then for each sample a number an output.
+pub type Consume<'a, const N: usize> = dyn FnMut(usize, &[Tangent<N>]) -> Result<()> + 'a;
+
 /// March a subject through a run, and give the chosen outputs to `consume` in blocks of at most so many samples: the
 /// first sample, then for each sample a number an output.
 pub fn march<const N: usize>(
@@ -57,9 +73,12 @@ pub fn march<const N: usize>(
     outputs: &[Output],
     block: usize,
     stop: &Stop,
-    consume: impl FnMut(usize, &[Tangent<N>]) -> Result<()>,
+    consume: &mut Consume<'_, N>,
 ) -> Result<()> {
     let block = block.min((CHECK_EVERY / run.substeps).max(1));
+    if !subject.is_plant() {
+        return through_whole(subject, run, outputs, block, stop, consume);
+    }
     match &subject.envelope {
         Envelope::Constant(limit) => {
             Arch::new().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
@@ -71,25 +90,23 @@ pub fn march<const N: usize>(
     }
 }
 
-struct Through<'a, L, F, const N: usize> {
+struct Through<'a, 'c, L, const N: usize> {
     subject: &'a Subject,
     limit: L,
     run: &'a Run<'a>,
     outputs: &'a [Output],
     block: usize,
     stop: &'a Stop,
-    consume: F,
+    consume: &'a mut Consume<'c, N>,
 }
 
-impl<L: Slope, F: FnMut(usize, &[Tangent<N>]) -> Result<()>, const N: usize> WithSimd
-    for Through<'_, L, F, N>
-{
+impl<L: Slope, const N: usize> WithSimd for Through<'_, '_, L, N> {
     type Output = Result<()>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
-        let Self { subject, limit, run, outputs, block, stop, mut consume } = self;
-        let mut march = March::new(subject.train::<S, N>(simd), limit, run);
+        let Self { subject, limit, run, outputs, block, stop, consume } = self;
+        let mut march = March::new(subject.drive_train::<S, N>(simd), limit, run);
         let samples = run.set_speed.len();
         let mut rows = vec![Tangent { value: 0.0, slopes: [0.0; N] }; block * outputs.len()];
         for from in (0..samples).step_by(block) {
@@ -102,16 +119,24 @@ impl<L: Slope, F: FnMut(usize, &[Tangent<N>]) -> Result<()>, const N: usize> Wit
                 }
                 march.pass(from + k, flow);
             }
-            if let Some(bad) = rows.iter().position(|number| !is_finite(number)) {
-                let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
-                let what =
-                    if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
-                return Err(Error::Diverged { sample, time: sample as f64 * run.dt, what });
-            }
+            require_finite(from, rows, outputs, run.dt)?;
             consume(from, rows)?;
         }
         Ok(())
     }
+}
+
+/// Refuse a block from a sample on that holds what is not finite.
+pub(super) fn require_finite<const N: usize>(
+    from: usize,
+    rows: &[Tangent<N>],
+    outputs: &[Output],
+    dt: f64,
+) -> Result<()> {
+    let Some(bad) = rows.iter().position(|number| !is_finite(number)) else { return Ok(()) };
+    let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
+    let what = if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
+    Err(Error::Diverged { sample, time: sample as f64 * dt, what })
 }
 
 fn is_finite<const N: usize>(number: &Tangent<N>) -> bool {
@@ -137,6 +162,8 @@ struct Piece<T> {
 #[derive(Debug, Clone, Copy)]
 struct Feed<'a, T> {
     samples: &'a [f64],
+    /// What it was before the record [rev/s].
+    before: f64,
     dt: f64,
     hold: Hold,
     /// Whole sample intervals of the dead time, and what is left of it; None without one.
@@ -144,36 +171,40 @@ struct Feed<'a, T> {
 }
 
 impl<'a, T: Scalar> Feed<'a, T> {
-    fn new(train: &Train<T>, run: &Run<'a>) -> Self {
+    fn new(train: &DriveTrain<T>, run: &Run<'a>) -> Self {
         let Run { set_speed: samples, dt, hold, .. } = *run;
         let intervals = (train.set_dead_time.value() / dt).floor();
         let rest = train.set_dead_time + -intervals * dt;
         let rest = rest + (LEAST_PART * dt - rest.value()).max(0.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Not negative; saturates.
         let late = (intervals as usize, rest);
-        Self { samples, dt, hold, late: train.delays.then_some(late) }
+        let before = train.set_point_before.value();
+        Self {
+            samples,
+            before,
+            dt,
+            hold,
+            late: if train.set_dead_time.is_zero() { None } else { Some(late) },
+        }
     }
 
-    /// The sample so many intervals before sample `k`; outside the record its ends hold.
+    /// From a sample so many intervals before sample `k` on: its value and the slope to the next; ends of the record hold.
     #[inline(always)]
-    fn before(&self, k: usize, intervals: usize) -> f64 {
-        self.samples[k.saturating_sub(intervals).min(self.samples.len() - 1)]
+    fn from(&self, k: usize, intervals: usize) -> (f64, f64) {
+        let Some(piece) = k.checked_sub(intervals) else { return (self.before, 0.0) };
+        let last = self.samples.len() - 1;
+        let (from, to) = (self.samples[piece.min(last)], self.samples[(piece + 1).min(last)]);
+        (from, if self.hold == Hold::First { (to - from) / self.dt } else { 0.0 })
     }
 
     /// The pieces between sample `k` and the next, the last of them beginning where a sample arrives.
     #[inline(always)]
     fn pieces(&self, k: usize, like: T) -> (Option<Piece<T>>, Piece<T>) {
-        let slope = |from: f64, to: f64| if self.hold == Hold::First { (to - from) / self.dt } else { 0.0 };
         let whole = self.late.map_or(0, |(whole, _)| whole);
-        let arriving = self.before(k, whole);
-        let main = Piece {
-            set: like.constant(arriving),
-            slope: slope(arriving, self.before(k + 1, whole)),
-            duration: like.constant(self.dt),
-        };
+        let (arriving, slope) = self.from(k, whole);
+        let main = Piece { set: like.constant(arriving), slope, duration: like.constant(self.dt) };
         let Some((_, part)) = self.late else { return (None, main) };
-        let past = self.before(k, whole.saturating_add(1));
-        let slope = slope(past, arriving);
+        let (past, slope) = self.from(k, whole.saturating_add(1));
         let left = main.duration - part;
         let lead = Piece { set: left * slope + past, slope, duration: part };
         (Some(lead), Piece { duration: left, ..main })
@@ -196,7 +227,11 @@ struct Flow<T> {
 
 /// A simulation under way. Its state is the engine speed [rev/s] and the integrated error [rev].
 struct March<'a, T, L> {
-    train: Train<T>,
+    train: DriveTrain<T>,
+    governor: Governor<T>,
+    propeller: Propeller<T>,
+    /// Whether the propeller's exponent is 2 in all directions.
+    square: bool,
     /// What a brake torque of 1 Nm adds to the rate of the engine speed, and what the propeller takes from it where
     /// that is 1 rev/s: gearbox, shaft and propeller folded, since they are linear in torques.
     drive: T,
@@ -211,20 +246,38 @@ struct March<'a, T, L> {
 }
 
 impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
-    fn new(train: Train<T>, limit: L, run: &'a Run<'a>) -> Self {
+    fn new(train: DriveTrain<T>, limit: L, run: &'a Run<'a>) -> Self {
         let feed = Feed::new(&train, run);
-        let Train { governor, engine, gearbox, propeller, shaft, .. } = &train;
+        let DriveTrain { engine, gearbox, shaft, actuator, .. } = &train;
+        let crate::drive_train::Governor { base_rack, proportional, integral, .. } = train.governor;
+        let governor = Governor { base_rack, proportional, integral };
+        let crate::drive_train::Propeller { coefficient, exponent, .. } = train.propeller;
+        let propeller = Propeller { coefficient, exponent };
+        let square = exponent == exponent.constant(2.0);
         let state = State { speed: train.initial_speed * gearbox.ratio, error: train.initial_error };
-        // As if the set point had stood at its first sample for long.
-        let rack = governor.rack(state.error.constant(run.set_speed[0]) - state.speed, state.error);
-        let ramps = train.ramps(rack, engine.demand(rack, state.speed));
+        let rack = governor.rack(train.set_point_before - state.speed, state.error);
+        let ramps =
+            [Ramp::new(actuator.rate, rack), Ramp::new(train.torque_rate, engine.demand(rack, state.speed))];
         let (zero, one) = (state.speed.constant(0.0), state.speed.constant(1.0));
         let shaft_per_engine_speed = one / gearbox.ratio;
         let engine_speed_from =
             |drive, load| shaft.answer(drive, load, zero, zero).engine_side * gearbox.ratio;
         let drive = engine_speed_from(gearbox.shaft_torque(one), zero);
         let drag = engine_speed_from(zero, propeller.torque(shaft_per_engine_speed));
-        Self { train, drive, drag, shaft_per_engine_speed, limit, run, feed, state, ramps }
+        Self {
+            governor,
+            propeller,
+            square,
+            drive,
+            drag,
+            shaft_per_engine_speed,
+            limit,
+            run,
+            feed,
+            state,
+            ramps,
+            train,
+        }
     }
 
     /// All signals at sample `k`, the next one.
@@ -260,8 +313,8 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
             Output::ShaftSpeed => self.state.speed * self.shaft_per_engine_speed,
             Output::BrakeTorque => flow.brake,
             Output::GaugeTorque => {
-                let Train { gearbox, propeller, shaft, .. } = &self.train;
-                let load = propeller.torque(self.state.speed * self.shaft_per_engine_speed);
+                let DriveTrain { gearbox, shaft, .. } = &self.train;
+                let load = self.propeller.torque(self.state.speed * self.shaft_per_engine_speed);
                 let zero = load.constant(0.0);
                 shaft.answer(gearbox.shaft_torque(flow.brake), load, zero, zero).gauge
             }
@@ -304,17 +357,17 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
     /// Everything at a set point and a state, so long [s] after a step began.
     #[inline(always)]
     fn flow(&mut self, set: T, elapsed: T, state: State<T>) -> Flow<T> {
-        let Train { governor, engine, propeller, limit_factor, square, .. } = &self.train;
+        let DriveTrain { engine, limit_factor, .. } = &self.train;
         let (miss, speed) = (set - state.speed, state.speed);
-        let ordered = governor.rack(miss, state.error);
+        let ordered = self.governor.rack(miss, state.error);
         let rack = self.ramps[0].reached(ordered, elapsed);
         let demand = engine.demand(rack, speed);
         let limit = self.limit.torque(speed.value());
-        let limit = ((speed + -speed.value()) * self.limit.slope() + limit) * *limit_factor;
+        let limit = speed.function(limit, self.limit.slope()) * *limit_factor;
         let demand = limited(demand, engine.minimum_torque, limit);
         let brake = self.ramps[1].reached(demand, elapsed);
         // Mostly a square: a branch that is always foreseen, and no power function.
-        let taken = if *square { speed.square() } else { speed.power(propeller.exponent) };
+        let taken = if self.square { speed.square() } else { speed.power(self.propeller.exponent) };
         let acceleration = brake * self.drive + taken * self.drag;
         Flow { ordered, rack, demand, brake, acceleration, miss }
     }

@@ -1,70 +1,49 @@
-//! Parameter vector of the plant with its elements, and the directions in which it is differentiated.
+//! The drive train whose outputs are differentiated, and the directions of its parameters in which they are.
 
-use crate::drive_train::{Ramp, Shaft};
-use crate::error::{Error, Result, require};
-use crate::plant::{self, Engine, Envelope, Gearbox, Governor, Plant, Propeller};
-use crate::scalar::{Dual, Scalar, Tangent};
 use pulp::Simd;
 
-const OWN: [&str; 7] = [
-    "propeller_inertia",
-    "limit_factor",
-    "rack_rate",
-    "torque_rate",
-    "set_dead_time",
-    "initial_speed",
-    "initial_error",
-];
-const WIDTH: usize = plant::PARAMETERS.len() + OWN.len();
+use crate::drive_train::{DriveTrain, PARAMETERS, Tables};
+use crate::error::{Error, Result, require};
+use crate::plant::Envelope;
+use crate::scalar::{Dual, Tangent};
 
-/// Names of the entries of a parameter vector, in order: those of the plant first.
-pub const PARAMETERS: [&str; WIDTH] = {
-    let mut names = [""; WIDTH];
-    let mut i = 0;
-    while i < WIDTH {
-        names[i] =
-            if i < plant::PARAMETERS.len() { plant::PARAMETERS[i] } else { OWN[i - plant::PARAMETERS.len()] };
-        i += 1;
-    }
-    names
-};
+const WIDTH: usize = PARAMETERS.len();
+
+/// Parameters of elements that the plant with ramps and a late set point has not, as they are where nothing acts.
+const OFF: [(&str, f64); 15] = [
+    ("shaft_stiffness", f64::INFINITY),
+    ("drag_coefficient", 0.0),
+    ("Kd_abs", 0.0),
+    ("governor_period", 0.0),
+    ("anti_windup", 0.0),
+    ("minimum_rack", f64::NEG_INFINITY),
+    ("maximum_rack", f64::INFINITY),
+    ("smoke_margin", f64::INFINITY),
+    ("fuel_dead_time", 0.0),
+    ("fuel_lag", 0.0),
+    ("firing_interval", 0.0),
+    ("shaft_ripple", 0.0),
+    ("blade_ripple", 0.0),
+    ("ship_mass", f64::INFINITY),
+    ("set_point_before", f64::NAN),
+];
+
+/// Parameters by which nothing is differentiated: counts, switches, and what divides the time or the turn.
+const HELD: [&str; 5] = ["governor_period", "anti_windup", "firing_interval", "firing_width", "blades"];
+/// Parameters of which zero means that there is no such element.
+const ABSENT_AT_ZERO: [&str; 2] = ["fuel_dead_time", "fuel_lag"];
 
 /// Directions that one pass can differentiate in: more than there are parameters tell nothing more.
 pub const MOST: usize = 24;
 
-/// A plant and the directions of its parameters in which it is differentiated.
+/// A drive train and the directions of its parameters in which it is differentiated.
 #[derive(Debug, Clone)]
 pub struct Subject {
     values: [f64; WIDTH],
     /// One row of [`PARAMETERS`] a direction.
     directions: Vec<f64>,
+    tables: Tables,
     pub(super) envelope: Envelope,
-}
-
-/// The components, of numbers of one kind.
-#[derive(Debug, Clone)]
-pub struct Train<T> {
-    pub governor: Governor<T>,
-    pub engine: Engine<T>,
-    pub gearbox: Gearbox<T>,
-    pub propeller: Propeller<T>,
-    pub shaft: Shaft<T>,
-    /// On the torque envelope.
-    pub limit_factor: T,
-    /// Of the rack [mm/s].
-    pub rack_rate: T,
-    /// Of the brake torque [Nm/s].
-    pub torque_rate: T,
-    /// Of the set point's path [s].
-    pub set_dead_time: T,
-    /// Whether the propeller's exponent is 2 in all directions.
-    pub square: bool,
-    /// Whether there is a dead time, or a derivative by it.
-    pub delays: bool,
-    /// Of the shaft [rev/s].
-    pub initial_speed: T,
-    /// Integrated error [rev].
-    pub initial_error: T,
 }
 
 impl Subject {
@@ -72,21 +51,10 @@ impl Subject {
     ///
     /// # Errors
     /// Where a length is wrong or a value makes no sense; the message names it.
-    pub fn new(values: &[f64], directions: &[f64], envelope: Envelope) -> Result<Self> {
-        let Ok(values) = <[f64; WIDTH]>::try_from(values) else {
-            return Err(Error::Invalid(format!("parameters has {} values, expected {WIDTH}", values.len())));
-        };
-        let (shared, own) = values.split_at(plant::PARAMETERS.len());
-        Plant::from_parameters(shared, "parameters")?;
-        for (name, &value) in OWN.iter().zip(own) {
-            let (fits, expected) = match *name {
-                "rack_rate" | "torque_rate" => (value > 0.0, "a positive number, infinity for none"),
-                "limit_factor" => (value > 0.0 && value.is_finite(), "a positive number"),
-                "set_dead_time" | "propeller_inertia" => (value >= 0.0 && value.is_finite(), "zero or more"),
-                _ => (value.is_finite(), "a finite number"),
-            };
-            require(fits, || format!("parameters: {name} is {value}, expected {expected}"))?;
-        }
+    pub fn new(values: &[f64], directions: &[f64], envelope: Envelope, tables: Tables) -> Result<Self> {
+        DriveTrain::of_any_inertias(values, tables.clone())?;
+        let values = <[f64; WIDTH]>::try_from(values)
+            .map_err(|_| Error::Internal("the parameter vector changed its length".to_owned()))?;
         require(directions.len().is_multiple_of(WIDTH) && directions.len() <= MOST * WIDTH, || {
             format!("directions has {} values, expected up to {MOST} rows of {WIDTH}", directions.len())
         })?;
@@ -96,11 +64,14 @@ impl Subject {
                 format!("directions[{row}]: {name} is {slope}, expected a finite number")
             })?;
             let value = values[place % WIDTH];
-            require(*slope == 0.0 || value.is_finite(), || {
-                format!("directions[{row}]: {name} is {slope}, expected 0 where the parameter is {value}")
+            let absent = !value.is_finite() || (value == 0.0 && ABSENT_AT_ZERO.contains(&name));
+            require(*slope == 0.0 || !(absent || HELD.contains(&name)), || {
+                let why =
+                    if absent { format!("where the parameter is {value}") } else { "always".to_owned() };
+                format!("directions[{row}]: {name} is {slope}, expected 0 {why}")
             })?;
         }
-        Ok(Self { values, directions: directions.to_vec(), envelope })
+        Ok(Self { values, directions: directions.to_vec(), tables, envelope })
     }
 
     /// Number of directions.
@@ -111,69 +82,41 @@ impl Subject {
 
     /// Whether a parameter has this value in all directions.
     fn is_constant(&self, name: &str, value: f64) -> bool {
-        let place = PARAMETERS.iter().position(|&other| other == name).unwrap_or(WIDTH);
-        let mut all = self.values.iter().skip(place).take(1).map(|found| found - value);
-        let mut slopes = self.directions.iter().skip(place).step_by(WIDTH).copied();
-        all.all(|difference| difference == 0.0) && slopes.all(|slope| slope == 0.0)
+        let place = place(name);
+        let same =
+            self.values[place].to_bits() == value.to_bits() || self.values[place] == value || value.is_nan();
+        let mut slopes = self.directions.iter().skip(place).step_by(WIDTH);
+        same && slopes.all(|slope| *slope == 0.0)
     }
 
-    /// The plant in numbers with room for `N` directions.
-    pub(super) fn train<S: Simd, const N: usize>(&self, simd: S) -> Train<Dual<S, N>> {
+    /// Whether nothing acts but ramps and a dead time of the set point.
+    #[must_use]
+    pub fn is_plant(&self) -> bool {
+        self.tables.quadrants.is_none() && OFF.iter().all(|(name, value)| self.is_constant(name, *value))
+    }
+
+    /// The drive train it is.
+    ///
+    /// # Errors
+    /// None: the values are checked.
+    pub(super) fn whole(&self) -> Result<DriveTrain> {
+        DriveTrain::of_any_inertias(&self.values, self.tables.clone())
+    }
+
+    /// The whole drive train in numbers with room for `N` directions.
+    pub(super) fn drive_train<S: Simd, const N: usize>(&self, simd: S) -> DriveTrain<Dual<S, N>> {
         let mut numbers = self.values.map(|value| Tangent { value, slopes: [0.0; N] });
         for (row, slopes) in self.directions.chunks_exact(WIDTH).enumerate() {
             for (number, slope) in numbers.iter_mut().zip(slopes) {
                 number.slopes[row] = *slope;
             }
         }
-        let [
-            inertia,
-            ratio,
-            efficiency,
-            rack_gain,
-            speed_gain,
-            offset,
-            coefficient,
-            exponent,
-            base_rack,
-            proportional,
-            integral,
-            minimum_torque,
-            propeller_side,
-            limit_factor,
-            rack_rate,
-            torque_rate,
-            set_dead_time,
-            initial_speed,
-            initial_error,
-        ] = numbers.map(|number| Dual::new(simd, number));
-        Train {
-            governor: Governor { base_rack, proportional, integral },
-            engine: Engine { rack_gain, speed_gain, offset, minimum_torque },
-            gearbox: Gearbox { ratio, efficiency },
-            propeller: Propeller { coefficient, exponent },
-            shaft: Shaft {
-                engine_side: inertia - propeller_side,
-                propeller_side,
-                stiffness: inertia.constant(f64::INFINITY),
-                damping: inertia.constant(0.0),
-            },
-            limit_factor,
-            rack_rate,
-            torque_rate,
-            set_dead_time,
-            square: self.is_constant("torque_exponent", 2.0),
-            delays: !self.is_constant("set_dead_time", 0.0),
-            initial_speed,
-            initial_error,
-        }
+        DriveTrain::of(numbers.map(|number| Dual::new(simd, number)), self.tables.clone())
     }
 }
 
-impl<T: Scalar> Train<T> {
-    /// Ramps at rest at a rack position [mm] and a brake torque [Nm].
-    pub fn ramps(&self, rack: T, torque: T) -> [Ramp<T>; 2] {
-        [Ramp::new(self.rack_rate, rack), Ramp::new(self.torque_rate, torque)]
-    }
+fn place(name: &str) -> usize {
+    PARAMETERS.iter().position(|&other| other == name).unwrap_or(WIDTH)
 }
 
 #[cfg(test)]
@@ -187,16 +130,23 @@ mod tests {
                 let (mut values, mut direction) = ([1.0; WIDTH], [0.0; WIDTH]);
                 values[place] = odd;
                 direction[place] = 1.0;
-                let _ = Subject::new(&values, &direction, Envelope::new(&[], &[]).unwrap());
-                let _ = Subject::new(&[1.0; WIDTH], &values, Envelope::new(&[], &[]).unwrap());
+                let _ =
+                    Subject::new(&values, &direction, Envelope::new(&[], &[]).unwrap(), Tables::default());
+                let _ =
+                    Subject::new(&[1.0; WIDTH], &values, Envelope::new(&[], &[]).unwrap(), Tables::default());
             }
         }
     }
 
     #[test]
     fn more_directions_than_there_is_room_for_are_refused() {
-        let envelope = || Envelope::new(&[], &[]).unwrap();
-        assert!(Subject::new(&[1.0; WIDTH], &[0.5; MOST * WIDTH], envelope()).is_ok());
-        assert!(Subject::new(&[1.0; WIDTH], &[0.5; (MOST + 1) * WIDTH], envelope()).is_err());
+        let subject = |rows: usize| {
+            let mut values = [1.0; WIDTH];
+            (values[place("maximum_rack")], values[place("firing_interval")]) = (2.0, 0.0);
+            let directions = vec![0.0; rows * WIDTH];
+            Subject::new(&values, &directions, Envelope::new(&[], &[]).unwrap(), Tables::default())
+        };
+        assert!(subject(MOST).is_ok());
+        assert!(subject(MOST + 1).is_err());
     }
 }

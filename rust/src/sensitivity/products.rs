@@ -88,7 +88,7 @@ impl<'a> Record<'a> {
     fn sums_of<const N: usize>(&self, subject: &Subject, stop: &Stop) -> Result<Sums> {
         let mut columns = Columns::new(self, subject.directions());
         let mut sums = sums::Sums::new(columns.count());
-        march::<N>(subject, &self.run, &self.outputs, BLOCK, stop, |from, rows| {
+        march::<N>(subject, &self.run, &self.outputs, BLOCK, stop, &mut |from, rows| {
             columns.lay(from, rows);
             columns.filter();
             sums.count += columns.mask();

@@ -48,7 +48,7 @@ fn fill<const N: usize>(
     stop: &Stop,
 ) -> Result<()> {
     let (count, samples) = (outputs.len(), run.set_speed.len());
-    march::<N>(subject, run, outputs, CHECK_EVERY, stop, |from, rows| {
+    march::<N>(subject, run, outputs, CHECK_EVERY, stop, &mut |from, rows| {
         for (k, row) in rows.chunks_exact(count).enumerate() {
             for (output, number) in row.iter().enumerate() {
                 values[output * samples + from + k] = number.value;
