@@ -191,7 +191,7 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
 
     #[inline(always)]
     fn power(self, exponent: Self) -> Self {
-        if exponent.value == 1.0 && exponent.is_constant() {
+        if exponent == exponent.constant(1.0) {
             return self;
         }
         let [value, by_base, by_exponent] = power_and_slopes(self.value, exponent.value);

@@ -265,6 +265,7 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
         let drive = engine_speed_from(gearbox.shaft_torque(one), zero);
         let drag = engine_speed_from(zero, propeller.torque(shaft_per_engine_speed));
         Self {
+            train,
             governor,
             propeller,
             square,
@@ -276,7 +277,6 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
             feed,
             state,
             ramps,
-            train,
         }
     }
 

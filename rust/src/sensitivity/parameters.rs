@@ -83,8 +83,7 @@ impl Subject {
     /// Whether a parameter has this value in all directions.
     fn is_constant(&self, name: &str, value: f64) -> bool {
         let place = place(name);
-        let same =
-            self.values[place].to_bits() == value.to_bits() || self.values[place] == value || value.is_nan();
+        let same = value.is_nan() || self.values[place].total_cmp(&value).is_eq();
         let mut slopes = self.directions.iter().skip(place).step_by(WIDTH);
         same && slopes.all(|slope| *slope == 0.0)
     }
