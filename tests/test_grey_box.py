@@ -219,8 +219,17 @@ def test_a_pass_band_leaves_slow_motion_as_it_is_and_masks_what_its_filter_does_
     inside = np.isfinite(passed.measured(log)).all(axis=0)
     assert 0.8 < inside.mean() < 1.0
     np.testing.assert_allclose(
-        passed.measured(log)[:, inside], plain.measured(log)[:, inside], atol=5e-4 * np.ptp(plain.measured(log))
+        passed.measured(log)[:, inside],
+        plain.measured(log)[:, inside],
+        atol=5e-4 * np.ptp(plain.measured(log)),
     )
+
+
+def test_a_pass_band_holds_for_measured_outputs_behind_ties_too():
+    log = simulate(LAUNCH, signals.chirp(0.05, 0.5, 30.0, 40.0, rate_hz=50.0))
+    structure = Structure.grey_box(LAUNCH, ["inertia", "A1"], pass_hz=3.0)
+    tied = structure.with_tied(A1=("inertia", 1.0, 0.0))
+    np.testing.assert_array_equal(tied.measured(log), structure.measured(log))
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,11 @@ class JointEquations:
         """Whether every trial's loop is stable, as far as its equations can tell."""
         return all(part.stable is None or part.stable(values) for part in self.parts.values())
 
+    def passed(self, rows: Array, experiment: Experiment) -> Array:
+        """Return measured outputs behind the filter of the trial's equations, if they have one."""
+        passed = self.part(experiment.name).passed
+        return rows if passed is None else passed(rows, experiment)
+
     def part(self, name: str) -> PartEquations:
         """Return the equations of one trial.
 

@@ -113,6 +113,11 @@ class Behind:
         """The equations' own pass over an experiment, None where they have none."""
         return None if getattr(self.equations, "products", None) is None else self._products
 
+    @property
+    def passed(self) -> Callable[[Array, Experiment], Array] | None:
+        """The filter that measured outputs go through, too, None without one."""
+        return getattr(self.equations, "passed", None)
+
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return self.equations.simulate(self._values(values), experiment)
