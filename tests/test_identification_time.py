@@ -253,3 +253,20 @@ def test_dead_times_that_are_not_there_are_found_to_be_none():
     for name in ("T_d", "T_set"):
         assert found[name].value < 0.02
         assert found[name].ci95[0] < 0.002
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_dead_times_that_a_ship_has_not_are_bounded_from_above(seed):
+    """Where both vanish, only their sum has a slope: what tells one from the other is the square of a time."""
+    tug = Vessel.load("stan-tug-1205")
+    both = Structure.linear(
+        torque="gauge", products=True, free_exponent=True, dead_time_loop=True, dead_time_set_point=True
+    )
+    chirp = signals.standard("chirp", 80.0, 35.0, rate_hz=50.0)
+    found = identify(simulate(tug, chirp, noise={"n_e": 0.003, "M_g": 0.02}, seed=seed), both, starts=2)
+    assert found.settings["converged"], found.settings["message"]
+    for name in ("T_d", "T_set"):
+        assert found[name].status in ("free", "at_bound"), found[name].reason
+        low, high = found[name].ci95
+        assert low == 0.0
+        assert 0.0 < high < 1e-3

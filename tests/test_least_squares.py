@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
+from shipfp_rs.gauss_newton import Bounds, Point, gauss_newton_step
 from shipfp_rs.least_squares import minimise, search
 
 INF = np.inf
@@ -28,6 +30,25 @@ def freudenstein_roth(x):
     a, b = x
     residual = [-13 + a + ((5 - b) * b - 2) * b, -29 + a + ((b + 1) * b - 14) * b]
     return np.array(residual), np.array([[1, 10 * b - 3 * b**2 - 2], [1, 3 * b**2 + 2 * b - 14]])
+
+
+@pytest.mark.parametrize("condition", [1e1, 1e4, 1e6])
+def test_a_step_between_bounds_is_scipy_s(condition):
+    """Bounded linear least squares from a corner: SciPy's `lsq_linear` knows the least sum of squares."""
+    random = np.random.default_rng(12)
+    for _ in range(20):
+        left, _ = np.linalg.qr(random.normal(size=(20, 6)))
+        right, _ = np.linalg.qr(random.normal(size=(6, 6)))
+        jacobian = left * np.geomspace(1.0, 1.0 / condition, 6) @ right
+        residual, bounds = random.normal(size=20), Bounds(np.zeros(6), np.ones(6))
+        start = random.choice([0.0, 1e-9, 0.5, 1.0], size=6)
+        step = gauss_newton_step(Point(start, residual, jacobian, float(residual @ residual)), bounds)
+        least = 2.0 * lsq_linear(jacobian, jacobian @ start - residual, (0.0, 1.0), tol=1e-14).cost
+        after = residual + jacobian @ step.step
+        assert (start + step.step >= -1e-12).all()
+        assert (start + step.step <= 1.0 + 1e-12).all()
+        assert step.promise == pytest.approx(residual @ residual - after @ after, rel=1e-6, abs=1e-12)
+        assert step.promise == pytest.approx(residual @ residual - least, rel=1e-6, abs=1e-9)
 
 
 class TestMinimum:

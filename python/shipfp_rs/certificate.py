@@ -27,7 +27,7 @@ FAR = (0.1, 0.01, 10.0)
 """Factors by which a parameter without any effect is tried elsewhere: it may have started on a plateau."""
 
 
-def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
+def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float, hidden: float = 0.0) -> str:
     """Say why a point may not be a minimum; an empty text where nothing speaks against it.
 
     Parameters
@@ -39,6 +39,8 @@ def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
     tolerance
         Part of the cost that a Gauss-Newton step may still promise: the square of the relative offset of Bates and
         Watts (Technometrics 23 (1981) 179-183), but for the degrees of freedom.
+    hidden
+        Part of the cost that the noise hides: a step that promises less, however long, is no reason to doubt.
     """
     step = gauss_newton_step(point, bounds)
     slope, slope_before = (np.linalg.norm(p.jacobian, axis=0) for p in (point, start))
@@ -60,9 +62,9 @@ def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float) -> str:
     part = np.abs(step.step) / np.maximum(np.maximum(np.abs(point.vector), size), SMALLEST)
     worst = int(np.argmax(part))
     # A long step that gains less than rounding leads along the floor of a valley: nowhere on it is better.
-    if part[worst] > STEP_TOLERANCE and step.promise > ROUNDING * point.cost:
+    if part[worst] > STEP_TOLERANCE and step.promise > max(ROUNDING, hidden) * point.cost:
         return f"entry {worst} of the vector still wants to move by {part[worst]:.1e} of its size"
-    if step.promise > tolerance * point.cost and part[worst] > EXACT_STEP:
+    if step.promise > max(tolerance, hidden) * point.cost and part[worst] > EXACT_STEP:
         return f"the sum of squares can still fall by {step.promise / point.cost:.1e} of itself"
     far = FAR_AWAY if _lost_rank(point, start, step.held) else FAR_AWAY**2
     away = free & (size > 0.0) & (np.abs(point.vector) > far * size)

@@ -25,6 +25,12 @@ Mask = npt.NDArray[np.bool_]
 
 AT_BOUND = 1e-5
 """A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
+CUT = 10.0
+"""Standard deviations: a parameter that the data leave open only so far, before one meets its bound, has an interval."""
+SHORT = 1e-3
+"""The same as a part of the width between its own bounds."""
+EDGE = 1e-6
+"""Part of a parameter's size that is as good as nothing to be left open over."""
 EXACT = 1e-7
 """Part of a parameter's size below which an interval is too narrow for its cost to be told from rounding."""
 NOTHING: Mapping[str, Any] = {"names": [], "matrix": []}
@@ -70,6 +76,9 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
     own = without_nuisance(jacobian, count)
     everything = Sensitivity.of(own, search.names, scale)
+    centre = np.array([values[name] for name in search.names])
+    low_high = np.array([(parameter.lower, parameter.upper) for parameter in search.free]).T
+    reach = everything.reach(centre, *low_high)
     on_bound = everything.held_by_bounds(np.array([_inward(search, values, index) for index in range(count)]))
 
     samples = sum(int(evaluation.valid.sum()) for evaluation in evaluations)
@@ -114,7 +123,9 @@ def estimates(search: Search, best: Minimum) -> Estimates:
             continue
         place = inner.names.index(name)
         # Bounds that cut a null direction leave an interval to the parameter that stands on one.
-        reason = "" if on_bound[index] else why_unknown(everything, index)
+        open_over = CUT * float(np.sqrt(covariance[place, place])) + EDGE * scale[index]
+        cut = reach[index] < min(open_over, SHORT * (parameter.upper - parameter.lower))
+        reason = "" if on_bound[index] or cut else why_unknown(everything, index)
         if not reason and not np.isfinite(covariance[place, place]):
             reason = "too few samples for an uncertainty"
         if not reason:
@@ -131,7 +142,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
                 )
         if reason:
             parameters[name] = Estimate(None, unit=parameter.unit, status="unidentifiable", reason=reason)
-        elif on_bound[index]:
+        elif on_bound[index] or _inward(search, values, index):
             where = f"on its {_side(parameter, values)} bound {values[name]:g}; the data allow"
             where += (
                 f" up to {high.value:.4g}" if values[name] == parameter.lower else f" down to {low.value:.4g}"

@@ -15,6 +15,8 @@ NULL_TOLERANCE = 1e-7
 """Directions with a singular value below this part of the largest are tried out instead of trusted."""
 ROUNDING = 1e-13
 """Part of the cost below which its changes are noise."""
+TURNS = 4
+"""Bounds met or left on the way to a step, as a multiple of the number of entries."""
 POLISH_STEPS = 30
 
 
@@ -56,7 +58,7 @@ class Step:
 
 
 def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
-    """Minimise the linearised sum of squares between the bounds.
+    """Minimise the linearised sum of squares between the bounds (Stark and Parker's BVLS, Comput. Stat. 10 (1995) 129).
 
     Directions with a singular value of the column-scaled Jacobian below `NULL_TOLERANCE` of the largest are left alone.
     """
@@ -67,24 +69,37 @@ def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
     factor = np.asarray(np.linalg.qr(np.column_stack([point.jacobian / scale, point.residual]), mode="r"))
     triangle, target = factor[:, :size], factor[:, size]
     slope = triangle.T @ target
-    held = ((point.vector <= bounds.lower) & (slope > 0.0)) | ((point.vector >= bounds.upper) & (slope < 0.0))
+    lower, upper = ((bound - point.vector) * scale for bound in (bounds.lower, bounds.upper))
+    held = ((lower >= 0.0) & (slope > 0.0)) | ((upper <= 0.0) & (slope < 0.0))
     step = np.zeros(size)
-    while True:
+    for _ in range(TURNS * size + 1):
         free = ~held
         left, singular, right = np.linalg.svd(triangle[:, free])
         rank = int(np.sum(singular > NULL_TOLERANCE * singular.max(initial=0.0)))
         rest = -(target + triangle[:, held] @ step[held])
-        step[free] = right[:rank].T @ ((left.T @ rest)[:rank] / singular[:rank])
-        moved = point.vector + step / scale
-        inside = bounds.clip(moved)
-        over = free & (moved != inside)
-        if not over.any():
+        best = step.copy()
+        best[free] = right[:rank].T @ ((left.T @ rest)[:rank] / singular[:rank])
+        way = best - step
+        room = np.where(way < 0.0, lower, upper) - step
+        part = np.divide(room, way, out=np.full(size, np.inf), where=free & (way != 0.0))
+        if part.min(initial=np.inf) < 1.0:
+            first = int(np.argmin(part))
+            # To the first bound on the way: the others may lie ahead only because this one would be passed.
+            step = np.clip(step + part[first] * way, lower, upper)
+            step[first] = lower[first] if way[first] < 0.0 else upper[first]
+            held[first] = True
+            continue
+        step = best
+        slope = triangle.T @ (target + triangle @ step)
+        inward = held * np.where(step <= lower, -slope, slope)
+        if not inward.max(initial=0.0) > ROUNDING * np.linalg.norm(target):
             break
-        step[over] = ((inside - point.vector) * scale)[over]
-        held |= over
+        held[int(np.argmax(inward))] = False
     null = np.zeros((len(right) - rank, size))
     null[:, free] = right[rank:]
-    return Step(step / scale, float(np.sum((triangle @ step) ** 2)), held, null / scale)
+    explained = triangle @ step
+    promise = -float((2.0 * target + explained) @ explained)
+    return Step(np.asarray(step / scale), max(promise, 0.0), held, null / scale)
 
 
 def polish(

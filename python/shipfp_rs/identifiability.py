@@ -104,6 +104,27 @@ class Sensitivity:
                 held[index] = False
         return np.asarray(held)
 
+    def reach(self, values: Array, lower: Array, upper: Array) -> Array:
+        """How far the null directions lead each parameter from one bound of any of them to the next, shape (P,)."""
+        reach = np.zeros(len(values))
+        if not len(self.null):
+            return reach
+        along = self.null.T * self.scale[:, None]
+        for index, row in enumerate(along):
+            if np.linalg.norm(self.null[:, index]) <= NULL_PART:
+                continue
+            ways = [
+                linprog(
+                    sign * row,
+                    A_ub=np.vstack([along, -along]) / np.tile(self.scale, 2)[:, None],
+                    b_ub=np.concatenate([upper - values, values - lower]) / np.tile(self.scale, 2),
+                    bounds=(None, None),
+                )
+                for sign in (1.0, -1.0)
+            ]
+            reach[index] = -sum(way.fun for way in ways) if all(way.success for way in ways) else np.inf
+        return reach
+
     def tells(self, gradient: Array) -> bool:
         """Whether a combination with this gradient (P,) has no part along a null direction."""
         relative = gradient * self.scale

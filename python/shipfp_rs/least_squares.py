@@ -34,6 +34,8 @@ WORTHWHILE = 1e-12
 """Part of an entry below which a step of it, near a minimum, is not worth an evaluation."""
 DEVIATIONS = 1e-7
 """Standard deviations of the estimates below which a step, near a minimum, is not."""
+HIDDEN = 1e-3
+"""The same below which a step along the bent floor of a valley, which the search can't take, leaves no doubt of its end."""
 ROUGH = 1e-6
 """Relative change of the sum of squares that ends an approach."""
 STOPPED = "stopped at the limit of"
@@ -329,7 +331,7 @@ def _minimise(
                 run(point)
             enough = {"worthwhile": WORTHWHILE, "promising": DEVIATIONS**2 / near} if near else {}
             point = polish(recorder, recorder.best, bounds, **enough)
-            message = doubt(point, first, bounds, tolerance)
+            message = doubt(point, first, bounds, tolerance, HIDDEN**2 / near if near else 0.0)
             lower = None if message else _way_down(recorder, run, point, first, bounds)
             if lower is not None:
                 point, message = lower, "a direction without slope leads further down"
