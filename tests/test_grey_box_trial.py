@@ -54,6 +54,22 @@ def test_a_run_finds_the_ship_in_its_own_terms(found):
     assert (found.structure["kind"], found.structure["torque"]) == ("grey box", "gauge")
 
 
+def test_a_pass_band_of_the_trial_file_is_the_structure_s(folder, capsys):
+    text = (folder / "TRIAL.toml").read_text() + "pass_hz = 3.0\n"
+    (folder / "banded.toml").write_text(text)
+    assert cli.main(["run", str(folder / "banded.toml"), "--out", str(folder / "banded")]) == 0
+    banded = Fingerprint.load(folder / "banded" / "fingerprint.json")
+    assert banded.structure["pass_hz"] == 3.0
+    assert banded["torque_exponent"].value == pytest.approx(
+        banded.structure["parameters"]["torque_exponent"]["start"], rel=0.05
+    )
+    (folder / "wrong.toml").write_text(text.replace("pass_hz = 3.0", "pass_hz = -3.0"))
+    capsys.readouterr()
+    assert cli.main(["run", str(folder / "wrong.toml"), "--out", str(folder / "wrong")]) == 2
+    assert "structure.pass_hz" in capsys.readouterr().err
+    assert not (folder / "wrong").exists()
+
+
 def test_the_report_has_the_names_in_words_and_the_model_s_response_to_the_trial(folder, found):
     page = (folder / "result" / "report.html").read_text()
     assert "proportional gain of the governor" in page

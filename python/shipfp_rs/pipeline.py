@@ -131,6 +131,7 @@ def structure_of(trial: Trial, vessel: Vessel) -> Structure:
         box.free,
         torque=box.torque or located or "brake",
         outputs=_measured(box.outputs, located),
+        pass_hz=box.pass_hz,
     )
     return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
 

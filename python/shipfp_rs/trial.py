@@ -249,6 +249,8 @@ class GreyBox(Section):
     torque: Literal["gauge", "brake"] | None = None
     """None: what the torque channel's location says."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
+    pass_hz: Annotated[float, Field(gt=0.0)] | None = None
+    """Compare below this frequency only: above it an engine's firing has a phase that no fit can know."""
 
 
 OF_ANY_STRUCTURE = frozenset({"fixed", "priors", "tied", "weighting", "starts", "seed"})
@@ -496,5 +498,6 @@ seed = 0
 # [structure]                   # the vessel's own plant with its limits, in place of the lines above from torque to
 # kind = "grey_box"             # dead_time_set_point: starts at the vessel file's values, in their units
 # free = ["propeller_inertia", "Kp_abs", "Ki_abs", "torque_exponent"]
+# pass_hz = 5.0                 # compare below this frequency; for a vessel whose file has firing or ripple
 """
 """Text that `shipfp init` writes; valid as it stands."""
