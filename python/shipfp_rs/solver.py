@@ -289,6 +289,11 @@ class Search:
     def _reweighs(self) -> bool:
         return self.weights is None and self.weighting in ("variance", "determinant")
 
+    @property
+    def _whitens(self) -> bool:
+        """Whether residuals are in units of their deviation, by weights of their own or given ones."""
+        return self.weights is not None or self._reweighs
+
     def _weighted(
         self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
     ) -> Minimum:
@@ -346,7 +351,7 @@ class Search:
             return problem(kept, noise)
 
         search = (
-            approach if rough else partial(minimise, tolerance=self.tolerance, near=samples * self._reweighs)
+            approach if rough else partial(minimise, tolerance=self.tolerance, near=samples * self._whitens)
         )
         return search(
             both,
