@@ -26,10 +26,11 @@ ROUNDS = 5
 CLOSE = 0.2
 """Standard deviations of an estimate within which the simulated ship answers as the measured one does; the binding then
 takes it the rest of the way."""
-STEP = 1.0
-"""Of the differences, in standard deviations of the estimate."""
-STEP_OF_A_SHIP = 0.02
-"""The same as a part of each parameter, where there is no estimate."""
+STEP = 2.0
+"""Of the differences, in standard deviations of the estimate: over the whole of its interval."""
+STEP_OF_A_SHIP = 0.1
+"""The same as a part of each parameter, where there is no estimate. What an engine does once a firing makes waves in the
+answer to a dead time, of the period of the firings: the slope is meant that is left of them."""
 
 
 @dataclass(frozen=True)
