@@ -145,7 +145,7 @@ def _lost(kind: str, value: float | None = None) -> Callable[..., Damaged]:
         shortest = {"stuck": 520, "dropout": 40}.get(kind, 1)
         start, stop = _stretch(draw, window, shortest, 4000)
         name = str(draw.choice(["U_torque", "U_setpoint"])) if kind != "dropout" else "U_torque"
-        arrays[name] = simulated.lose(arrays[name], kind, start, stop)
+        arrays[name] = simulated.lose(arrays[name], kind, [(start, stop)])
         if value is not None:
             arrays[name][start:stop] = value
         told = (kind, "C") if kind == "dropout" else (kind,)

@@ -68,7 +68,7 @@ def test_a_channel_without_noise_may_rest() -> None:
 )
 def test_a_loss_is_told_to_the_sample(kind: str, start: int, length: int, seed: int) -> None:
     stop = min(start + length, SAMPLES)
-    spans = found(simulated.lose(torque(seed), kind, start, stop))
+    spans = found(simulated.lose(torque(seed), kind, [(start, stop)]))
     assert list(spans) == [kind]
     ((first, last),) = spans[kind]
     assert last == stop

@@ -436,8 +436,8 @@ class _Recorder:
         # Streams of their own: faults that came later change none of the earlier ones.
         for kind in simulated.LOSSES:
             chance = np.random.default_rng([simulated.LOSSES.index(kind), 1, self._seed])
-            for start, stop in self._strike_for(kind, "U_torque", chance, longest_s=2.0):
-                volts = simulated.lose(volts, kind, start, stop)
+            if lost := self._strike_for(kind, "U_torque", chance, longest_s=2.0):
+                volts = simulated.lose(volts, kind, lost)
         if "clipped" in self.strikes:
             volts, spans = simulated.clip(volts, self.sensors.clipped_share)
             self.faults["clipped"] = {"U_torque": spans / self.sensors.rate_hz}

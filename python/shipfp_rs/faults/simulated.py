@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -15,10 +15,11 @@ Array = npt.NDArray[np.float64]
 LOSSES: tuple[Literal["gap", "dropout", "stuck"], ...] = ("gap", "dropout", "stuck")
 
 
-def lose(samples: Array, kind: str, start: int, stop: int) -> Array:
-    """Return samples of which [start, stop) are NaN ("gap"), zero ("dropout") or stay as they were ("stuck")."""
+def lose(samples: Array, kind: str, spans: Sequence[tuple[int, int]]) -> Array:
+    """Return samples of which each [start, stop) is NaN ("gap"), zero ("dropout") or stays as it was ("stuck")."""
     lost = samples.copy()
-    lost[start:stop] = {"gap": np.nan, "dropout": 0.0, "stuck": samples[max(start - 1, 0)]}[kind]
+    for start, stop in spans:
+        lost[start:stop] = {"gap": np.nan, "dropout": 0.0, "stuck": samples[max(start - 1, 0)]}[kind]
     return lost
 
 
