@@ -20,9 +20,10 @@ from shipfp_rs.ship_parameters import parameters_of
 from shipfp_rs.trial import Trial
 from shipfp_rs.vessel import Vessel
 
-LAST_HZ = 1.0
-"""Up to here the tug's torque follows at the trial's amplitude; above, its limit of rate acts, which no linear structure
-has. S13 (1.637 Hz) is not fitted therefore, and the chirps are cut where they pass this frequency."""
+LAST_HZ = 0.9
+"""Up to here no limit acts at the trial's amplitude on any ship drawn: of the most lively ones the smoke limit acts from
+0.94 Hz on, of the tug itself the torque's limit of rate from 1.16 Hz. No linear structure has them. S13 (1.637 Hz) is not
+fitted therefore, and the chirps are cut where they pass this frequency."""
 RATE_HZ = 6.25
 """Keeps the ripple of the shaft (5.2 Hz), of the blades and of the engine out; 1.9 Hz are passed."""
 SIMULATED_HZ = 200.0
