@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import multiprocessing
 import os
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.answer import answered
+from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification import identify
@@ -26,6 +28,8 @@ from shipfp_rs.ship_parameters import with_parameters
 from shipfp_rs.statistics import fit_pct
 from shipfp_rs.structure import Structure
 from shipfp_rs.vessel import Vessel
+
+LOGGER = logging.getLogger("shipfp_rs")
 
 THESIS_RATE_HZ = 20.0
 """Of the thesis's structure, whose simulation joins the samples of the set point by straight lines."""
@@ -111,7 +115,7 @@ def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One trial of one ship: the truth, and what each part told."""
+    """One trial of one ship: the truth, and what each part told; nothing where it does not tell all that is asked."""
 
     seed: int
     truth: Mapping[str, float]
@@ -122,7 +126,11 @@ def outcome(seed: int, parts: Sequence[str], bound: Binding) -> Outcome:
     """Make a trial and identify parts of it."""
     names = tuple(dict.fromkeys(name for part in parts for name in experiments_of(part)))
     twin = Twin.of(seed, names)
-    return Outcome(seed, twin.truth, fitted_parts(twin, parts, bound))
+    try:
+        return Outcome(seed, twin.truth, fitted_parts(twin, parts, bound))
+    except (InputError, IdentificationError) as refusal:
+        LOGGER.warning("twin %d: %s", seed, refusal)
+        return Outcome(seed, twin.truth, {})
 
 
 def outcomes(seeds: Sequence[int], parts: Sequence[str], bound: Binding) -> Iterator[Outcome]:
@@ -130,8 +138,11 @@ def outcomes(seeds: Sequence[int], parts: Sequence[str], bound: Binding) -> Iter
     # Forked, the workers would inherit locks that the parent's threads hold.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context) as pool:
-        for future in as_completed([pool.submit(outcome, seed, parts, bound) for seed in seeds]):
-            yield future.result()
+        try:
+            for future in as_completed([pool.submit(outcome, seed, parts, bound) for seed in seeds]):
+                yield future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -141,7 +152,7 @@ class Score:
     Parameters
     ----------
     trials
-        Number of trials in which it was told.
+        Number of trials in which all parameters were told: now and then noise takes the dead time to its bound.
     inside
         Share of them whose 95 % interval holds the truth.
     inside_of_structure
@@ -165,6 +176,8 @@ def scores(found: Sequence[Outcome], part: str) -> dict[str, Score]:
 def _score(found: Sequence[Outcome], part: str, name: str) -> Score:
     rows = []
     for outcome in found:
+        if part not in outcome.told:
+            continue
         fingerprint, truth = outcome.told[part], outcome.truth[name]
         estimate, record = fingerprint.parameters[name], fingerprint.settings["indirect"]
         if estimate.value is None or estimate.std is None or estimate.ci95 is None:
@@ -212,6 +225,7 @@ def agreements(found: Sequence[Outcome]) -> dict[str, float]:
                     _distance(outcome.told[one].parameters[name], outcome.told[other].parameters[name])
                     < AGREE
                     for outcome in found
+                    if outcome.told
                     for one, other in combinations(PARTS, 2)
                 ]
             )
