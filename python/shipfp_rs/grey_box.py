@@ -83,7 +83,7 @@ def _rows(vessel: Vessel) -> dict[str, tuple[str, float, float, float]]:
     """Unit, start and bounds by name of what the vessel has; the start of a limit that it lacks is not finite."""
     own = drive_train(vessel).values
     torque, speed = vessel.nominal_brake_torque, vessel.nominal_engine_speed
-    load = own["torque_coefficient"] * vessel.nominal_shaft_speed ** own["torque_exponent"]
+    load = vessel.nominal_propeller_torque
     limit = 1.0 if vessel.engine.envelope else math.inf
     damping = own["shaft_damping"]
 

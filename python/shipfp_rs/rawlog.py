@@ -126,7 +126,7 @@ class Truth:
     reflector_angles
         Pulse train to the places of its reflectors [rev], ascending from 0.
     clean
-        The plant's own signals at the log's rate.
+        The plant's own signals, at the rate of the simulation.
     """
 
     linear: Mapping[str, float]
@@ -195,8 +195,10 @@ def simulate_raw_log(
     """
     sensors = sensors or Sensors()
     strikes = frozenset(faults)
+    if unknown := strikes - set(get_args(Kind)):
+        raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Kind))}")
     rate = simulated_hz or sensors.rate_hz
-    set_point, windows = joined(excitations, rate, steady_s, pause_s, even="D3" in strikes)
+    set_point, windows = _joined(excitations, rate, steady_s, pause_s, even="D3" in strikes)
     clean = simulate(vessel, set_point, n_e_rpm=n_e_rpm)
     model = linearise(vessel, n_e_rpm)
     moving = clean if inflow is None else disturbed(clean, model, inflow, seed)
@@ -212,31 +214,6 @@ def simulate_raw_log(
     return log, truth
 
 
-def recorded(
-    moving: Experiment,
-    vessel: Vessel,
-    windows: Sequence[TrueWindow] = (),
-    *,
-    sensors: Sensors | None = None,
-    faults: Iterable[Kind] = ("A", "C", "D1"),
-    seed: int = 0,
-) -> Log:
-    """Return what a logger records of a simulated experiment, as `simulate_raw_log` does of one of its own.
-
-    Parameters
-    ----------
-    moving
-        n_set, n_e [rpm], n_s [rev/s] and M_g [Nm]; brought to the logger's rate by straight lines.
-    vessel
-        The ship that was simulated.
-    windows
-        Where its excitations lie; hum strikes in chirps.
-    sensors, faults, seed
-        As for `simulate_raw_log`.
-    """
-    return _recorded(moving, vessel, windows, sensors or Sensors(), frozenset(faults), seed)[0]
-
-
 def _recorded(
     moving: Experiment,
     vessel: Vessel,
@@ -245,9 +222,8 @@ def _recorded(
     strikes: frozenset[Kind],
     seed: int,
 ) -> tuple[Log, _Recorder]:
+    """What the logger makes of the signals, and the keeper of the faults it made."""
     sensors = _without_the_plants_own_ripple(sensors, vessel)
-    if unknown := strikes - set(get_args(Kind)):
-        raise InputError(f"faults: found {sorted(unknown)}, expected some of {', '.join(get_args(Kind))}")
     rows = _at_rate(moving, sensors.rate_hz)
     gear = vessel.gearbox.ratio
     angle = _angle(rows["n_s"], sensors.rate_hz)
@@ -339,7 +315,7 @@ free_exponent = true
 """
 
 
-def joined(
+def _joined(
     excitations: Excitation | Sequence[Excitation],
     rate_hz: float,
     steady_s: float,
@@ -347,7 +323,7 @@ def joined(
     *,
     even: bool,
 ) -> tuple[Excitation, tuple[TrueWindow, ...]]:
-    """Return one excitation at a rate: steady stretch, then each part and a pause; chirps are `even` or not."""
+    """One excitation at a rate: steady stretch, then each part and a pause; chirps are `even` or not."""
     parts = [excitations] if isinstance(excitations, Excitation) else list(excitations)
     if not parts:
         raise InputError("excitations is empty, expected at least one")

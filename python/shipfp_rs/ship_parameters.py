@@ -18,7 +18,7 @@ def parameters_of(vessel: Vessel) -> dict[str, float]:
     twist = (
         0.0
         if stiffness is None
-        else _shaft_torque(vessel) / (2.0 * math.pi * vessel.nominal_shaft_speed * stiffness)
+        else vessel.nominal_propeller_torque / (2.0 * math.pi * vessel.nominal_shaft_speed * stiffness)
     )
     return true_values(model | {"T_d": model["T_d"] - lag}) | {"tau_act": lag, "tau_twist": twist}
 
@@ -57,7 +57,7 @@ PARAMETERS = frozenset(
 
 def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
     own = parameters_of(vessel)
-    per_time_constant = _shaft_torque(vessel) / (2.0 * math.pi * vessel.nominal_shaft_speed)
+    per_time_constant = vessel.nominal_propeller_torque / (2.0 * math.pi * vessel.nominal_shaft_speed)
     gains = {f"K_{k}": values[f"vK_{k}"] / own["v"] for k in ("p", "i") if f"vK_{k}" in values}
     wanted = {**values, **gains}
     more = {name: wanted[name] - own[name] for name in wanted if name in own}
@@ -85,7 +85,3 @@ def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
     if "tau_twist" in more and values["tau_twist"] > 0.0:
         changes["shaft.stiffness_Nm_rad"] = per_time_constant / values["tau_twist"]
     return changes
-
-
-def _shaft_torque(vessel: Vessel) -> float:
-    return float(vessel.torque_coefficient * vessel.nominal_shaft_speed**vessel.propeller.torque_exponent)

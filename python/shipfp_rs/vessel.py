@@ -431,11 +431,15 @@ class Vessel(Section):
         return float(self.gearbox.drag_Nm * (n_s / self.nominal_shaft_speed) ** self.gearbox.drag_exponent)
 
     @property
+    def nominal_propeller_torque(self) -> float:
+        """Propeller torque at the operating point [Nm]: the brake torque's share at the shaft, less the drag."""
+        shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
+        return float(shaft_torque - self.gearbox.drag_Nm)
+
+    @property
     def torque_coefficient(self) -> float:
         """Propeller torque over n_s^p [Nm/(rev/s)^p], from the balance at the operating point."""
-        shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
-        shaft_torque -= self.gearbox.drag_Nm
-        return float(shaft_torque / self.nominal_shaft_speed**self.propeller.torque_exponent)
+        return float(self.nominal_propeller_torque / self.nominal_shaft_speed**self.propeller.torque_exponent)
 
     @property
     def K_Q_over_eta_r(self) -> float:
