@@ -11,7 +11,7 @@ from shipfp_rs._core import RepeatScan
 from shipfp_rs.faults import Fault, simulated
 from shipfp_rs.faults.chirp import constant_frequency
 from shipfp_rs.faults.extremes import BlockExtremes
-from shipfp_rs.faults.hum import HumScan, without_hum
+from shipfp_rs.faults.hum import HumScan, hum_in
 from shipfp_rs.faults.levels import BLOCK, find_level_faults
 from shipfp_rs.faults.repeats import TAPS
 from shipfp_rs.faults.scan import scan
@@ -107,7 +107,7 @@ def test_hum_is_told_and_taken_out(start: int, stop: int) -> None:
     ((first, last),) = found(humming, mains_hz=50.0)["D2"]
     assert abs(first - start) <= 400
     assert abs(last - stop) <= 400, "to a block of ten cycles"
-    quiet = without_hum(humming, 0, np.array([[first, last]]), RATE_HZ)
+    quiet = humming - hum_in(humming, 0, np.array([[first, last]]), RATE_HZ)
     inner = slice(max(start, first) + 600, min(stop, last) - 600)
     assert np.std(quiet[inner] - clean[inner]) < 0.05 / 50.0
     outside = np.r_[0:first, last:SAMPLES]

@@ -156,6 +156,15 @@ def test_relay_jumps_are_bridged(real: Simulated, sound: Simulated, tmp_path: Pa
         assert np.abs(difference).max() < 8.0
 
 
+def test_mains_hum_leaves_nothing_about_relay_jumps(tmp_path: Path) -> None:
+    still, humming = recorded(Sensors(), ("D1",)), recorded(Sensors(), ("D1", "D2"))
+    reference, chirp = (process(log, trial_of(truth, tmp_path))[0] for log, truth in (still, humming))
+    assert faults(chirp)["D1", "U_setpoint"]["count"] == faults(reference)["D1", "U_setpoint"]["count"] > 0
+    difference = below_2_hz(chirp.signals["n_set"] - reference.signals["n_set"], chirp.rate_hz)
+    inner = slice(100, -100)  # the hum begins and ends with the chirp, between blocks
+    assert np.std(difference[inner]) < 0.02  # rpm, of 76
+
+
 def test_double_crossings_leave_no_trace_in_the_speed(sound: Simulated, tmp_path: Path) -> None:
     log, truth = recorded(Sensors(), ("A",))
     trial = trial_of(truth, tmp_path)

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from shipfp_rs import signals
+from shipfp_rs.errors import InputError
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.identification import identify
 from shipfp_rs.structure import Parameter, Structure
@@ -16,7 +17,10 @@ TIME = np.arange(400) / 20.0
 
 
 def line_through(
-    columns: dict[str, np.ndarray], bounds: dict[str, tuple[float, float]], measured: np.ndarray
+    columns: dict[str, np.ndarray],
+    bounds: dict[str, tuple[float, float]],
+    measured: np.ndarray,
+    **options,
 ):
     """Fit measured dn as a sum of columns, each with a factor between bounds, white noise; no offset."""
     parameters = [Parameter(name, "-", *np.clip([1.0], *bound), *bound) for name, bound in bounds.items()]
@@ -29,7 +33,7 @@ def line_through(
     experiment = Experiment(
         "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
     )
-    return identify(experiment, structure, noise="white", weighting="variance", offsets=False)
+    return identify(experiment, structure, noise="white", weighting="variance", offsets=False, **options)
 
 
 def quantile_and_std(measured, residual, unknown):
@@ -89,6 +93,22 @@ def test_a_light_bound_does_not_make_its_partner_well_known():
     assert a.ci95 == pytest.approx((inside[0], inside[-1]), abs=2e-3 * (inside[-1] - inside[0]))
     # With b held on its bound the interval would be twenty times too narrow.
     assert a.value - a.ci95[0] > 5 * quantile * std / np.linalg.norm(one)
+
+
+def test_symmetric_intervals_are_the_covariances_cut_by_the_bounds():
+    one, other = np.sin(TIME), np.sin(TIME) + 0.5 * np.cos(TIME)
+    measured = one + 0.5 * other + np.random.default_rng(3).normal(size=len(TIME)) * 0.2
+    columns, wide = {"a": one, "b": other}, {"a": (0.0, 10.0), "b": (0.0, 10.0)}
+    profile = line_through(columns, wide, measured)["a"]
+    plain = line_through(columns, wide, measured, intervals="symmetric")
+    half = student.ppf(0.975, len(TIME) - 2) * np.sqrt(plain.covariance["matrix"][0][0])
+    assert plain["a"].ci95 == pytest.approx((profile.value - half, profile.value + half), rel=1e-9)
+    assert plain["a"].ci95 == pytest.approx(profile.ci95, rel=1e-3), "a sum has a quadratic cost"
+    near = profile.value - 0.3 * half
+    cut = line_through(columns, wide | {"a": (near, 10.0)}, measured, intervals="symmetric")["a"]
+    assert cut.ci95 == pytest.approx((near, profile.value + half), rel=1e-9)
+    with pytest.raises(InputError, match="intervals 'wide', expected one of profile, symmetric"):
+        line_through(columns, wide, measured, intervals="wide")
 
 
 def test_a_skewed_likelihood_gives_a_skewed_interval():

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from shipfp_rs.despike import bridge, find_spikes
 from shipfp_rs.errors import InputError
-from shipfp_rs.faults.hum import without_hum
+from shipfp_rs.faults.hum import hum_in
 from shipfp_rs.faults.levels import LevelLimits
 from shipfp_rs.faults.record import KINDS, Fault
 from shipfp_rs.faults.scan import scan
@@ -17,6 +17,7 @@ from shipfp_rs.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.trial import Processing, Rack, SetPoint, Torque
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 
 class Cleaner:
@@ -80,12 +81,11 @@ class Cleaner:
         """Return samples [first, stop) with what is lost bridged or NaN."""
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
-        if self.drives:
-            filled = without_hum(
-                bridge(samples, missing), first, self._hum, self.channel.rate_hz, self.mains_hz
-            )
-            samples = np.where(missing, samples, filled)
-        lost = missing | self._spiky(samples, missing, first)
+        if self.drives and marks(self._hum, first, stop).any():
+            samples = self._without_hum(samples, missing, first)
+        spiky, found = self._spiky(samples, missing)
+        self._spikes.append(first + found[self._judged(found, first, len(samples))])
+        lost = missing | spiky
         return bridge(samples, lost) if self.drives else np.where(lost, np.nan, samples)
 
     def faults(self) -> list[Fault]:
@@ -119,8 +119,13 @@ class Cleaner:
                     f"{longest_s:g} s are bridged, cut the window there"
                 )
 
-    def _spiky(self, samples: Array, missing: npt.NDArray[np.bool_], first: int) -> npt.NDArray[np.bool_]:
-        """Mark the spikes of a piece that begins at sample `first` of the channel."""
+    def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:
+        """Take the hum out of a piece; spikes would ring in it as far as its window reaches, and are bridged before."""
+        filled = bridge(samples, missing | self._spiky(samples, missing)[0])
+        return samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
+
+    def _spiky(self, samples: Array, missing: Mask) -> tuple[Mask, Spans]:
+        """Mark the spikes of a piece, shape (N,), and tell where they begin and end in it."""
         settings, rate = self.spikes, self.channel.rate_hz
         spiky = np.zeros(len(samples), dtype=np.bool_)
         filled = bridge(samples, missing)
@@ -129,21 +134,23 @@ class Cleaner:
         gaps = runs(missing)
         for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > settings.longest_s * rate]:
             absent[start:stop] = True
-        for start, stop in runs(~absent):
-            spans = start + find_spikes(
+        found = joined(
+            start
+            + find_spikes(
                 filled[start:stop],
                 rate,
                 longest_s=settings.longest_s,
                 threshold=settings.threshold,
                 least=settings.least,
             )
-            self._spikes.append(first + spans[self._judged(spans, first, len(samples))])
-            for begin, end in spans:
-                # One more on either side: the receiver's filter rounds a spike's feet.
-                spiky[max(begin - 1, 0) : end + 1] = True
-        return spiky
+            for start, stop in runs(~absent)
+        )
+        for begin, end in found:
+            # One more on either side: the receiver's filter rounds a spike's feet.
+            spiky[max(begin - 1, 0) : end + 1] = True
+        return spiky, found
 
-    def _judged(self, spans: Spans, first: int, size: int) -> npt.NDArray[np.bool_]:
+    def _judged(self, spans: Spans, first: int, size: int) -> Mask:
         """Whether spans stand far enough inside a piece to be judged from both sides; pieces overlap by more."""
         border = round(0.5 * MARGIN_S * self.channel.rate_hz)
         low = 0 if first == 0 else border

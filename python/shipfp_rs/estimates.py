@@ -130,7 +130,10 @@ def estimates(search: Search, best: Minimum) -> Estimates:
             reason = "too few samples for an uncertainty"
         if not reason:
             variance_told = float(covariance[place, place]), float(told[place, place])
-            low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index])
+            if search.intervals == "profile":
+                low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index])
+            else:
+                low, high = _symmetric(parameter, values[name], quantile * float(np.sqrt(variance_told[0])))
             std = _std(values[name], low, high, quantile)
             width = parameter.upper - parameter.lower
             if std is None:
@@ -268,6 +271,15 @@ def _ends(
         return End(value - half, "data"), End(value + half, "data")
     threshold = quantile**2 * variance / told
     return profile.end(index, -half, threshold), profile.end(index, half, threshold)
+
+
+def _symmetric(parameter: Parameter, value: float, half: float) -> tuple[End, End]:
+    """Both ends as far from the value as the covariance says, where no bound is nearer."""
+    low, high = value - half, value + half
+    return (
+        End(low, "data") if low > parameter.lower else End(parameter.lower, "bound"),
+        End(high, "data") if high < parameter.upper else End(parameter.upper, "bound"),
+    )
 
 
 def _std(value: float, low: End, high: End, quantile: float) -> float | None:

@@ -31,6 +31,7 @@ Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
 NoiseModel = Literal["white", "ar", "innovations"]
 Covariance = Literal["model", "sandwich"]
+Intervals = Literal["profile", "symmetric"]
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -45,6 +46,7 @@ def identify(
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
     covariance: Covariance = "model",
+    intervals: Intervals = "profile",
     huber: float | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
     offsets: bool = True,
@@ -77,6 +79,9 @@ def identify(
     covariance
         "model": as if the noise models were right; "sandwich": from the spectral matrix of what they leave over, for noise
         of one source that reaches several outputs, each in its own way; experiments only.
+    intervals
+        "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
+        the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
     huber
         Threshold in robust standard deviations above which a residual counts linearly (eq. 4.7); None: never.
     ridge
@@ -120,6 +125,7 @@ def identify(
         weighting=weighting,
         noise=noise,
         covariance=covariance,
+        intervals=intervals,
         huber=huber,
         ridge=ridge,
         offsets=offsets,
@@ -142,6 +148,7 @@ class Options:
     weighting: Weighting
     noise: NoiseModel | None
     covariance: Covariance
+    intervals: Intervals
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
     offsets: bool
@@ -224,6 +231,8 @@ def search_minima(
         raise InputError(
             "covariance 'sandwich' is for experiments, a frequency response has no order in time"
         )
+    if options.intervals not in get_args(Intervals):
+        raise InputError(f"intervals {options.intervals!r}, expected one of {', '.join(get_args(Intervals))}")
     search = Search(
         structure,
         blocks,
@@ -236,6 +245,7 @@ def search_minima(
         initial=given,
         time_limit_s=options.time_limit_s,
         covariance=options.covariance,
+        intervals=options.intervals,
         weights=weights,
     )
     if not search.free:
@@ -257,6 +267,7 @@ def search_minima(
         "weighting": weighting,
         "noise": noise,
         "covariance": options.covariance,
+        "intervals": options.intervals,
         "offsets": offsets,
         "initial_state": initial_state if isinstance(initial_state, str) else given,
         "huber": options.huber,

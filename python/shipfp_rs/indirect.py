@@ -113,7 +113,8 @@ def indirect_inference(
     10.1002/jae.3950080507. With as many estimates as parameters the covariance is B^-1 C B^-T, of the structure's own
     C and the slopes B of the binding.
     """
-    records, chosen = _records(experiments), Options.of(options)
+    # A profile's ends are those of the structure, not of the ship.
+    records, chosen = _records(experiments), Options.of({"intervals": "symmetric", **options})
     ended = search_minima(records, structure, chosen)
     first = fingerprint_of(ended, vessel=vessel.name)
     simulator = _Simulator(records, structure, vessel, chosen, ended.best.noise)
@@ -236,7 +237,7 @@ def _led_back(
         names, binding.ship_of(found).tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True
     ):
         own = first.parameters[name]
-        reach = deviation * ((own.ci95[1] - own.ci95[0]) / (2.0 * own.std) if own.ci95 and own.std else 1.96)
+        reach = deviation * _quantile(own)
         parameters[name] = Estimate(value, deviation, (value - reach, value + reach), own.unit, own.status)
     alone = ", ".join(f"{name} {value:.4g}" for name, value in zip(names, found.tolist(), strict=True))
     rows = {
@@ -257,3 +258,11 @@ def _led_back(
         ),
         settings={**first.settings, "indirect": record},
     )
+
+
+def _quantile(estimate: Estimate) -> float:
+    """Standard deviations to the end of an interval, on the side that no bound cuts."""
+    if estimate.value is None or estimate.std is None or estimate.ci95 is None:
+        return 1.96
+    low, high = estimate.ci95
+    return max(estimate.value - low, high - estimate.value) / estimate.std

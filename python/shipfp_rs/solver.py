@@ -72,6 +72,7 @@ class Search:
     initial: Mapping[str, float] = field(default_factory=dict)
     time_limit_s: float | None = None
     covariance: str = "model"
+    intervals: str = "profile"
     weights: Noise | None = None
     """Weights and noise models that are given, as another search left them; None: they follow the residuals."""
 

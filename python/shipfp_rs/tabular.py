@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -46,6 +46,11 @@ class Tabular:
     @abstractmethod
     def _from_columns(cls, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Self:
         """Return the object that columns and facts make."""
+
+    def __reduce__(self) -> tuple[Callable[..., Self], tuple[Mapping[str, Array], Mapping[str, Any]]]:
+        """Go to other processes, and into copies, as the table; read-only mappings can't."""
+        values, _, facts = self._columns()
+        return self._from_columns, (values, facts)
 
     def to_xarray(self) -> xr.Dataset:
         """Return an `xarray.Dataset`, units in the attributes, that `to_netcdf` can store.

@@ -77,11 +77,9 @@ class HumScan:
         return blocks[blocks[:, 1] - blocks[:, 0] >= LEAST_BLOCKS] * self.block
 
 
-def without_hum(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: float = 50.0) -> Array:
-    """Return samples, which begin at index `first` and are finite, with the hum taken out of the spans."""
+def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: float = 50.0) -> Array:
+    """Return the hum in samples, which begin at index `first` and are finite, shape (N,); zero outside of the spans."""
     flags = marks(spans, first, first + len(samples))
-    if not flags.any():
-        return samples
     turn = np.exp(2j * np.pi * mains_hz / rate_hz * np.arange(len(samples)))
     window = np.hanning(round(NOTCH_S * rate_hz) | 1)
     # Straight on at the ends, so that the level does not look like a jump there.
@@ -91,4 +89,4 @@ def without_hum(samples: Array, first: int, spans: Spans, rate_hz: float, mains_
     envelope = signal.oaconvolve(
         padded * turned.conj(), window / window.sum(), "valid" if len(samples) > half else "same"
     )
-    return np.where(flags, samples - 2.0 * np.real(envelope * turn), samples)
+    return np.where(flags, 2.0 * np.real(envelope * turn), 0.0)
