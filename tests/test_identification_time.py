@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -239,6 +241,27 @@ def test_the_parameters_come_back_from_a_chirp_though_it_starts_off_balance_and_
         "vK_i": launch.v * launch.K_i,
     }.items():
         assert fingerprint[name].value == pytest.approx(truth, rel=1e-6)
+
+
+def test_relative_offsets_make_up_for_an_operating_point_that_is_off():
+    structure = Structure.linear(torque="gauge", products=True, free_exponent=True)
+    structure = structure.with_fixed(tau_n=TUG["tau_n"], g=TUG["g"])
+    right = made(structure, TUG | {"T_d": 0.0, "T_set": 0.0}, noise=0.02, seed=4)
+    off = dataclasses.replace(right, operating_point={**POINT, "M_g": 1.01 * POINT["M_g"]})
+    options = {"noise": "white", "initial_state": "zero"}
+    truth, shifted = (identify(record, structure, **options) for record in (right, off))
+    one, other = (identify(record, structure, offsets="relative", **options) for record in (right, off))
+    for name in ("p", "tau_prop"):
+        # What is divided by a torque too large is too small by as much.
+        assert shifted[name].value == pytest.approx(truth[name].value / 1.01, rel=1e-3)
+        assert other[name].value == pytest.approx(one[name].value, rel=2e-4)
+        assert one[name].value == pytest.approx(truth[name].value, abs=truth[name].std)
+        # The record's mean is told well, so this knowledge costs next to nothing.
+        assert truth[name].std < one[name].std < 1.1 * truth[name].std
+    with pytest.raises(InputError, match="offsets 'absolute', expected True, False or 'relative'"):
+        identify(right, structure, offsets="absolute")
+    with pytest.raises(InputError, match="'innovations' knows no relative offsets"):
+        identify(right, structure, offsets="relative", noise="innovations")
 
 
 def test_dead_times_that_are_not_there_are_found_to_be_none():

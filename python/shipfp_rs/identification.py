@@ -20,7 +20,7 @@ from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.innovations import with_innovations
-from shipfp_rs.problem import Block, Data
+from shipfp_rs.problem import Block, Data, Offsets
 from shipfp_rs.residuals import residual_tests
 from shipfp_rs.solver import Minimum, Noise, Search, best_of_random, mean_scatter, start_vectors
 from shipfp_rs.statistics import fit_pct, information_criteria, nrmse_pct
@@ -49,7 +49,7 @@ def identify(
     intervals: Intervals = "profile",
     huber: float | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
-    offsets: bool = True,
+    offsets: Offsets = True,
     initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
     random_search: int = 0,
     starts: int | None = None,
@@ -88,7 +88,8 @@ def identify(
         Parameter to (nominal value, weight): adds weight (value - nominal)^2 to the cost of the whitened residuals
         (eq. 4.6 with lambda R = weight).
     offsets
-        Estimate an offset per output of every experiment along.
+        Estimate an offset per output of every experiment along; "relative": as an error of the operating point, which
+        slopes are relative to, too. A mean torque over a minute of moving water is uncertain by parts in a thousand.
     initial_state
         "estimated" along with every experiment, "zero", or given values such as {"initial dn": 0.01}.
     random_search
@@ -151,7 +152,7 @@ class Options:
     intervals: Intervals
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
-    offsets: bool
+    offsets: Offsets
     initial_state: Literal["estimated", "zero"] | Mapping[str, float]
     random_search: int
     starts: int | None
@@ -205,6 +206,8 @@ def search_minima(
     if starts is None:
         starts = 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
     _check(weighting, noise, starts)
+    if offsets not in (True, False, "relative"):
+        raise InputError(f"offsets {offsets!r}, expected True, False or 'relative'")
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
     _check_names(structure, ridge, given)
     if weighting == "none" and any(parameter.prior is not None for parameter in structure.free):
@@ -212,6 +215,8 @@ def search_minima(
             "a prior needs residuals in units of their deviation; choose weighting 'determinant' or 'variance'"
         )
     if noise == "innovations":
+        if offsets == "relative":
+            raise InputError("noise 'innovations' knows no relative offsets; leave offsets as they are")
         # There the offsets pass through the predictor, so its equations hold them.
         structure, offsets = with_innovations(structure, offsets=offsets), False
         if initial_state != "estimated":
@@ -282,7 +287,7 @@ def search_minima(
 
 
 def _blocks(
-    data: Data | Sequence[Data], structure: Structure, *, offsets: bool, initial_state: bool, weigh: bool
+    data: Data | Sequence[Data], structure: Structure, *, offsets: Offsets, initial_state: bool, weigh: bool
 ) -> tuple[Block, ...]:
     items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     if not items:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from shipfp_rs.structure import Structure
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Data = Experiment | FrequencyResponse
+Offsets = bool | Literal["relative"]
 
 CHUNK = 2048
 """Samples that are worked on at a time, while they are in a cache."""
@@ -63,10 +65,12 @@ class Block:
     nuisance: tuple[str, ...]
     weigh: bool = False
     """Divide the residuals of a frequency response by its own standard deviations, in amplitude and in phase."""
+    relative: bool = False
+    """Offsets are errors of the operating point, which all of an output was divided by."""
 
     @classmethod
     def build(
-        cls, data: Data, structure: Structure, *, offsets: bool, initial_state: bool, weigh: bool
+        cls, data: Data, structure: Structure, *, offsets: Offsets, initial_state: bool, weigh: bool
     ) -> Block:
         """Pick the measured signal of every output and name the block's own unknowns."""
         if isinstance(data, FrequencyResponse):
@@ -89,7 +93,7 @@ class Block:
             nuisance = (structure.equations.states if initial_state else ()) + (
                 tuple(f"offset {output}" for output in structure.outputs) if offsets else ()
             )
-            block = cls(data, structure, signals, measured, nuisance)
+            block = cls(data, structure, signals, measured, nuisance, relative=offsets == "relative")
         if not block.valid.any():
             raise InputError(f"{data.name!r}: every sample of {', '.join(signals)} is masked, nothing to fit")
         return block
@@ -132,6 +136,17 @@ class Block:
         """Those of its own unknowns that are constants added to an output; they stand last."""
         return tuple(name for name in self.nuisance if name not in self.structure.equations.states)
 
+    @cached_property
+    def _level(self) -> Array:
+        """What a unit of an offset adds, shape (O, R) or (1, R).
+
+        With y = (1 + c) (1 + m) - 1 of an operating point that is off by c, and a model m, to the first order in c and in
+        the noise: y - m = c (1 + y).
+        """
+        if not self.relative:
+            return np.ones((1, self.measured.shape[1]))
+        return np.where(self.valid, 1.0 + self.measured, 0.0)
+
     def evaluate(
         self, values: dict[str, float], names: Sequence[str], *, constants: bool = True
     ) -> Evaluation:
@@ -153,10 +168,9 @@ class Block:
             simulated, jacobian = self.structure.equations.sensitivities(known, self.data, wanted)
             jacobian = jacobian.reshape(len(wanted), *simulated.shape)
             if offsets:
-                simulated = simulated + np.array([[values[name]] for name in offsets])
+                simulated = simulated + self._level * np.array([[values[name]] for name in offsets])
             if offsets and constants:
-                constant = np.eye(len(offsets))[:, :, None] * np.ones(simulated.shape[1])
-                jacobian = np.concatenate([jacobian, constant])
+                jacobian = np.concatenate([jacobian, np.eye(len(offsets))[:, :, None] * self._level])
         residual = self.measured - simulated
         if not valid.all():
             residual[:, ~valid] = 0.0
@@ -198,7 +212,7 @@ class Block:
     @property
     def _kernel(self) -> Callable[..., tuple[Array, int]] | None:
         """The equations' own pass over an experiment, if they have one."""
-        if isinstance(self.data, FrequencyResponse):
+        if isinstance(self.data, FrequencyResponse) or self.relative:
             return None
         return getattr(self.structure.equations, "products", None)
 

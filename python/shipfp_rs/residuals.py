@@ -143,7 +143,8 @@ def input_correlations(
     Ljung's test compares the correlations of residual and lagged set point with their scatter for white residuals.
     A fit has taken away what its own sensitivities J explain, so here the lagged set points U are cleared of
     J first: with A = (I - J J+) U and S the covariance of the residuals e, (A'e)' (A' S A)^-1 (A'e) is chi-squared.
-    `evaluations` are the search's filtered ones at the minimum; columns of offsets may be left out without a threshold.
+    `evaluations` are the search's filtered ones at the minimum; columns of offsets that are constants may be left out
+    without a threshold.
     """
     noise, outputs = minimum.noise, search.structure.outputs
     residuals = [noise.root @ evaluation.residual for evaluation in evaluations]
@@ -336,7 +337,8 @@ def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:
     experiments = [isinstance(block.data, Experiment) for block in search.blocks]
     if not any(experiments):
         return {}
-    evaluations = search.filtered(minimum.vector, minimum.noise, constants=search.huber is not None)
+    listed = search.huber is not None or any(block.relative for block in search.blocks)
+    evaluations = search.filtered(minimum.vector, minimum.noise, constants=listed)
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
     models = minimum.noise.models

@@ -75,7 +75,12 @@ def structure_for(truth: Mapping[str, float], experiments: Sequence[Experiment])
     ).with_fixed(**known)
 
 
-OPTIONS: Mapping[str, str] = {"noise": "white", "covariance": "sandwich", "initial_state": "zero"}
+OPTIONS: Mapping[str, str] = {
+    "noise": "white",
+    "covariance": "sandwich",
+    "initial_state": "zero",
+    "offsets": "relative",
+}
 """Weights for white noise and a covariance for the noise as it is: weights for the true noise would trust the slow speed,
 which water hardly moves, to parts in a hundred thousand, and so whatever the structure lacks."""
 
