@@ -71,6 +71,7 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("rate_hz = 50.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
         ("rate_hz = 50.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
         ('weighting = "determinant"', 'weighting = "det"', r"identify\.weighting: found 'det'"),
+        ("offsets = true", 'offsets = "absolute"', r"identify\.offsets: found 'absolute'"),
         ("free_exponent", "free_exponents", r"identify\.free_exponents: .*did you mean 'free_exponent'"),
         ('n_e_rpm = "auto"', 'n_e_rpm = "automatic"', r"operating_point\.n_e_rpm: found 'automatic'"),
         ("start_s = 100.0", "start_s = 100.0\nlog = 'x.csv'", r"windows: found log 'x.csv' in 'C11'"),

@@ -7,11 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.files import replacing_folder
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.identification import identify
+from shipfp_rs.indirect import indirect_inference
 from shipfp_rs.prediction import predict
 from shipfp_rs.processing import process
 from shipfp_rs.report import compared_responses, write_report
@@ -89,16 +91,7 @@ def evaluate(
         for log in trial.logs()
         for experiment in process(log, trial, vessel)
     ]
-    options = trial.identify
-    fingerprint = identify(
-        experiments,
-        structure,
-        weighting=options.weighting,
-        starts=options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
-        seed=options.seed if seed is None else seed,
-        vessel=vessel.name,
-        progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
-    )
+    fingerprint = _found(trial, experiments, structure, vessel, seed, notify)
     notify("writing the report")
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)
@@ -112,6 +105,31 @@ def evaluate(
         title=trial.trial.name,
     )
     return Run(fingerprint, tuple(experiments))
+
+
+def _found(
+    trial: Trial,
+    experiments: Sequence[Experiment],
+    structure: Structure,
+    vessel: Vessel,
+    seed: int | None,
+    notify: Notify,
+) -> Fingerprint:
+    """Fit as the trial's [identify] table asks for."""
+    options = trial.identify
+    how: dict[str, Any] = {
+        "weighting": options.weighting,
+        "noise": options.noise,
+        "covariance": options.covariance,
+        "offsets": options.offsets,
+        "initial_state": options.initial_state,
+        "starts": options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
+        "seed": options.seed if seed is None else seed,
+        "progress": lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
+    }
+    if options.lead_back:
+        return indirect_inference(experiments, structure, vessel, **how)
+    return identify(experiments, structure, vessel=vessel.name, **how)
 
 
 def structure_of(trial: Trial, vessel: Vessel) -> Structure:

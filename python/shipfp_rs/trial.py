@@ -253,7 +253,20 @@ class GreyBox(Section):
     """Compare below this frequency only: above it an engine's firing has a phase that no fit can know."""
 
 
-OF_ANY_STRUCTURE = frozenset({"fixed", "priors", "tied", "weighting", "starts", "seed"})
+OF_ANY_STRUCTURE = frozenset(
+    (
+        "fixed",
+        "priors",
+        "tied",
+        "weighting",
+        "noise",
+        "covariance",
+        "offsets",
+        "initial_state",
+        "starts",
+        "seed",
+    )
+)
 """Keys of [identify] that do not describe the linear structure."""
 
 
@@ -271,7 +284,7 @@ class Identify(Section):
     dead_time_set_point: bool = False
     actuator_lag: bool = False
     derivative: bool = False
-    sampling: bool | Literal["exact"] = False
+    sampling: Literal[True, False, "exact"] = False
     misreading: bool = False
     twist: bool = False
     curvature: bool = False
@@ -283,6 +296,13 @@ class Identify(Section):
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
+    noise: Literal["ar", "white", "innovations"] = "ar"
+    covariance: Literal["model", "sandwich"] = "model"
+    offsets: Literal[True, False, "relative"] = True
+    initial_state: Literal["estimated", "zero"] = "estimated"
+    """These five as in `identify`."""
+    lead_back: bool = False
+    """Simulate the vessel and take off the estimates what the structure lacks beside it (`indirect_inference`)."""
     starts: Annotated[int, Field(ge=1)] = 8
     """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -486,6 +506,11 @@ dead_time_set_point = true      # in the set-point path
 # sampling = "exact"            # a governor that computes every T_s, given below; true: its hold alone. Others of this
 #                               # kind: actuator_lag, derivative, misreading, twist, curvature
 weighting = "determinant"       # or "variance", "none"
+noise = "ar"                    # or "white", "innovations"
+covariance = "model"            # "sandwich": for water, which reaches speed and torque at once; with noise = "white"
+offsets = true                  # "relative": as errors of the operating point, where the steady stretch is short
+initial_state = "estimated"     # "zero": for windows that begin at rest
+lead_back = false               # true: simulate the vessel's file, too, and take off what the linear structure lacks
 starts = 8
 seed = 0
 # [identify.fixed]              # known values close what the data can't tell
