@@ -98,16 +98,16 @@ class TestRows:
 
     def test_a_poisoned_draw_is_a_row_and_sinks_nothing(self, tmp_path: Path, monkeypatch: Any) -> None:
         plan = cheap_plan(4)
-        identify = draw.identify
+        identified = draw.identified
 
         def poisoned(*arguments: Any, **options: Any) -> Any:
             if options["seed"] == plan.seed_of(1):
                 raise SimulationError("the shaft\nturns backwards")
             if options["seed"] == plan.seed_of(2):
                 raise ZeroDivisionError("division by zero")
-            return identify(*arguments, **options)
+            return identified(*arguments, **options)
 
-        monkeypatch.setattr(draw, "identify", poisoned)
+        monkeypatch.setattr(draw, "identified", poisoned)
         summary = sweep(plan, tmp_path / "sweep", executor="threads", workers=1).summary
         table = rows(tmp_path / "sweep")
         assert [row["status"] for row in table] == ["done", "failed", "failed", "done"]
@@ -121,14 +121,14 @@ class TestRows:
         self, tmp_path: Path, monkeypatch: Any
     ) -> None:
         plan = cheap_plan(3, sweep={"time_limit_s": 2.0})
-        identify = draw.identify
+        identified = draw.identified
 
         def slow(*arguments: Any, **options: Any) -> Any:
             while options["seed"] == plan.seed_of(1):
                 time.sleep(0.01)
-            return identify(*arguments, **options)
+            return identified(*arguments, **options)
 
-        monkeypatch.setattr(draw, "identify", slow)
+        monkeypatch.setattr(draw, "identified", slow)
         summary = sweep(plan, tmp_path / "sweep", executor="threads", workers=1).summary
         assert [row["status"] for row in rows(tmp_path / "sweep")] == ["done", "timed_out", "done"]
         assert summary["draws"]["timed_out"] == 1
@@ -236,7 +236,7 @@ class TestGoingOn:
 
     def test_a_finished_sweep_is_not_run_again(self, reference: Path, monkeypatch: Any) -> None:
         before = results(reference)
-        monkeypatch.setattr(draw, "identify", None)
+        monkeypatch.setattr(draw, "identified", None)
         again = sweep(cheap_plan(DRAWS), reference)
         assert results(reference) == before
         assert again.summary["draws"]["done"] == DRAWS

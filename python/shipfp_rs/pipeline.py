@@ -91,7 +91,16 @@ def evaluate(
         for log in trial.logs()
         for experiment in process(log, trial, vessel)
     ]
-    fingerprint = _found(trial, experiments, structure, vessel, seed, notify)
+    options = trial.identify
+    fingerprint = identified(
+        options,
+        experiments,
+        structure,
+        vessel,
+        starts=options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
+        seed=options.seed if seed is None else seed,
+        progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
+    )
     notify("writing the report")
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)
@@ -107,29 +116,17 @@ def evaluate(
     return Run(fingerprint, tuple(experiments))
 
 
-def _found(
-    trial: Trial,
-    experiments: Sequence[Experiment],
+def identified(
+    options: Identify,
+    experiments: Experiment | Sequence[Experiment],
     structure: Structure,
     vessel: Vessel,
-    seed: int | None,
-    notify: Notify,
+    **more: Any,
 ) -> Fingerprint:
-    """Fit as the trial's [identify] table asks for."""
-    options = trial.identify
-    how: dict[str, Any] = {
-        "weighting": options.weighting,
-        "noise": options.noise,
-        "covariance": options.covariance,
-        "offsets": options.offsets,
-        "initial_state": options.initial_state,
-        "starts": options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
-        "seed": options.seed if seed is None else seed,
-        "progress": lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
-    }
+    """Fit a structure as an [identify] table asks for; `more` are options of `identify` that the table leaves open."""
     if options.lead_back:
-        return indirect_inference(experiments, structure, vessel, **how)
-    return identify(experiments, structure, vessel=vessel.name, **how)
+        return indirect_inference(experiments, structure, vessel, **options.options, **more)
+    return identify(experiments, structure, vessel=vessel.name, **options.options, **more)
 
 
 def structure_of(trial: Trial, vessel: Vessel) -> Structure:

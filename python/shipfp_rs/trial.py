@@ -296,7 +296,7 @@ class Identify(Section):
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
-    noise: Literal["ar", "white", "innovations"] = "ar"
+    noise: Literal["ar", "white", "innovations"] | None = None
     covariance: Literal["model", "sandwich"] = "model"
     offsets: Literal[True, False, "relative"] = True
     initial_state: Literal["estimated", "zero"] = "estimated"
@@ -306,6 +306,14 @@ class Identify(Section):
     starts: Annotated[int, Field(ge=1)] = 8
     """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
     seed: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Those of `identify`, but for starts and seed."""
+        return {
+            name: getattr(self, name)
+            for name in ("weighting", "noise", "covariance", "offsets", "initial_state")
+        }
 
     @property
     def elements(self) -> dict[str, Any]:

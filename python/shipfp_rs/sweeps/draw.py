@@ -15,8 +15,8 @@ from shipfp_rs import signals
 from shipfp_rs.experiment import Experiment
 from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.identifiability import COMBINATIONS
-from shipfp_rs.identification import identify
 from shipfp_rs.linear_model import linearise
+from shipfp_rs.pipeline import identified
 from shipfp_rs.processing import process
 from shipfp_rs.rawlog import Kind, Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.simulation import simulate
@@ -112,14 +112,10 @@ def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
     yield from ((f"truth.{name}", truth[name]) for name in names)
     seed = plan.seed_of(index)
     make = _from_log if plan.sweep.chain == "log" else _from_experiment
-    options = conditions.identify
-    fingerprint = identify(
-        make(conditions, vessel, seed),
-        plan.structure,
-        weighting=options.weighting,
-        noise=options.noise,
-        starts=options.starts,
-        seed=seed,
+    options, experiments = conditions.identify, make(conditions, vessel, seed)
+    # What may lead the estimates back is the ship's file: what the draw changed of it is to be found.
+    fingerprint = identified(
+        options, experiments, plan.structure, plan.ship, starts=options.starts, seed=seed
     )
     yield from _estimates(fingerprint, names)
 

@@ -16,7 +16,6 @@ from scipy.special import ndtri
 from shipfp_rs import slips
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import NoiseModel
 from shipfp_rs.pipeline import structure_from
 from shipfp_rs.signals import Kind
 from shipfp_rs.structure import Structure
@@ -29,7 +28,15 @@ Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Value = float | bool | str
 
-VARIED_OF_IDENTIFY = ("weighting", "noise", "starts")
+VARIED_OF_IDENTIFY = (
+    "weighting",
+    "noise",
+    "covariance",
+    "offsets",
+    "initial_state",
+    "lead_back",
+    "starts",
+)
 """Keys of [identify] that may be factors; the others would change which columns the table has."""
 
 
@@ -117,11 +124,10 @@ class Faults(Section):
 
 
 class Identify(TrialIdentify):
-    """[identify] as in TRIAL.toml, with the noise model; the seed is each draw's own."""
+    """[identify] as in TRIAL.toml; the seed is each draw's own."""
 
     starts: Annotated[int, Field(ge=1)] = 1
     products: bool = True
-    noise: NoiseModel | None = None
 
     @model_validator(mode="after")
     def _has_no_seed(self) -> Self:
