@@ -439,6 +439,7 @@ def fingerprint_of(ended: Found, *, vessel: str | None) -> Fingerprint:
             {**fit, "overall": overall},
             structure,
             "" if best.converged else best.message,
+            any_colour=search.covariance == "sandwich",
         ),
     )
 

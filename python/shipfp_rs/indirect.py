@@ -302,7 +302,14 @@ def _led_back(
         covariance={"names": list(names), "matrix": covariance.tolist()},
         verdict=(
             f"Led back to the ship by simulating it; the structure alone finds {alone}.",
-            *verdict(parameters, {}, rest.identifiability, rest.fit, structure),
+            *verdict(
+                parameters,
+                {},
+                rest.identifiability,
+                rest.fit,
+                structure,
+                any_colour=rest.settings["covariance"] == "sandwich",
+            ),
         ),
         settings={**first.settings, "indirect": record},
     )

@@ -18,8 +18,13 @@ def verdict(
     fit: Mapping[str, Mapping[str, float | None]],
     structure: Structure,
     trouble: str = "",
+    *,
+    any_colour: bool = False,
 ) -> tuple[str, ...]:
-    """Return the sentences of the verdict, most important first; `trouble` says why the search's end is no minimum."""
+    """Return the sentences of the verdict, most important first.
+
+    `trouble` says why the search's end is no minimum; with `any_colour` the intervals hold for noise of any colour.
+    """
     lines = (
         [f"The search did not end in a minimum, so take no figure for an estimate: {trouble}."]
         if trouble
@@ -69,7 +74,7 @@ def verdict(
             + "; ".join(identifiability.closes_gap)
             + "."
         )
-    lines += _contradictions(fit, structure)
+    lines += _contradictions(fit, structure, any_colour)
     overall = fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
     if chi_squared is not None and freedom is not None:
@@ -110,7 +115,9 @@ def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str,
     return {"structure_p": min(1.0, len(found) * min(found)), "structure_misses_pct": missed}
 
 
-def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: Structure) -> list[str]:
+def _contradictions(
+    fit: Mapping[str, Mapping[str, float | None]], structure: Structure, any_colour: bool
+) -> list[str]:
     """Say where the residuals contradict the structure, or else the noise model."""
     threshold = ALARM / len(structure.outputs)
     rows = {output: row for output, row in fit.items() if output in structure.outputs}
@@ -130,7 +137,7 @@ def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: St
         for output, row in rows.items()
         if (p := row.get("whiteness_p")) is not None and p < threshold
     ]
-    if coloured:
+    if coloured and not any_colour:
         return [
             "The noise is not what was assumed: whitened residuals are still correlated in "
             + ", ".join(coloured)

@@ -207,6 +207,11 @@ def _score(found: Sequence[Outcome], part: str, name: str) -> Score:
     )
 
 
+def standing(found: Sequence[Outcome], part: str) -> float:
+    """Return the share of trials whose residuals do not contradict the simulated ship."""
+    return float(np.mean([outcome.told[part].model_adequate is True for outcome in found if outcome.told]))
+
+
 def agreement(fingerprints: Mapping[str, Fingerprint]) -> dict[str, float]:
     """Return, for each free parameter, the largest difference of two parts' estimates in their joint deviations."""
     return {
@@ -360,6 +365,7 @@ def _verdict(
     if len(told) > 1:
         yield f"{CHIRP} alone, {len(told)} ships and seas:"
         yield from table(scores(told, CHIRP))
+        yield f"The residuals leave the simulated ship standing in {standing(told, CHIRP):.1%}"
 
 
 def _missed(fingerprint: Fingerprint, truth: Mapping[str, float]) -> list[str]:
