@@ -78,8 +78,8 @@ def indirect_inference(
 
     A structure without a ship's limits, sampling or curvature finds parameters that are a little off, by the same
     amount in each trial, however long: intervals that tell of noise alone do not hold the truth. Here the vessel is
-    simulated with the experiments' set points, in still water, and the same structure is fitted to that; the
-    parameters sought are those with which the simulated ship yields the very estimates that the measured one does.
+    simulated with the experiments' set points, in still water, and what the structure lacks beside that answer is taken
+    off the data; the parameters sought are those with which the structure, fitted to the rest, moves no more.
 
     Parameters
     ----------
@@ -110,8 +110,9 @@ def indirect_inference(
     Notes
     -----
     C. Gourieroux, A. Monfort, E. Renault, "Indirect inference", Journal of Applied Econometrics 8 (1993),
-    10.1002/jae.3950080507. With as many estimates as parameters the covariance is B^-1 C B^-T, of the structure's own
-    C and the slopes B of the binding.
+    10.1002/jae.3950080507. The simulated ship's residuals e fulfil J'We = 0 with the structure's derivatives J and the
+    weights W of e itself. With as many estimates as parameters the covariance is B^-1 C B^-T, of the structure's own C for
+    residuals e and the slopes B of the binding.
     """
     # A profile's ends are those of the structure, not of the ship.
     records, chosen = _records(experiments), Options.of({"intervals": "symmetric", **options})
@@ -135,7 +136,7 @@ def indirect_inference(
             search_minima(
                 answer.taken_off(records, structure, first.settings["optimum"]),
                 structure.with_start(**dict(zip(names, found.tolist(), strict=True))),
-                replace(chosen, starts=1),
+                replace(chosen, starts=1, progress=None),
             ),
             vessel=vessel.name,
         )
@@ -307,7 +308,7 @@ def _led_back(
                 {},
                 rest.identifiability,
                 rest.fit,
-                structure,
+                replace(structure, name=f"simulated {rest.vessel}"),
                 any_colour=rest.settings["covariance"] == "sandwich",
             ),
         ),
