@@ -36,6 +36,20 @@ def test_spikes_are_found_where_they_are_and_nowhere_else(
     assert found.tolist() == [list(span) for span in spans]
 
 
+@pytest.mark.parametrize("length", [20, 60, 80, 99])
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+def test_a_long_spike_is_found_on_the_steepest_slope_of_a_chirp(length: int, phase: float) -> None:
+    # A tug's shaft torque at 0.9 Hz with its ripple, and a receiver at its limit for up to 50 ms.
+    time = np.arange(12_000) / 2000.0
+    samples = 1720.0 + 400.0 * np.sin(2.0 * np.pi * 0.9 * time + phase)
+    for amplitude, frequency_hz in ((12.0, 5.2), (25.0, 20.7), (10.0, 19.8), (40.0, 59.2)):
+        samples += amplitude * np.sin(2.0 * np.pi * frequency_hz * time)
+    assert find_spikes(samples, 2000.0, **SETTINGS).size == 0
+    samples[6000 : 6000 + length] = 5295.0
+    ((start, stop),) = find_spikes(samples, 2000.0, **SETTINGS)
+    assert start <= 6000 < 6000 + length <= stop <= start + 200
+
+
 def test_a_spike_at_either_end_is_found() -> None:
     samples = torque(1)
     samples[:8] += 3000.0

@@ -36,7 +36,8 @@ def spikes(
     def is_spike(start: int, stop: int) -> bool:
         peak = start + int(np.argmax(distance[start:stop]))
         before, after = samples[max(start - nearby, 0) : start], samples[stop : stop + nearby]
-        if stop - start > longest or distance[peak] <= limit[peak]:
+        tall = np.flatnonzero(distance[start:stop] > 0.25 * distance[peak])
+        if np.ptp(tall) >= longest or stop - start > 2 * longest or distance[peak] <= limit[peak]:
             return False
         if not (before.size and after.size):
             return True

@@ -10,6 +10,9 @@ const ROBUST_SIGMA: f64 = 1.4826;
 const COMES_BACK: f64 = 0.3;
 /// Share of the threshold down to which a spike's flanks belong to it.
 const SHOULDER: f64 = 0.5;
+/// Share of the peak from which on it counts how long a spike lasts: the median leans towards a long one, so that on a steep
+/// slope its neighbours are suspect, too.
+const FOOT: f64 = 0.25;
 /// Samples in a block whose extremes bound the signal's swing.
 const BLOCK: usize = 64;
 
@@ -31,8 +34,8 @@ pub struct SpikeRule {
 /// The spikes of a signal, each its first sample and the first one after.
 ///
 /// A sample is suspect where its distance from the running median is more than half of the least height there. Suspects
-/// that stand close together are a spike if they last no longer than the longest one, their peak is high enough and the
-/// signal goes on where it was left.
+/// that stand close together are a spike if it lasts, above its foot, no longer than the longest one, with shoulders no
+/// more than twice as long, its peak is high enough and the signal goes on where it was left.
 ///
 /// # Errors
 /// For a rule that makes no sense, or on a stop.
@@ -68,7 +71,10 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
     let nearby = (rule.longest / 2).max(1);
     suspects.retain(|&(start, end)| {
         let peak = (start..end).rev().max_by(|&a, &b| distance[a].total_cmp(&distance[b])).unwrap_or(start);
-        end - start <= rule.longest
+        let tall = |at: &usize| distance[*at] > FOOT * distance[peak];
+        let (first, last) = (start..end).find(tall).zip((start..end).rfind(tall)).unwrap_or((start, end));
+        last - first < rule.longest
+            && end - start <= 2 * rule.longest
             && distance[peak] > limit(peak)
             && comes_back(
                 &samples[start.saturating_sub(nearby)..start],
