@@ -25,8 +25,8 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
 
     A sample is suspect where it is further from the running median than `threshold` robust standard deviations
     (Hampel's rule) and than `least` times the median magnitude. Suspects in a row are a spike if they last, above a
-    quarter of its height, no longer than `longest_s` and the signal goes on where it was left. That spares the kick which a plant answers a
-    step with: it rises as fast, but decays slowly and to another level.
+    quarter of its height, no longer than `longest_s`, and the signal goes on where it was left. That spares the kick
+    which a plant answers a step with: it rises as fast, but decays slowly and to another level.
 
     Parameters
     ----------
