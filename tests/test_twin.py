@@ -1,8 +1,8 @@
 """The tug's trial on simulated ships whose parameters are known, from raw logs.
 
 The study (`pytest -m study -k twin -s`) makes the trials of 200 ships in as many seas, each drawn, and identifies the
-short chirp, in a quarter of an hour on two cores; with TWIN_PARTS=joint also all parts together (half an hour), with
-TWIN_PARTS=everything each part by itself, too (an hour). TWIN_DRAWS sets another number, TWIN_SEED the first seed.
+short chirp, in ten minutes on two cores; with TWIN_PARTS=joint also all parts together (half an hour), with
+TWIN_PARTS=everything each part by itself, too (40 minutes). TWIN_DRAWS sets another number, TWIN_SEED the first seed.
 """
 
 from __future__ import annotations
