@@ -253,20 +253,9 @@ class GreyBox(Section):
     """Compare below this frequency only: above it an engine's firing has a phase that no fit can know."""
 
 
-OF_ANY_STRUCTURE = frozenset(
-    (
-        "fixed",
-        "priors",
-        "tied",
-        "weighting",
-        "noise",
-        "covariance",
-        "offsets",
-        "initial_state",
-        "starts",
-        "seed",
-    )
-)
+HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
+"""Keys of [identify] that are options of `identify` under the same name."""
+OF_ANY_STRUCTURE = frozenset(("fixed", "priors", "tied", *HOW, "starts", "seed"))
 """Keys of [identify] that do not describe the linear structure."""
 
 
@@ -310,10 +299,7 @@ class Identify(Section):
     @property
     def options(self) -> dict[str, Any]:
         """Those of `identify`, but for starts and seed."""
-        return {
-            name: getattr(self, name)
-            for name in ("weighting", "noise", "covariance", "offsets", "initial_state")
-        }
+        return {name: getattr(self, name) for name in HOW}
 
     @property
     def elements(self) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from shipfp_rs.signals import Kind
 from shipfp_rs.structure import Structure
 from shipfp_rs.sweeps.design import Design, place, seed_of
 from shipfp_rs.toml_files import Section, built_in, read_named, unexpected, validated
+from shipfp_rs.trial import HOW
 from shipfp_rs.trial import Identify as TrialIdentify
 from shipfp_rs.vessel import Vessel
 
@@ -28,15 +29,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Value = float | bool | str
 
-VARIED_OF_IDENTIFY = (
-    "weighting",
-    "noise",
-    "covariance",
-    "offsets",
-    "initial_state",
-    "lead_back",
-    "starts",
-)
+VARIED_OF_IDENTIFY = (*HOW, "lead_back", "starts")
 """Keys of [identify] that may be factors; the others would change which columns the table has."""
 
 
