@@ -14,7 +14,7 @@ from numba import njit
 from benches.bench_plant import DT, PARAMETERS, UNLIMITED
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import _core
-from shipfp_rs.drive_train import OFF
+from shipfp_rs.vessel.drive_train import OFF
 
 SUBSTEPS = 10
 EVERY, LATE = 20, 50

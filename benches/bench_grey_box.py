@@ -13,7 +13,7 @@ import numpy as np
 from benches.bench_plant import simulate as numba_plant
 from benches.timing import print_table
 from shipfp_rs import Structure, Vessel, identify, signals, simulate
-from shipfp_rs.plant_equations import PlantEquations
+from shipfp_rs.structures.plant import PlantEquations
 
 SEVEN = ["inertia", "A1", "A2", "Kp_abs", "Ki_abs", "torque_exponent", "propeller_torque"]
 OUTPUTS = ("dn", "dM", "dX")

@@ -22,13 +22,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benches.timing import print_table, spread
+from shipfp_rs.support.threads import available_workers
+from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps import Plan, Progress, sweep
 from shipfp_rs.sweeps.draw import run_draws
 from shipfp_rs.sweeps.pools import Pool, pool_of
 from shipfp_rs.sweeps.store import opened
 from shipfp_rs.sweeps.worker import begin_process, one_thread_for_linear_algebra
-from shipfp_rs.toml_files import validated
-from shipfp_rs.workers import available_workers
 
 DRAWS_PER_TASK = 50
 FEW_DRAWS = 8

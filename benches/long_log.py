@@ -10,10 +10,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from shipfp_rs import published, signals
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.rawlog import Sensors
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.simulation.raw_log import Sensors
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.vessel import Vessel
 
 SHIP = "stan-tug-1205"
 RUN2_S = 11_450.0

@@ -16,10 +16,10 @@ from tests.launch import TRUTH, noisy_record
 from benches import bench_cost, bench_plant, bench_pulse, rivals
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import _core, signals
-from shipfp_rs.identification import identify
-from shipfp_rs.problem import Block
-from shipfp_rs.solver import Search, start_vectors
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.search import Search, start_vectors
+from shipfp_rs.structures.structure import Structure
 
 Calls = dict[str, Callable[[], object] | None]
 MULTIPLY_ADDS_OF_A_COST = 10

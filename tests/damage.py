@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import LogWarning, ShipfpError
-from shipfp_rs.log import Log
-from shipfp_rs.readers.child_process import idle_process
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers.child_process import idle_process
 
 Bytes = npt.NDArray[np.uint8]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from shipfp_rs.errors import LogWarning
-from shipfp_rs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.readers.isolation import in_child
+from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.isolation import in_child
 
 SAMPLES = 1000
 

@@ -7,10 +7,10 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from shipfp_rs import _core
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.linear_model import LinearModel, linearise
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.signals import Excitation
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.linear_model import LinearModel, linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 

@@ -15,13 +15,13 @@ import pyarrow.parquet
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.faults import simulated
-from shipfp_rs.log import Log
-from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.spans import Spans, marks
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.faults import simulated
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.support.spans import Spans, marks
+from shipfp_rs.vessel.vessel import Vessel
 
 RATE_HZ = 2000.0
 SLACK = 60
@@ -315,8 +315,8 @@ CLASSES: dict[str, Callable[..., Damaged]] = {
 """Class of damage to how it is drawn from (channels, draw, window)."""
 
 UNTOLD = ("clock fast or slow by 100 ppm", "torque scaled by up to 2")
-"""Nothing within one log contradicts these: another logger (see `shipfp_rs.alignment`), or a static torque of known
-torque coefficient (`shipfp inspect`), does."""
+"""Nothing within one log contradicts these: another logger (see `shipfp_rs.processing.alignment`), or a static torque of
+known torque coefficient (`shipfp inspect`), does."""
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shipfp_rs.least_squares import minimise
+from shipfp_rs.optimise.least_squares import minimise
 
 FOLDER = Path(__file__).parent / "data" / "nist_strd"
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
+from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps import Plan
-from shipfp_rs.toml_files import validated
 
 DEADLY = 5
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.alignment import align, merged, on_clock
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.processing.alignment import align, merged, on_clock
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.vessel.vessel import Vessel
 
 DRIFT, OFFSET_S = 100e-6, 37.123456
 SLOW_HZ, FAST_HZ = 2000.0, 5000.0

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
+from shipfp_rs.assessment.bootstrap import block_length, bootstrap
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.resampling import block_length, bootstrap
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Structure
 from tests.launch import TRUTH, noise, noisy_record
 
 CHIRP = signals.chirp(0.01, 5.0, 120.0, 13.0, rate_hz=50.0)

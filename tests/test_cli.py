@@ -16,12 +16,12 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import IdentificationError, InternalError
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.log import Log
+from shipfp_rs.experiments.parquet import read_experiments
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce import Reproduction, Row, fullscale_figures
 from shipfp_rs.reproduce.fullscale import best_of
-from shipfp_rs.storage import read_experiments
-from shipfp_rs.trial import Trial
 
 
 def shipfp(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -105,13 +105,13 @@ class TestFrame:
     def test_whatever_goes_wrong_costs_one_line(
         self, monkeypatch, tmp_path, capsys, error, status, words
     ) -> None:
-        monkeypatch.setattr("shipfp_rs.files.write_text_atomically", raising(error))
+        monkeypatch.setattr("shipfp_rs.support.files.write_text_atomically", raising(error))
         assert cli.main(["init", str(tmp_path)]) == status
         assert words in one_line(capsys.readouterr().err)
 
     def test_the_traceback_is_there_for_those_who_ask(self, monkeypatch, tmp_path, capsys) -> None:
         monkeypatch.setenv("SHIPFP_TRACEBACK", "1")
-        monkeypatch.setattr("shipfp_rs.files.write_text_atomically", raising(ZeroDivisionError("0")))
+        monkeypatch.setattr("shipfp_rs.support.files.write_text_atomically", raising(ZeroDivisionError("0")))
         assert cli.main(["init", str(tmp_path)]) == 1
         assert "Traceback" in capsys.readouterr().err
 
@@ -131,7 +131,7 @@ class TestFrame:
 
 class TestInit:
     def test_the_file_it_writes_is_a_trial(self, tmp_path) -> None:
-        from shipfp_rs.trial import Trial
+        from shipfp_rs.processing.trial import Trial
 
         done = shipfp("init", tmp_path / "new")
         assert (done.returncode, done.stderr) == (0, "")
@@ -357,7 +357,7 @@ class TestRun:
             self.seeds.append(seed)
             return found
 
-        monkeypatch.setattr("shipfp_rs.pipeline.identify", identify)
+        monkeypatch.setattr("shipfp_rs.runs.run.identify", identify)
         monkeypatch.chdir(tmp_path)
         text = (shown[1] / "TRIAL.toml").read_text()
         path = tmp_path / "TRIAL.toml"
@@ -393,7 +393,7 @@ class TestRun:
         assert self.seeds == [7, 0]
 
     def test_a_failure_leaves_nothing_half_written(self, trial, tmp_path, monkeypatch, capsys) -> None:
-        monkeypatch.setattr("shipfp_rs.pipeline.write_report", raising(ZeroDivisionError("in the report")))
+        monkeypatch.setattr("shipfp_rs.runs.run.write_report", raising(ZeroDivisionError("in the report")))
         assert cli.main(["run", str(trial), "--out", str(tmp_path / "result")]) == 1
         assert "internal error" in one_line(capsys.readouterr().err)
         assert [file.name for file in tmp_path.iterdir()] == ["TRIAL.toml"]

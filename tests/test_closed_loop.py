@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.closed_loop import closed_loop, poles_of
+from shipfp_rs.assessment.closed_loop import closed_loop, poles_of
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import linearise
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 from tests.launch import LAUNCH, noisy_record
 
 CHIRP = signals.chirp(0.01, 5.0, 120.0, 13.0, rate_hz=50.0)

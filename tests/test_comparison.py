@@ -16,16 +16,16 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import cli, signals
-from shipfp_rs.comparison import compare, covariance_of, trend
-from shipfp_rs.comparison_picture import draw
+from shipfp_rs.assessment.comparison import compare, covariance_of, trend
+from shipfp_rs.assessment.propagation import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.propagation import response_with_deviation, step_with_deviation
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.plot.comparison import draw
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 from tests.launch import noise
 
 TUG = linearise(Vessel.load("stan-tug-1205"))

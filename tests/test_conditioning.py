@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.conditioning import about_local_point, detrended, torque_across_inertia
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.low_pass import LowPass
-from shipfp_rs.rows import Rows
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.processing.conditioning import about_local_point, detrended, torque_across_inertia
+from shipfp_rs.processing.low_pass import LowPass
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 SINE = simulate(TUG, signals.sine_sequence([0.2], 8, 20.0, rate_hz=50.0))

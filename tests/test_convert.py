@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import cli
-from shipfp_rs.log import Log
+from shipfp_rs.logs.log import Log
 
 FAMOS = Path(__file__).parent / "data" / "logs" / "famos"
 

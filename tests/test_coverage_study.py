@@ -16,9 +16,9 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import signals
-from shipfp_rs.identification import identify
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.signals import Excitation
-from shipfp_rs.structure import Structure
+from shipfp_rs.structures.structure import Structure
 from tests.launch import TRUTH, noisy_record
 
 LEVELS = (0.01, 0.05, 0.20)

@@ -8,8 +8,8 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Log
-from shipfp_rs.readers import isolation
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers import isolation
 from tests.damage import KINDS as DAMAGES
 from tests.damage import Tally, damaged, try_damaged
 from tests.logger_files import RATE_HZ, REAL_FILES, WRITERS, sample_file

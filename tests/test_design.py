@@ -10,13 +10,13 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import _core, cli
-from shipfp_rs.calibration import Calibration
 from shipfp_rs.designs import Generator, Noise, Subject
 from shipfp_rs.designs.limits import steepest_rpm_s
 from shipfp_rs.designs.noise import sensors_of
 from shipfp_rs.designs.spectrum import Lines, candidates, optimal_shares
-from shipfp_rs.identifiability import Sensitivity
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.identifiability import Sensitivity
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.calibration import Calibration
 
 TUG = "stan-tug-1205"
 CALIBRATION = Calibration(-251.38, -85.29, "rpm")  # eq. 6.7

@@ -19,10 +19,10 @@ import pytest
 from shipfp_rs import signals
 from shipfp_rs.designs import Noise, Subject, design, predict
 from shipfp_rs.designs.noise import sensors_of
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.identification import identify
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.signals import Excitation
-from shipfp_rs.structure import Structure
+from shipfp_rs.structures.structure import Structure
 
 SHIP = "stan-launch-804"
 AMPLITUDE_RPM = 39.0

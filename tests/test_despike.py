@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shipfp_rs.despike import bridge, find_spikes
-from shipfp_rs.spans import runs
+from shipfp_rs.support.spans import runs
+from shipfp_rs.support.spikes import bridge, find_spikes
 
 RATE_HZ = 1000.0
 SETTINGS = {"longest_s": 0.05, "threshold": 6.0, "least": 0.05}

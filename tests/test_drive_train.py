@@ -11,17 +11,17 @@ import pytest
 from scipy.signal import find_peaks
 
 from shipfp_rs import signals
-from shipfp_rs.drive_train import drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
-from shipfp_rs.linear_model import LinearModel, linearise, linearise_numerically
-from shipfp_rs.operating_point import steady_state
-from shipfp_rs.rawlog import TABLE_6_6, simulate_raw_log
-from shipfp_rs.simulation import simulate
-from shipfp_rs.structure import Structure
-from shipfp_rs.toml_files import built_in
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.raw_log import TABLE_6_6, simulate_raw_log
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.toml import built_in
+from shipfp_rs.vessel.drive_train import drive_train
+from shipfp_rs.vessel.linear_model import LinearModel, linearise, linearise_numerically
+from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 FULL = Vessel.load("stan-tug-1205-full")

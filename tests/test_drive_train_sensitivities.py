@@ -7,7 +7,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.low_pass import PASSBAND, taps
+from shipfp_rs.processing.low_pass import PASSBAND, taps
 
 from .test_drive_train_kernel import ELEMENTS, FIRING, QUADRANTS, SIX, UNEQUAL
 from .test_plant_kernel import SEVEN_POINTS, wander

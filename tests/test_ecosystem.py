@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 
 LAUNCH = fp.Vessel.load("stan-launch-804")

@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs import cli, log
-from shipfp_rs.calibration import Calibration
-from shipfp_rs.experiment import Experiment
+from shipfp_rs import cli
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, sine_response
-from shipfp_rs.log import Log
-from shipfp_rs.plausibility import require_sense
-from shipfp_rs.trial import TRIAL_TEMPLATE
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs import log
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.plausibility import require_sense
+from shipfp_rs.processing.trial import TRIAL_TEMPLATE
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = (Path(fp.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(encoding="utf-8")
 STEPS = fp.signals.steps([13.0], 1.0)

@@ -9,7 +9,7 @@ import pytest
 
 from shipfp_rs import Experiment, Structure, Vessel, signals, simulate
 from shipfp_rs.errors import InputError
-from shipfp_rs.linear_model import linearise
+from shipfp_rs.vessel.linear_model import linearise
 
 TUG = {
     "tau_n": 1.17,

@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shipfp_rs._core import RepeatScan
-from shipfp_rs.faults import Fault, simulated
-from shipfp_rs.faults.chirp import constant_frequency
-from shipfp_rs.faults.extremes import BlockExtremes
-from shipfp_rs.faults.hum import HumScan, hum_in
-from shipfp_rs.faults.levels import BLOCK, find_level_faults
-from shipfp_rs.faults.repeats import TAPS
-from shipfp_rs.faults.scan import scan
-from shipfp_rs.log import Log
-from shipfp_rs.rows import Rows
-from shipfp_rs.spans import apart_from, clipped_to, joined, marks, runs
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.faults import Fault, simulated
+from shipfp_rs.logs.faults.chirp import constant_frequency
+from shipfp_rs.logs.faults.extremes import BlockExtremes
+from shipfp_rs.logs.faults.hum import HumScan, hum_in
+from shipfp_rs.logs.faults.levels import BLOCK, find_level_faults
+from shipfp_rs.logs.faults.repeats import TAPS
+from shipfp_rs.logs.faults.scan import scan
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.spans import apart_from, clipped_to, joined, marks, runs
 from tests.twins.repeats import recurring
 
 RATE_HZ = 2000.0

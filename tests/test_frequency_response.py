@@ -14,7 +14,7 @@ from scipy import signal
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import (
     FrequencyResponse,
     local_response,
@@ -22,13 +22,13 @@ from shipfp_rs.frequency import (
     spectral_response,
     stepped_sine_response,
 )
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import LinearModel
-from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.structure import Structure
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import LinearModel
+from shipfp_rs.vessel.vessel import Vessel
 from tests.launch import LAUNCH, POINT, TRUTH, noise, noisy_record, outputs_of, record
 
 RATE = 100.0

@@ -5,9 +5,11 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from shipfp_rs import Fingerprint, Structure, Vessel, identify, least_squares, signals, simulate, solver
+from shipfp_rs import Fingerprint, Structure, Vessel, identify, signals, simulate
 from shipfp_rs.errors import InputError
-from shipfp_rs.plant_equations import PlantEquations
+from shipfp_rs.identification import search
+from shipfp_rs.optimise import least_squares
+from shipfp_rs.structures.plant import PlantEquations
 
 LAUNCH = Vessel.load("stan-launch-804")
 SEVEN = ["inertia", "A1", "A2", "Kp_abs", "Ki_abs", "torque_exponent", "propeller_torque"]
@@ -103,7 +105,7 @@ def test_few_passes_over_the_record_lead_to_the_minimum(most, options, monkeypat
     # Fourteen ends of intervals take a pass each at least.
     assert passes.call_count <= most
     monkeypatch.setattr(least_squares, "DEVIATIONS", 0.0)
-    monkeypatch.setattr(solver, "CRITERION_TOLERANCE", 1e-12)
+    monkeypatch.setattr(search, "CRITERION_TOLERANCE", 1e-12)
     exact = identify(log, structure, **options)
     for name in SEVEN:
         assert abs(found[name].value - exact[name].value) < 1e-6 * exact[name].std, name

@@ -19,10 +19,10 @@ from shipfp_rs import (
     simulate,
     validate,
 )
-from shipfp_rs.prediction import predict, structure_of
+from shipfp_rs.assessment.prediction import predict, structure_of
+from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
 from shipfp_rs.report import compared_responses
-from shipfp_rs.toml_files import validated
-from shipfp_rs.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.support.toml import validated
 
 FREE = ["propeller_inertia", "Kp_abs", "Ki_abs", "torque_exponent"]
 LIMITED = Vessel.load("stan-launch-804").replace({"engine.torque_rate_Nm_s": 110.0})

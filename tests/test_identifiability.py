@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification import identify
-from shipfp_rs.simulation import simulate
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.vessel import Vessel
 
 POINT = {"n_set": 1300.0, "n_e": 1300.0, "M_b": 222.93, "M_g": 635.35, "X_f": 13.07}
 VALUES = {

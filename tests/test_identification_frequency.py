@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, sine_response
-from shipfp_rs.identification import identify
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Structure
 
 FREQUENCY = np.geomspace(0.004, 5.0, 25)
 LAUNCH = {"tau_n": 1.442, "g": -0.583, "v": 1.583, "K_p": 10.0, "K_i": 1.0, "p": 2.0}

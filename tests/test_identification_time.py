@@ -9,12 +9,12 @@ import pytest
 
 from shipfp_rs import _core, signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.simulation import simulate
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 RATE = 20.0
 POINT = {"n_set": 1300.0, "n_e": 1300.0, "M_b": 222.93, "M_g": 635.35}
@@ -182,7 +182,7 @@ def test_coloured_noise_gets_wider_and_honest_intervals():
 
 def test_a_search_in_doubt_names_the_parameter_that_it_doubts(monkeypatch):
     doubted = "entry 1 of the vector still wants to move by 1.0e-03 of its size"
-    monkeypatch.setattr("shipfp_rs.least_squares.doubt", lambda *_: doubted)
+    monkeypatch.setattr("shipfp_rs.optimise.least_squares.doubt", lambda *_: doubted)
     structure = Structure.linear(products=True)
     found = identify(made(structure, LAUNCH, noise=0.02), structure)
     assert found.settings["message"] == doubted.replace("entry 1 of the vector", "g")

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shipfp_rs import signals
-from shipfp_rs.answer import answered
+from shipfp_rs.assessment.indirect import Binding, bind, indirect_inference
+from shipfp_rs.assessment.ship_parameters import parameters_of, with_parameters
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.identification import identify
-from shipfp_rs.indirect import Binding, bind, indirect_inference
-from shipfp_rs.ship_parameters import parameters_of, with_parameters
-from shipfp_rs.simulation import simulate
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.simulation.replay import answered
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 LAGGING = LAUNCH.replace({"actuator.lag_s": 0.015})

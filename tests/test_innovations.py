@@ -9,9 +9,9 @@ import pytest
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.innovations import with_innovations
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.innovations import with_innovations
+from shipfp_rs.structures.structure import Structure
 from tests.launch import LAUNCH, TRUTH, noisy_record, outputs_of, record
 
 STRUCTURE = Structure.linear(products=True)

@@ -9,10 +9,10 @@ import pytest
 from shipfp_rs import cli, published, signals
 from shipfp_rs.inspection import SteadyPoint, inspect_log, static_check
 from shipfp_rs.inspection.spectrum import amplitude_spectrum, find_peaks, rates_of
-from shipfp_rs.log import Log
-from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 EXCITATIONS = [

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Log
-from shipfp_rs.readers import isolation
-from shipfp_rs.readers.child_process import end_idle, idle_process
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers import isolation
+from shipfp_rs.logs.readers.child_process import end_idle, idle_process
 from tests import ill_readers
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Experiment, Structure, identify
+from shipfp_rs.assessment.prediction import predict, predict_response
+from shipfp_rs.assessment.validation import validate
 from shipfp_rs.errors import InputError
-from shipfp_rs.prediction import predict, predict_response
-from shipfp_rs.validation import validate
 
 from .test_identifiability import BAND, POINT, VALUES, experiment, response, started_near_truth
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from shipfp_rs import Fingerprint, Vessel, cli, signals
-from shipfp_rs.inflow import Inflow
-from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.ship_parameters import parameters_of
-from shipfp_rs.toml_files import built_in
+from shipfp_rs.assessment.ship_parameters import parameters_of
+from shipfp_rs.simulation.inflow import Inflow
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.support.toml import built_in
 
 SHIP = Vessel.load("stan-tug-1205").replace({"actuator.lag_s": 0.06})
 FILE = built_in("vessels")["stan-tug-1205"].read_text(encoding="utf-8") + "\n[actuator]\nlag_s = 0.06\n"

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
-from shipfp_rs.gauss_newton import Bounds, Point, gauss_newton_step
-from shipfp_rs.least_squares import minimise, search
+from shipfp_rs.optimise.gauss_newton import Bounds, Point, gauss_newton_step
+from shipfp_rs.optimise.least_squares import minimise, search
 
 INF = np.inf
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from shipfp_rs.assessment.leverage import leverage
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.leverage import leverage
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
 
 STRUCTURE = extended_structure()

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from shipfp_rs import profile_likelihood, signals
+from shipfp_rs.assessment.profile_likelihood import LEVEL
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.likelihood import LEVEL
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
-from shipfp_rs.structure import Structure
+from shipfp_rs.structures.structure import Structure
 from tests.launch import noisy_record
 
 CHIRP = signals.chirp(0.01, 5.0, 120.0, 13.0, rate_hz=50.0)

@@ -11,8 +11,8 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.linear_model import LinearModel, Output, linearise, linearise_numerically
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.linear_model import LinearModel, Output, linearise, linearise_numerically
+from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205")

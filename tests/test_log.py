@@ -9,9 +9,9 @@ import pyarrow.feather
 import pyarrow.parquet
 import pytest
 
-from shipfp_rs import log as log_module
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Log
+from shipfp_rs.logs import log as log_module
+from shipfp_rs.logs.log import Log
 
 RATE_HZ = 2000.0
 TIME = np.arange(5000) / RATE_HZ

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shipfp_rs.assessment.ladder import climb, ladder
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.model_ladder import climb, ladder
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Structure
 
 from .test_identifiability import BAND, VALUES, experiment, response, started_near_truth, truth
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shipfp_rs.least_squares import minimise, search
+from shipfp_rs.optimise.least_squares import minimise, search
 
 from .nist_strd import MODELS, Problem, solve
 

@@ -8,7 +8,7 @@ import pyarrow.parquet
 import pytest
 
 from shipfp_rs import cli
-from shipfp_rs.log import Log
+from shipfp_rs.logs.log import Log
 from tests.logger_files import TYPES, WRITERS, extremes, write_tdms
 
 LACKS = {

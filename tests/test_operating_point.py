@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.operating_point import bollard_curve, steady_state
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
+from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205")

@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from shipfp_rs import differences, least_squares, signals, structure
+from shipfp_rs import signals
 from shipfp_rs._core import linear_response, simulate_linear
-from shipfp_rs.differences import Differences
 from shipfp_rs.errors import InputError, SimulationError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification import identify
-from shipfp_rs.structure import Parameter, Structure
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.optimise import least_squares
+from shipfp_rs.structures import structure
+from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.support import derivatives
+from shipfp_rs.support.derivatives import Differences
 
 from .twins import linear as twin
 
@@ -306,7 +309,7 @@ class TestDifferences:
         np.testing.assert_allclose(slope[0], np.cos(wild), atol=1e-8)
 
 
-@pytest.mark.parametrize("module", [structure, differences, least_squares])
+@pytest.mark.parametrize("module", [structure, derivatives, least_squares])
 def test_examples_run(module):
     result = doctest.testmod(module)
     assert result.attempted

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 
 from shipfp_rs import plot
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
 UNIT = re.compile(r"\[(rpm|Nm|rev|rev/s|mm|s|Hz|deg|-|%)\]$")

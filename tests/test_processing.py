@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from shipfp_rs import low_pass, signals
+from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.log import Log
-from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Kind, Sensors, Truth, simulate_raw_log, trial_toml
-from shipfp_rs.spans import clipped_to, marks
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing import low_pass
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import Kind, Sensors, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.support.spans import clipped_to, marks
+from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 CLEAN = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0, ripple_Nm=(0.0, 0.0, 0.0, 0.0))

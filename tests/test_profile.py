@@ -8,9 +8,9 @@ from scipy.stats import t as student
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.identification import identify
-from shipfp_rs.structure import Parameter, Structure
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Parameter, Structure
 from tests.launch import TRUTH, noisy_record
 
 TIME = np.arange(400) / 20.0

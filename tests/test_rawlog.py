@@ -8,12 +8,12 @@ import pytest
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.log import Log
-from shipfp_rs.rawlog import Sensors, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import Sensors, Truth, simulate_raw_log, trial_toml
 from shipfp_rs.tacho import pulse_times, reflector_angles
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 QUIET = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0)

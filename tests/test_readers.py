@@ -12,19 +12,19 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Channel, Log
+from shipfp_rs.logs.log import Channel, Log
 
 LOGS = Path(__file__).parent / "data" / "logs"
 START = datetime(2026, 5, 1, 10, tzinfo=UTC)
 
 
 def test_importing_the_package_loads_no_reader() -> None:
-    code = "import sys, shipfp_rs, shipfp_rs.log; print(*sys.modules)"
+    code = "import sys, shipfp_rs, shipfp_rs.logs.log; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"imctermite", "dwdatareader", "nptdms", "h5py", "asammdf", "pyarrow", "scipy"} & set(
         run.stdout.split()
     )
-    assert "shipfp_rs.readers" not in run.stdout
+    assert "shipfp_rs.logs.readers" not in run.stdout
 
 
 def test_a_missing_package_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import pyarrow.csv
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.rawlog import simulate_raw_log
+from shipfp_rs.simulation.raw_log import simulate_raw_log
 from tests.logger_files import sample_file
 
 ROOT = Path(__file__).parents[1]

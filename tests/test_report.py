@@ -13,8 +13,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import render, write_report
 from shipfp_rs.report.charts import thin
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import write_report
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")

@@ -11,7 +11,6 @@ import pytest
 
 matplotlib.use("Agg")
 
-from shipfp_rs.linear_model import linearise
 from shipfp_rs.reproduce import Reproduction, Row, virtual_figures
 from shipfp_rs.reproduce.virtual import reproduce
 from shipfp_rs.reproduce.virtual_data import (
@@ -22,6 +21,7 @@ from shipfp_rs.reproduce.virtual_data import (
 )
 from shipfp_rs.reproduce.virtual_painters import Material
 from shipfp_rs.reproduce.virtual_tables import relations_of
+from shipfp_rs.vessel.linear_model import linearise
 from tests.pictures import check_figures
 
 SMALL = ("ii", "iii", "iv")

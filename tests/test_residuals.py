@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import chi2, kstest
 
 from shipfp_rs import signals
-from shipfp_rs.identification import identify
-from shipfp_rs.residuals import whiteness
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.residual_tests import whiteness
+from shipfp_rs.structures.structure import Structure
 from tests.launch import LAUNCH, noise, noisy_record
 
 EXCITATION = signals.chirp(0.05, 5.0, 30.0, 13.0, rate_hz=50.0)

@@ -9,11 +9,11 @@ import pytest
 from scipy.signal import cont2discrete
 
 from shipfp_rs import Experiment, Structure, Vessel, signals, simulate
-from shipfp_rs.closed_loop import closed_loop
+from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.prediction import structure_of
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.vessel.linear_model import linearise
 
 RATE = 64.0
 SIGNALS = ("n_e", "M_g", "X_f")

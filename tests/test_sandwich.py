@@ -10,9 +10,9 @@ from scipy.signal import firwin, freqz, lfilter, oaconvolve
 
 from shipfp_rs import Structure, Vessel, identify, signals, simulate
 from shipfp_rs.errors import InputError
-from shipfp_rs.inflow import Inflow, disturbed
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.sandwich import score_covariance, vector_autoregression
+from shipfp_rs.identification.sandwich import score_covariance, vector_autoregression
+from shipfp_rs.simulation.inflow import Inflow, disturbed
+from shipfp_rs.vessel.linear_model import linearise
 
 TUG = Vessel.load("stan-tug-1205")
 

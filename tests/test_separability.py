@@ -13,11 +13,11 @@ import pytest
 
 from shipfp_rs import Fingerprint, Structure, Vessel, identify, process, signals, simulate
 from shipfp_rs.errors import InputError
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.pipeline import structure_of
-from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.trial import Trial
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.runs.run import structure_of
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.vessel.linear_model import linearise
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205").replace({"actuator.lag_s": 0.08})

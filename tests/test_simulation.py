@@ -12,11 +12,11 @@ import pytest
 
 from shipfp_rs import _core, signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS, Experiment
-from shipfp_rs.linear_model import Output, linearise
-from shipfp_rs.operating_point import steady_state
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.linear_model import Output, linearise
+from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205")

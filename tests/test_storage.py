@@ -9,9 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.files import replacing_folder
-from shipfp_rs.storage import read_experiments, write_experiments
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.parquet import read_experiments, write_experiments
+from shipfp_rs.support.files import replacing_folder
 
 
 def experiment(name: str, rate_hz: float, **signals: np.ndarray) -> Experiment:

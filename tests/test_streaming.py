@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shipfp_rs.log import Log
-from shipfp_rs.readers import delimited
-from shipfp_rs.readers.child_process import end_idle, idle_process
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers import delimited
+from shipfp_rs.logs.readers.child_process import end_idle, idle_process
 from tests.damage import status_bytes
 from tests.logger_files import NEEDS, WRITERS
 

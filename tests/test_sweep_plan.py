@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.sweeps.design import BLOCK, place, seed_of
 from shipfp_rs.sweeps.template import SWEEP_TEMPLATE
-from shipfp_rs.toml_files import validated
 
 TWO_FACTORS: dict[str, Any] = {
     "excitation.amplitude_rpm": {"low": 10.0, "high": 1000.0, "scale": "log"},

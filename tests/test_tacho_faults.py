@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs import signals
-from shipfp_rs.rawlog import Sensors, simulate_raw_log
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log
 from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,
@@ -24,7 +24,7 @@ from shipfp_rs.tacho import (
     resample,
     speed_from_pulses,
 )
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
 RATE = 2000.0

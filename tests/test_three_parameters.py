@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Structure, Vessel, signals, simulate
-from shipfp_rs.closed_loop import closed_loop
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import LinearModel, linearise
-from shipfp_rs.model_ladder import ladder
-from shipfp_rs.prediction import predict
+from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.ladder import ladder
+from shipfp_rs.assessment.prediction import predict
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.vessel.linear_model import LinearModel, linearise
 
 from .test_identifiability import VALUES, experiment, response
 

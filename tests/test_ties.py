@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Fingerprint, Structure, Vessel, compare, design
-from shipfp_rs.closed_loop import closed_loop
+from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.prediction import predict, structure_of
+from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.likelihood import profile_likelihood
-from shipfp_rs.pipeline import structure_from
-from shipfp_rs.prediction import predict, structure_of
-from shipfp_rs.structure import Parameter
-from shipfp_rs.toml_files import validated
-from shipfp_rs.trial import Identify
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.processing.trial import Identify
+from shipfp_rs.runs.run import structure_from
+from shipfp_rs.structures.structure import Parameter
+from shipfp_rs.support.toml import validated
 
 from .test_identifiability import BAND, CHIRP, VALUES, experiment, response, started_near_truth
 

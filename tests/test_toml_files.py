@@ -8,7 +8,7 @@ import pytest
 from pydantic import ConfigDict, Field
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.toml_files import Section, validated
+from shipfp_rs.support.toml import Section, validated
 
 
 class Sail(Section):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
 
 
 def load(tmp_path: Path, text: str) -> Trial:

@@ -15,13 +15,13 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import cli
-from shipfp_rs.answer import answered
-from shipfp_rs.fingerprint import Estimate
-from shipfp_rs.indirect import Binding
+from shipfp_rs.assessment.indirect import Binding
+from shipfp_rs.assessment.ship_parameters import parameters_of
+from shipfp_rs.identification.fingerprint import Estimate
 from shipfp_rs.reproduce import twin
 from shipfp_rs.reproduce.twin import ALL, CHIRP, FREE, PARTS, Outcome
 from shipfp_rs.reproduce.twin_trial import LAST_HZ, PAUSE_S, STEADY_S, Twin, drawn
-from shipfp_rs.ship_parameters import parameters_of
+from shipfp_rs.simulation.replay import answered
 
 CHOICES = {"": (CHIRP,), "joint": (CHIRP, ALL), "everything": (*PARTS, ALL)}
 SEED = 80_000

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
+from shipfp_rs.assessment.validation import cross_validation, validate
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification import identify
-from shipfp_rs.structure import Structure
-from shipfp_rs.validation import cross_validation, validate
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Structure
 from tests.launch import LAUNCH, noisy_record, outputs_of
 
 STRUCTURE = Structure.linear(products=True)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.toml_files import built_in
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.support.toml import built_in
+from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205")

@@ -7,11 +7,11 @@ import pytest
 
 from shipfp_rs import cli, signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Log
-from shipfp_rs.rawlog import EQUATION_6_7
-from shipfp_rs.trial import TRIAL_TEMPLATE, Trial
-from shipfp_rs.trial_windows import windows_toml
-from shipfp_rs.windows import find_windows, longest_rest
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.processing.trial_template import windows_toml
+from shipfp_rs.processing.windows import find_windows, longest_rest
+from shipfp_rs.simulation.raw_log import EQUATION_6_7
 
 RATE = 400.0
 NOISE_V = 0.004

@@ -13,10 +13,10 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import Vessel, signals, simulate
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.structure import Structure
-from shipfp_rs.verdict import ALARM
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.verdict import ALARM
+from shipfp_rs.structures.structure import Structure
 from tests.launch import noisy_record
 
 SHIP = Vessel.load("stan-launch-804")

@@ -15,46 +15,46 @@ from shipfp_rs.errors import IdentificationError, InputError, InternalError, Shi
 
 if TYPE_CHECKING:
     from shipfp_rs import frequency, plot, published, signals, tacho
-    from shipfp_rs.comparison import compare, trend
+    from shipfp_rs.assessment.bootstrap import bootstrap
+    from shipfp_rs.assessment.comparison import compare, trend
+    from shipfp_rs.assessment.ladder import ladder
+    from shipfp_rs.assessment.profile_likelihood import profile_likelihood
+    from shipfp_rs.assessment.validation import cross_validation, validate
     from shipfp_rs.designs import design
-    from shipfp_rs.experiment import Experiment
-    from shipfp_rs.fingerprint import Fingerprint
+    from shipfp_rs.experiments.experiment import Experiment
     from shipfp_rs.frequency import FrequencyResponse
-    from shipfp_rs.identification import identify
-    from shipfp_rs.likelihood import profile_likelihood
-    from shipfp_rs.linear_model import linearise
-    from shipfp_rs.log import Log
-    from shipfp_rs.model_ladder import ladder
-    from shipfp_rs.processing import process
-    from shipfp_rs.resampling import bootstrap
-    from shipfp_rs.simulation import simulate
-    from shipfp_rs.structure import Structure
+    from shipfp_rs.identification.fingerprint import Fingerprint
+    from shipfp_rs.identification.identify import identify
+    from shipfp_rs.logs.log import Log
+    from shipfp_rs.processing.process import process
+    from shipfp_rs.processing.trial import Trial
+    from shipfp_rs.simulation.simulate import simulate
+    from shipfp_rs.structures.structure import Structure
     from shipfp_rs.sweeps import sweep
-    from shipfp_rs.trial import Trial
-    from shipfp_rs.validation import cross_validation, validate
-    from shipfp_rs.vessel import Vessel
+    from shipfp_rs.vessel.linear_model import linearise
+    from shipfp_rs.vessel.vessel import Vessel
 
 _WHERE = {
-    "Experiment": "experiment",
-    "Fingerprint": "fingerprint",
+    "Experiment": "experiments.experiment",
+    "Fingerprint": "identification.fingerprint",
     "FrequencyResponse": "frequency",
-    "Log": "log",
-    "Structure": "structure",
-    "Trial": "trial",
-    "Vessel": "vessel",
-    "bootstrap": "resampling",
-    "compare": "comparison",
-    "cross_validation": "validation",
+    "Log": "logs.log",
+    "Structure": "structures.structure",
+    "Trial": "processing.trial",
+    "Vessel": "vessel.vessel",
+    "bootstrap": "assessment.bootstrap",
+    "compare": "assessment.comparison",
+    "cross_validation": "assessment.validation",
     "design": "designs",
-    "identify": "identification",
-    "ladder": "model_ladder",
-    "linearise": "linear_model",
-    "process": "processing",
-    "profile_likelihood": "likelihood",
-    "simulate": "simulation",
-    "trend": "comparison",
+    "identify": "identification.identify",
+    "ladder": "assessment.ladder",
+    "linearise": "vessel.linear_model",
+    "process": "processing.process",
+    "profile_likelihood": "assessment.profile_likelihood",
+    "simulate": "simulation.simulate",
+    "trend": "assessment.comparison",
     "sweep": "sweeps",
-    "validate": "validation",
+    "validate": "assessment.validation",
 }
 _MODULES = ("frequency", "plot", "published", "signals", "tacho")
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shipfp_rs._core import DRIVE_TRAIN_PARAMETERS
-from shipfp_rs.drive_train import OFF
+from shipfp_rs.vessel.drive_train import OFF
 
 from .plant import LAUNCH, N_E
 

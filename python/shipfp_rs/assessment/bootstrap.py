@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.assessment.prediction import simulated_about
 from shipfp_rs.errors import IdentificationError, InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.prediction import simulated_about
-from shipfp_rs.structure import Structure
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Structure
 
 Array = npt.NDArray[np.float64]
 

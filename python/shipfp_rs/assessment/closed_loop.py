@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identifiability import gradient_of
-from shipfp_rs.linear_model import LinearModel, Output
-from shipfp_rs.prediction import structure_of
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.identifiability import gradient_of
+from shipfp_rs.vessel.linear_model import LinearModel, Output
 
 Array = npt.NDArray[np.float64]
 

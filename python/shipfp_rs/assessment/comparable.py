@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Estimate, Fingerprint
-from shipfp_rs.ties import declared
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.structures.ties import declared
 
 SPEED_APART = 0.05
 """Operating speeds that differ by more than this part are two operating points: every parameter depends on it."""

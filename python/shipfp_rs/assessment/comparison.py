@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2, norm
 
-from shipfp_rs.comparable import require_comparable
+from shipfp_rs.assessment.comparable import require_comparable
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identifiability import COMBINATIONS, gradient_of
-from shipfp_rs.ties import declared
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.identifiability import COMBINATIONS, gradient_of
+from shipfp_rs.structures.ties import declared
 
 Array = npt.NDArray[np.float64]
 

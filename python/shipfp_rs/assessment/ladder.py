@@ -10,11 +10,11 @@ from typing import Any
 from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.problem import Data
-from shipfp_rs.structure import Structure
-from shipfp_rs.verdict import ALARM
+from shipfp_rs.identification.blocks import Data
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.verdict import ALARM
+from shipfp_rs.structures.structure import Structure
 
 LEVEL = 0.01
 """Probability of taking a step that the data do not support."""

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identifiability import Sensitivity
-from shipfp_rs.problem import Block
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identifiability import Sensitivity
+from shipfp_rs.structures.structure import Structure
 
 Array = npt.NDArray[np.float64]
 

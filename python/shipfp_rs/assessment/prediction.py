@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Array, Experiment
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.experiments.experiment import Array, Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.structure import LINEAR_OPTIONS, Structure
-from shipfp_rs.toml_files import validated
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.structures.structure import LINEAR_OPTIONS, Structure
+from shipfp_rs.support.toml import validated
+from shipfp_rs.vessel.vessel import Vessel
 
 CURVED, SETTLED = 30, 1e-9
 """Steps at most to the initial state of a model that is not linear in it, and a step that is the last."""

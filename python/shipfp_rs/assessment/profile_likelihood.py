@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from shipfp_rs import slips
 from shipfp_rs.errors import InputError
-from shipfp_rs.estimates import estimates
-from shipfp_rs.identification import Options, search_minima
-from shipfp_rs.problem import Data
-from shipfp_rs.profile import End, Profile
-from shipfp_rs.structure import Parameter, Structure
+from shipfp_rs.identification.blocks import Data
+from shipfp_rs.identification.estimates import estimates
+from shipfp_rs.identification.identify import Options, search_minima
+from shipfp_rs.identification.profile import End, Profile
+from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.support import hints
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,7 +153,7 @@ def profile_likelihood(
     wanted = search.names if parameters is None else tuple(parameters)
     for name in wanted:
         if name not in search.names:
-            raise InputError(f"no free parameter {name!r}, {slips.suggestion(name, list(search.names))}")
+            raise InputError(f"no free parameter {name!r}, {hints.suggestion(name, list(search.names))}")
     told, profile = estimates(search, best), Profile(search, best)
     return tuple(
         _likelihood(profile, search.free[index], index, search.names, told.values[name], told.threshold[name])

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.assessment.prediction import structure_of
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.prediction import structure_of
-from shipfp_rs.structure import Structure
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.structures.structure import Structure
 
 Array = npt.NDArray[np.float64]
 

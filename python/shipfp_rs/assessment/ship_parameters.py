@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.truth import true_values
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 
 def parameters_of(vessel: Vessel) -> dict[str, float]:

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from shipfp_rs.assessment.prediction import predict, structure_of
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.prediction import predict, structure_of
-from shipfp_rs.statistics import nrmse_pct
-from shipfp_rs.structure import Structure
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fit_statistics import nrmse_pct
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.structure import Structure
 
 
 def validate(

@@ -23,15 +23,15 @@ def compare(
     json: Json = False,
 ) -> None:
     """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
-    from shipfp_rs.comparison import compare as compare_fingerprints
-    from shipfp_rs.fingerprint import Fingerprint
-    from shipfp_rs.wording import decimals, rounded
+    from shipfp_rs.assessment.comparison import compare as compare_fingerprints
+    from shipfp_rs.identification.fingerprint import Fingerprint
+    from shipfp_rs.identification.wording import decimals, rounded
 
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     comparison = compare_fingerprints(first, second, level=level)
     if out is not None:
-        from shipfp_rs.comparison_picture import draw
-        from shipfp_rs.files import replacing
+        from shipfp_rs.plot.comparison import draw
+        from shipfp_rs.support.files import replacing
 
         labels = [path.name if before.name != after.name else str(path) for path in (before, after)]
         figure = draw(dict(zip(labels, (first, second), strict=True)))

@@ -18,7 +18,7 @@ def convert(
     ] = None,
 ) -> None:
     """Convert a log to Parquet, each channel with its unit, rate, start and type."""
-    from shipfp_rs.log import Log
+    from shipfp_rs.logs.log import Log
 
     source = Log.open(log, rate_hz=rate_hz)
     source.write(out)

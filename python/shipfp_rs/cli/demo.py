@@ -7,7 +7,7 @@ from pathlib import Path
 
 from shipfp_rs.cli.options import Force, Json, OutFolder, Seed
 from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
-from shipfp_rs.truth import true_values
+from shipfp_rs.structures.combinations import true_values
 
 VESSEL = "stan-tug-1205"
 LOG, TRUTH = "log.parquet", "truth.json"
@@ -21,19 +21,19 @@ def demo(
     out: OutFolder = Path("shipfp-demo"), seed: Seed = 0, force: Force = False, json: Json = False
 ) -> None:
     """Show the whole chain: a simulated 2 kHz log of a tug with faults, its fingerprint beside the truth."""
-    from shipfp_rs import pipeline
-    from shipfp_rs.files import replacing_folder
+    from shipfp_rs.processing.trial import Trial
     from shipfp_rs.reproduce import fullscale
-    from shipfp_rs.trial import Trial
+    from shipfp_rs.runs import run
+    from shipfp_rs.support.files import replacing_folder
 
     with progress() as notify:
         with replacing_folder(
-            out, marker=pipeline.MARKER, others=[*pipeline.RESULTS, LOG, TRUTH], force=force
+            out, marker=run.MARKER, others=[*run.RESULTS, LOG, TRUTH], force=force
         ) as folder:
             notify("simulating a raw log")
             truth = _write_log(folder, seed)
             trial = Trial.load(folder / "TRIAL.toml")
-            result = pipeline.evaluate(trial, folder, seed=seed, truth=truth, notify=notify)
+            result = run.evaluate(trial, folder, seed=seed, truth=truth, notify=notify)
         published = fullscale.reproduce(
             lambda done, jobs: notify(f"published data, {done} of {jobs} fits done")
         )
@@ -57,8 +57,8 @@ def demo(
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
     """Write the log, its TRIAL.toml and the truth as a trial's own folder would hold them; return the truth."""
     from shipfp_rs import signals
-    from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
-    from shipfp_rs.vessel import Vessel
+    from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+    from shipfp_rs.vessel.vessel import Vessel
 
     sensors = Sensors()
     rate = sensors.rate_hz

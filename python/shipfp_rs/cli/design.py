@@ -164,10 +164,10 @@ def _sensors(speed: float | None, torque: float | None, corner_hz: float) -> dic
 
 def _generator(trial: Path | None, expected: str, volts: tuple[float, float]) -> Generator | None:
     from shipfp_rs.designs import Generator
-    from shipfp_rs.vessel import Vessel
+    from shipfp_rs.vessel.vessel import Vessel
 
     if trial is not None:
-        from shipfp_rs.trial import Trial
+        from shipfp_rs.processing.trial import Trial
 
         return Generator(Trial.load(trial).channels.set_point.calibration.calibration("rpm"), *volts)
     if expected.endswith(".json"):

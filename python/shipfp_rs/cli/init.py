@@ -35,16 +35,16 @@ def init(
 
         _write(folder / "SWEEP.toml", SWEEP_TEMPLATE, "sweep", "ship, factors and noise")
         return
-    from shipfp_rs.trial import TRIAL_TEMPLATE
+    from shipfp_rs.processing.trial import TRIAL_TEMPLATE
 
     path = _new(folder / "TRIAL.toml")
     text = TRIAL_TEMPLATE
     if log is not None:
         from shipfp_rs.inspection.channels import pulse_rate
-        from shipfp_rs.log import Log
-        from shipfp_rs.rows import Rows
-        from shipfp_rs.trial_windows import filled_in, set_point_of
-        from shipfp_rs.windows import find_windows
+        from shipfp_rs.logs.channel_reader import Rows
+        from shipfp_rs.logs.log import Log
+        from shipfp_rs.processing.trial_template import filled_in, set_point_of
+        from shipfp_rs.processing.windows import find_windows
 
         recording = Log.open(log, rate_hz=rate_hz)
         with progress() as notify:
@@ -78,7 +78,7 @@ def _new(path: Path) -> Path:
 
 
 def _write(path: Path, text: str, command: str, what: str) -> None:
-    from shipfp_rs.files import write_text_atomically
+    from shipfp_rs.support.files import write_text_atomically
 
     write_text_atomically(_new(path), text)
     print_text(f"wrote {path}", f"Fill in {what}, then: shipfp {command} {path}")

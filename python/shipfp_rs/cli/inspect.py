@@ -33,8 +33,8 @@ def inspect(
 ) -> None:
     """Show a log's channels, gaps, faults, windows and spectra; with its trial, calibrated checks as well."""
     from shipfp_rs.inspection import inspect_log
-    from shipfp_rs.log import Log
-    from shipfp_rs.trial import Trial
+    from shipfp_rs.logs.log import Log
+    from shipfp_rs.processing.trial import Trial
 
     if log.suffix == ".toml":
         raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
@@ -56,7 +56,7 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
-    from shipfp_rs.trial_windows import windows_toml
+    from shipfp_rs.processing.trial_template import windows_toml
 
     print_table(
         f"Channels of {found.log}",

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from shipfp_rs.fingerprint import Fingerprint
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
 PIPE_WIDTH = 200
 """Columns of a table that is not shown on a terminal: nothing is cut there."""
@@ -47,7 +47,7 @@ def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
     """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
-    from shipfp_rs.wording import rows
+    from shipfp_rs.identification.wording import rows
 
     head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(

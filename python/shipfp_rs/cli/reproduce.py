@@ -86,7 +86,7 @@ def _reproduce(
     json: bool,
 ) -> None:
     """Compute the tables, write them and the figures into a folder where one is wanted, and show them."""
-    from shipfp_rs.files import replacing_folder, write_text_atomically
+    from shipfp_rs.support.files import replacing_folder, write_text_atomically
 
     folder_of_its_own = nullcontext() if out is None else replacing_folder(out, marker=file, others=pictures)
     with folder_of_its_own as folder, progress() as notify:

@@ -21,10 +21,10 @@ def run(
     json: Json = False,
 ) -> None:
     """Turn a raw log into a fingerprint: calibrate, clean, identify, report."""
-    from shipfp_rs import pipeline
+    from shipfp_rs.runs import run
 
     with progress() as notify:
-        result = pipeline.run(trial, out, seed=seed, force=force, notify=notify)
+        result = run.run(trial, out, seed=seed, force=force, notify=notify)
     if json:
         print_json({"folder": str(out), **result.fingerprint.to_dict()})
         return

@@ -13,11 +13,11 @@ import typer
 from shipfp_rs.cli.options import Json, Seed
 from shipfp_rs.cli.output import print_json, print_text, progress
 from shipfp_rs.errors import InputError
-from shipfp_rs.truth import true_values
+from shipfp_rs.structures.combinations import true_values
 
 if TYPE_CHECKING:
     from shipfp_rs.signals import Excitation
-    from shipfp_rs.vessel import Vessel
+    from shipfp_rs.vessel.vessel import Vessel
 
 CLEAN_RATE_HZ, RAW_RATE_HZ = 100.0, 2000.0
 AMPLITUDE = 0.03
@@ -65,8 +65,8 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate a trial and write it with the true parameters beside it."""
-    from shipfp_rs.files import write_text_atomically
-    from shipfp_rs.vessel import Vessel
+    from shipfp_rs.support.files import write_text_atomically
+    from shipfp_rs.vessel.vessel import Vessel
 
     if out.suffix != ".parquet":
         raise InputError(f"--out {out}: expected a name that ends in .parquet")
@@ -93,9 +93,9 @@ def simulate(
 
 
 def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int) -> dict[str, Any]:
-    from shipfp_rs.linear_model import linearise
-    from shipfp_rs.simulation import simulate as run
-    from shipfp_rs.storage import write_experiments
+    from shipfp_rs.experiments.parquet import write_experiments
+    from shipfp_rs.simulation.simulate import simulate as run
+    from shipfp_rs.vessel.linear_model import linearise
 
     levels = dict.fromkeys(("n_e", "n_s", "M_b", "M_s", "M_g"), noise) if noise else None
     write_experiments(out, [run(ship, signal, noise=levels, seed=seed)])
@@ -103,8 +103,8 @@ def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int)
 
 
 def _raw(ship: Vessel, name: str, signal: Excitation, files: dict[str, Path], seed: int) -> dict[str, Any]:
-    from shipfp_rs.files import write_text_atomically
-    from shipfp_rs.rawlog import Sensors, simulate_raw_log, trial_toml
+    from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+    from shipfp_rs.support.files import write_text_atomically
 
     sensors = Sensors(rate_hz=signal.rate_hz)
     log, truth = simulate_raw_log(ship, signal, sensors=sensors, seed=seed)

@@ -19,10 +19,10 @@ from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, supp
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
 from shipfp_rs.errors import InputError
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.signals.checks import positive
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [
     "Criterion",
@@ -256,7 +256,7 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
         return ""
     speeds, torques = vessel.envelope()
     from shipfp_rs import _core
-    from shipfp_rs.linear_model import linearise
+    from shipfp_rs.vessel.linear_model import linearise
 
     experiment = prediction.experiment
     model = linearise(vessel, subject.operating_point["n_set"])

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.calibration import Calibration
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals import Excitation
 from shipfp_rs.signals.checks import bands, positive
+from shipfp_rs.support.calibration import Calibration
 
 Array = npt.NDArray[np.float64]
 

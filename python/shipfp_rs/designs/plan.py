@@ -19,8 +19,8 @@ from shipfp_rs.designs.prediction import Prediction
 from shipfp_rs.designs.run_sheet import Stretch, as_html, as_text
 from shipfp_rs.designs.spectrum import Criterion
 from shipfp_rs.designs.waveforms import Kind
-from shipfp_rs.files import replacing_folder
 from shipfp_rs.signals import Excitation
+from shipfp_rs.support.files import replacing_folder
 
 Array = npt.NDArray[np.float64]
 

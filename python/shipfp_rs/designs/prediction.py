@@ -12,11 +12,11 @@ from scipy.stats import norm
 from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.quantities import quantities
 from shipfp_rs.designs.subject import Subject
-from shipfp_rs.estimates import why_unknown, with_tied, without_nuisance
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Estimate, Identifiability
-from shipfp_rs.identifiability import Sensitivity, describe
-from shipfp_rs.problem import Block
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.estimates import why_unknown, with_tied, without_nuisance
+from shipfp_rs.identification.fingerprint import Estimate, Identifiability
+from shipfp_rs.identification.identifiability import Sensitivity, describe
 from shipfp_rs.signals import Excitation
 
 Array = npt.NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.designs.subject import Subject
-from shipfp_rs.fingerprint import Status
-from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, gradient_of
+from shipfp_rs.identification.fingerprint import Status
+from shipfp_rs.identification.identifiability import COMBINATIONS, NULL_PART, Sensitivity, gradient_of
 
 Array = npt.NDArray[np.float64]
 

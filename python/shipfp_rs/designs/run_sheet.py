@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.signals import Excitation, Segment
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.quantities import quantities
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.errors import InputError
-from shipfp_rs.identifiability import Sensitivity
+from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.signals import Law
 
 Array = npt.NDArray[np.float64]

@@ -10,16 +10,16 @@ from typing import Self
 
 import numpy as np
 
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.operating_point import steady_state
-from shipfp_rs.prediction import structure_of
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.signals import Excitation
-from shipfp_rs.structure import Structure
-from shipfp_rs.truth import true_values
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.vessel import Vessel
 
 
 @dataclass(frozen=True)

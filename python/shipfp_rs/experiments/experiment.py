@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import slips
 from shipfp_rs.errors import InputError
-from shipfp_rs.tabular import Columns, Tabular
+from shipfp_rs.support import hints
+from shipfp_rs.support.tables import Columns, Tabular
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
 """Unit of every signal name that the package knows."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
-_SLIPS = {"rpm": slips.SPEED_RPM, "rev/s": slips.SPEED_RPS, "Nm": slips.TORQUE}
+_SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Experiment(Tabular):
         for name, samples in self.signals.items():
             if name not in UNITS:
                 raise InputError(
-                    f"experiment {self.name!r}: signal {name!r} is unknown, {slips.suggestion(name, list(UNITS))}"
+                    f"experiment {self.name!r}: signal {name!r} is unknown, {hints.suggestion(name, list(UNITS))}"
                 )
             values = np.array(samples, dtype=np.float64)
             if values.shape != (length,):
@@ -121,7 +121,7 @@ class Experiment(Tabular):
         return f"Experiment({self.name!r}, {len(self)} samples at {self.rate_hz:g} Hz: {signals})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.notebook import shown
+        from shipfp_rs.support.html import shown
 
         rows = []
         for name, samples in self.signals.items():
@@ -197,7 +197,7 @@ class Experiment(Tabular):
         unknown = [name for name in facts if name not in _FACTS]
         if unknown:
             raise InputError(
-                f"{unknown[0]!r} is no fact of an experiment, {slips.suggestion(unknown[0], _FACTS)}"
+                f"{unknown[0]!r} is no fact of an experiment, {hints.suggestion(unknown[0], _FACTS)}"
             )
         if "operating_point" not in facts:
             raise InputError(
@@ -246,7 +246,7 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
         mean = float(np.nanmean(signals[name]))
         known = _SLIPS.get(UNITS[name], ())
         for what, ratio in (("signal", mean / value), ("operating point", value / mean if mean else 0.0)):
-            if hint := slips.likely_ratio(ratio, known):
+            if hint := hints.likely_ratio(ratio, known):
                 raise InputError(
                     f"experiment {label!r}: signal {name!r} is {mean:.4g} on average, its operating point {value:g}, "
                     f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"

@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS, Experiment
-from shipfp_rs.files import replacing
+from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.support.files import replacing
 
 METADATA_KEY = b"shipfp_experiments"
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.despike import bridge
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.response import FrequencyResponse
+from shipfp_rs.support.spikes import bridge
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

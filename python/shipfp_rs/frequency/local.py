@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
 from shipfp_rs.frequency.response import FrequencyResponse
 

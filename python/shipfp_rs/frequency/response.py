@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.tabular import Columns, Tabular
+from shipfp_rs.support.tables import Columns, Tabular
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -126,7 +126,7 @@ class FrequencyResponse(Tabular):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.notebook import shown
+        from shipfp_rs.support.html import shown
 
         head = ["frequency [Hz]"]
         for name in self.response:

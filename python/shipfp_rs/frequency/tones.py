@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response
 from shipfp_rs.frequency.lines import Lines, fit_lines, fit_sine
 from shipfp_rs.frequency.response import FrequencyResponse

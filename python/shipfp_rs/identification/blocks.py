@@ -12,10 +12,10 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.products import Products
-from shipfp_rs.structure import Structure
+from shipfp_rs.optimise.normal_equations import Products
+from shipfp_rs.structures.structure import Structure
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

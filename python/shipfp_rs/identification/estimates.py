@@ -10,15 +10,21 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from shipfp_rs.fingerprint import Estimate, Identifiability, Status
-from shipfp_rs.identifiability import COMBINATIONS, NULL_PART, Sensitivity, describe, gradient_of
-from shipfp_rs.problem import Evaluation
-from shipfp_rs.profile import End, Profile
-from shipfp_rs.residuals import responds
-from shipfp_rs.sandwich import score_covariance
-from shipfp_rs.solver import Minimum, Search
-from shipfp_rs.structure import Parameter, Structure
-from shipfp_rs.ties import Ties
+from shipfp_rs.identification.blocks import Evaluation
+from shipfp_rs.identification.fingerprint import Estimate, Identifiability, Status
+from shipfp_rs.identification.identifiability import (
+    COMBINATIONS,
+    NULL_PART,
+    Sensitivity,
+    describe,
+    gradient_of,
+)
+from shipfp_rs.identification.profile import End, Profile
+from shipfp_rs.identification.residual_tests import responds
+from shipfp_rs.identification.sandwich import score_covariance
+from shipfp_rs.identification.search import Minimum, Search
+from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.structures.ties import Ties
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

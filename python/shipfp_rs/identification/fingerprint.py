@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.files import write_text_atomically
+from shipfp_rs.support.files import write_text_atomically
 
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
@@ -125,7 +125,7 @@ class Fingerprint:
 
         A structure that suits the ship is called wrong in one fit of a hundred.
         """
-        from shipfp_rs.verdict import ALARM
+        from shipfp_rs.identification.verdict import ALARM
 
         p = self.fit.get("overall", {}).get("structure_p")
         return None if p is None else p >= ALARM
@@ -141,8 +141,8 @@ class Fingerprint:
         return f"Fingerprint({shown}; rank {self.identifiability.rank}/{self.identifiability.free})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs import wording
-        from shipfp_rs.notebook import shown
+        from shipfp_rs.identification import wording
+        from shipfp_rs.support.html import shown
 
         return shown(
             f"Fingerprint of {self.vessel or 'a ship not named'}",

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linprog
 
-from shipfp_rs.fingerprint import Identifiability
-from shipfp_rs.ties import Ties, followed
+from shipfp_rs.identification.fingerprint import Identifiability
+from shipfp_rs.structures.ties import Ties, followed
 
 Array = npt.NDArray[np.float64]
 

@@ -12,20 +12,27 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from shipfp_rs import slips
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError, InputError
-from shipfp_rs.estimates import estimates
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.innovations import with_innovations
-from shipfp_rs.problem import Block, Data, Offsets
-from shipfp_rs.residuals import residual_tests
-from shipfp_rs.solver import Minimum, Noise, Search, best_of_random, mean_scatter, start_vectors
-from shipfp_rs.statistics import fit_pct, information_criteria, nrmse_pct
-from shipfp_rs.structure import Structure
-from shipfp_rs.verdict import structure_test, verdict
+from shipfp_rs.identification.blocks import Block, Data, Offsets
+from shipfp_rs.identification.estimates import estimates
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fit_statistics import fit_pct, information_criteria, nrmse_pct
+from shipfp_rs.identification.residual_tests import residual_tests
+from shipfp_rs.identification.search import (
+    Minimum,
+    Noise,
+    Search,
+    best_of_random,
+    mean_scatter,
+    start_vectors,
+)
+from shipfp_rs.identification.verdict import structure_test, verdict
+from shipfp_rs.structures.innovations import with_innovations
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support import hints
 
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
@@ -175,7 +182,7 @@ class Options:
         for name in given:
             if name not in usual:
                 raise InputError(
-                    f"identify has no option {name!r} here, {slips.suggestion(name, list(usual))}"
+                    f"identify has no option {name!r} here, {hints.suggestion(name, list(usual))}"
                 )
         return cls(**{**usual, **given})
 
@@ -328,7 +335,7 @@ def _require_sense(data: FrequencyResponse) -> None:
             f"{data.name!r}: {speed} leads the set point by {phase[0]:.3g} rad at {data.frequency_hz[slowest[0]]:.4g} Hz, "
             "expected it to follow; the sign of the phase turned? give the complex conjugate"
         )
-    if (np.abs(phase) < 0.3).all() and (hint := slips.likely_ratio(float(gain.mean()), slips.PEAK_TO_PEAK)):
+    if (np.abs(phase) < 0.3).all() and (hint := hints.likely_ratio(float(gain.mean()), hints.PEAK_TO_PEAK)):
         raise InputError(
             f"{data.name!r}: {speed} follows the set point with a gain of {gain.mean():.3g} at its lowest frequencies, "
             f"expected 1{hint} give both channels alike"
@@ -350,7 +357,7 @@ def _check_names(
     free = [parameter.name for parameter in structure.free]
     for name, (nominal, weight) in ridge.items():
         if name not in free:
-            raise InputError(f"ridge: no free parameter {name!r}, {slips.suggestion(name, free)}")
+            raise InputError(f"ridge: no free parameter {name!r}, {hints.suggestion(name, free)}")
         if not (np.isfinite(nominal) and np.isfinite(weight) and weight >= 0):
             raise InputError(
                 f"ridge of {name}: ({nominal}, {weight}), expected a finite value and a weight from 0 up"

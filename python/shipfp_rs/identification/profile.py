@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.elimination import Elimination
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.gauss_newton import Bounds, Point, Step, gauss_newton_step
-from shipfp_rs.solver import Minimum, Search
+from shipfp_rs.identification.search import Minimum, Search
+from shipfp_rs.identification.variable_projection import Elimination
+from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -12,10 +12,10 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from shipfp_rs._core import leftover_sums
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.problem import Block, Evaluation, prewhiten
-from shipfp_rs.products import Products, orthonormal
-from shipfp_rs.solver import AR_ORDER, Minimum, Noise, Search, mean_scatter
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
+from shipfp_rs.identification.search import AR_ORDER, Minimum, Noise, Search, mean_scatter
+from shipfp_rs.optimise.normal_equations import Products, orthonormal
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -10,13 +10,13 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.elimination import Elimination
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.least_squares import STOPPED, Solution, approach, minimise
-from shipfp_rs.problem import Block, Evaluation, autoregressive_model
-from shipfp_rs.products import Products
-from shipfp_rs.structure import Parameter, Structure
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.blocks import Block, Evaluation, autoregressive_model
+from shipfp_rs.identification.variable_projection import Elimination
+from shipfp_rs.optimise.least_squares import STOPPED, Solution, approach, minimise
+from shipfp_rs.optimise.normal_equations import Products
+from shipfp_rs.structures.structure import Parameter, Structure
 
 Array = npt.NDArray[np.float64]
 

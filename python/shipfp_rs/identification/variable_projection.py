@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.products import Products, cleared, condense, regression
+from shipfp_rs.optimise.normal_equations import Products, cleared, condense, regression
 
 if TYPE_CHECKING:
-    from shipfp_rs.solver import Minimum, Noise, Search
+    from shipfp_rs.identification.search import Minimum, Noise, Search
 
 Array = npt.NDArray[np.float64]
 

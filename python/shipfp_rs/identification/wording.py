@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from shipfp_rs.faults.record import KINDS
-from shipfp_rs.fingerprint import Estimate, Identifiability
+from shipfp_rs.identification.fingerprint import Estimate, Identifiability
+from shipfp_rs.logs.faults.record import KINDS
 
 MEANINGS: Mapping[str, str] = {
     "tau_n": "time constant of the drive train's whole inertia, 2π I n_s0 / M_s0",

@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS, Experiment
-from shipfp_rs.faults.record import Fault
-from shipfp_rs.faults.scan import scan
+from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.inspection.channels import ChannelReport, describe
 from shipfp_rs.inspection.checks import (
     SETTLE_S,
@@ -25,13 +23,15 @@ from shipfp_rs.inspection.checks import (
     trains,
 )
 from shipfp_rs.inspection.spectrum import Peak, amplitude_spectrum, find_peaks, rates_of
-from shipfp_rs.log import Log
-from shipfp_rs.low_pass import PASSBAND
-from shipfp_rs.rows import STRETCH_BYTES, Rows
-from shipfp_rs.trial import SIGNAL_OF_LOCATION, Trial
-from shipfp_rs.trial_windows import set_point_of
-from shipfp_rs.vessel import Vessel
-from shipfp_rs.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.faults.scan import scan
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.low_pass import PASSBAND
+from shipfp_rs.processing.trial import SIGNAL_OF_LOCATION, Trial
+from shipfp_rs.processing.trial_template import set_point_of
+from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [
     "ChannelReport",
@@ -59,7 +59,7 @@ class Inspection:
     channels
         One report each.
     faults
-        JSON forms: kind (`shipfp_rs.faults.KINDS`), channel, count, spans (first sample and first after).
+        JSON forms: kind (`shipfp_rs.logs.faults.KINDS`), channel, count, spans (first sample and first after).
     windows
         Rests and excitations of the set point; empty where the log has no channel called so.
     spectra

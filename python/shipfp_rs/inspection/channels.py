@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.despike import ROBUST_SIGMA
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.rows import Rows
-from shipfp_rs.spans import Spans, joined, runs
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.support.spans import Spans, joined, runs
+from shipfp_rs.support.spikes import ROBUST_SIGMA
+from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.tacho import pulse_times
-from shipfp_rs.workers import side_by_side
 
 Array = npt.NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.log import Log
-from shipfp_rs.processing import process
-from shipfp_rs.trial import OperatingPoint, Trial, Window
-from shipfp_rs.vessel import Vessel
-from shipfp_rs.windows import FoundWindow
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import OperatingPoint, Trial, Window
+from shipfp_rs.processing.windows import FoundWindow
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from shipfp_rs.despike import bridge, find_spikes
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.support.spikes import bridge, find_spikes
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from shipfp_rs.log import BLOCK, Log, Samples
+from shipfp_rs.logs.log import BLOCK, Log, Samples
 
 KEPT = 1 << 17
 """Samples that stay at hand behind the last one read: stretches overlap by filter margins of a second or two."""

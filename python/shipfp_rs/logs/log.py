@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import slips
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.faults.record import Fault
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.support import hints
 
 Samples = npt.NDArray[Any]
 Blocks = Callable[[str, int, int], Iterator[Samples]]
@@ -130,14 +130,14 @@ class Log:
         path = Path(path)
         suffix = path.suffix.lower()
         if suffix in _MODULES:
-            importlib.import_module(f"shipfp_rs.readers.{_MODULES[suffix]}")
+            importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
         reader = _READERS.get(suffix)
         if reader is None:
             if suffix in (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"):
                 raise InputError(f"{path}: a compressed file, expected a log; unpack it first")
             known = ", ".join(dict.fromkeys([*_MODULES, *_READERS]))
             raise InputError(
-                f"{path}: unknown log format {path.suffix!r}, expected one of {known}{slips.nearest(suffix, list(_MODULES))}"
+                f"{path}: unknown log format {path.suffix!r}, expected one of {known}{hints.nearest(suffix, list(_MODULES))}"
             )
         if not path.is_file():
             what = "a folder, expected a log file" if path.is_dir() else "no such log file"
@@ -181,7 +181,7 @@ class Log:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
         if name not in self.channels:
             known = list(self.channels)
-            hint = slips.nearest(name, known)
+            hint = hints.nearest(name, known)
             raise InputError(f"{self.name}: no channel {name!r}, found {', '.join(known)}{hint}")
         return self.channels[name]
 
@@ -237,7 +237,7 @@ class Log:
         Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
         shorter than the longest end in nulls, which cost next to nothing.
         """
-        from shipfp_rs.readers.parquet import write_parquet
+        from shipfp_rs.logs.readers.parquet import write_parquet
 
         return write_parquet(self, Path(path))
 
@@ -285,7 +285,7 @@ _MODULES = {
     ".hdf5": "hdf5",
     ".mat": "matlab",
 }
-"""Modules of `shipfp_rs.readers` that register for a suffix once a file of it is opened."""
+"""Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
 
 
 def register_reader(*suffixes: str) -> Callable[[Reader], Reader]:

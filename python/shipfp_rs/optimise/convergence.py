@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from shipfp_rs.gauss_newton import NULL_TOLERANCE, ROUNDING, Array, Bounds, Mask, Point, gauss_newton_step
-from shipfp_rs.identifiability import sparse_basis
+from shipfp_rs.identification.identifiability import sparse_basis
+from shipfp_rs.optimise.gauss_newton import (
+    NULL_TOLERANCE,
+    ROUNDING,
+    Array,
+    Bounds,
+    Mask,
+    Point,
+    gauss_newton_step,
+)
 
 STEP_TOLERANCE = 1e-6
 """A Gauss-Newton step that would change a parameter by more than this part of it tells that the search stopped short."""

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from shipfp_rs.certificate import doubt, elsewhere, nearby
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
-from shipfp_rs.gauss_newton import Bounds, Point, gauss_newton_step, polish
+from shipfp_rs.optimise.convergence import doubt, elsewhere, nearby
+from shipfp_rs.optimise.gauss_newton import Bounds, Point, gauss_newton_step, polish
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS, Experiment
-from shipfp_rs.fingerprint import Estimate, Fingerprint
+from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from shipfp_rs.assessment.profile_likelihood import Likelihood
     from shipfp_rs.frequency import FrequencyResponse
-    from shipfp_rs.likelihood import Likelihood
     from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
 Array = npt.NDArray[np.float64]
@@ -263,7 +263,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    from shipfp_rs.likelihood import LEVEL
+    from shipfp_rs.assessment.profile_likelihood import LEVEL
 
     (ax,) = _panels(None if ax is None else [ax], 1)
     color = {"bounded": BLUE, "one-sided": ORANGE, "flat": RED}[found.kind]

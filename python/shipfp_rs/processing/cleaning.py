@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.despike import bridge, find_spikes
 from shipfp_rs.errors import InputError
-from shipfp_rs.faults.hum import hum_in
-from shipfp_rs.faults.levels import LevelLimits
-from shipfp_rs.faults.record import KINDS, Fault
-from shipfp_rs.faults.scan import scan
-from shipfp_rs.low_pass import MARGIN_S
-from shipfp_rs.rows import Rows
-from shipfp_rs.spans import Spans, clipped_to, joined, marks, runs
-from shipfp_rs.trial import Processing, Rack, SetPoint, Torque
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.faults.hum import hum_in
+from shipfp_rs.logs.faults.levels import LevelLimits
+from shipfp_rs.logs.faults.record import KINDS, Fault
+from shipfp_rs.logs.faults.scan import scan
+from shipfp_rs.processing.low_pass import MARGIN_S
+from shipfp_rs.processing.trial import Processing, Rack, SetPoint, Torque
+from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
+from shipfp_rs.support.spikes import bridge, find_spikes
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from shipfp_rs.despike import bridge
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.spikes import bridge
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 Side = Literal["engine", "propeller"]

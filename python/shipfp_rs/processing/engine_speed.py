@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.faults.record import Fault
-from shipfp_rs.log import Channel
-from shipfp_rs.low_pass import Source
-from shipfp_rs.pulse_train import PulseTrain
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.log import Channel
+from shipfp_rs.processing.low_pass import Source
+from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.tacho import Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
 

@@ -12,8 +12,8 @@ from scipy import signal
 
 from shipfp_rs._core import Decimator
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel
-from shipfp_rs.spans import Spans, runs
+from shipfp_rs.logs.log import Channel
+from shipfp_rs.support.spans import Spans, runs
 
 Array = npt.NDArray[np.float64]
 Source = Callable[[int, int], Array]

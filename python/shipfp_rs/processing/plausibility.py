@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import slips
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Log
-from shipfp_rs.trial import Rack, SetPoint, Torque
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import Rack, SetPoint, Torque
+from shipfp_rs.support import hints
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
         )
     for name, limit in rated_torque.items():
         if name in mean and not LEAST_TORQUE * limit < abs(mean[name]) < MOST_TORQUE * limit:
-            hint = slips.likely(abs(mean[name]), LEAST_TORQUE * limit, MOST_TORQUE * limit, slips.TORQUE)
+            hint = hints.likely(abs(mean[name]), LEAST_TORQUE * limit, MOST_TORQUE * limit, hints.TORQUE)
             raise InputError(
                 f"channels.torque: {mean[name]:.4g} Nm on average in {label}, where the engine's rating makes "
                 f"{limit:.4g} Nm{hint}{CHECK}"
@@ -58,7 +58,7 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
 
 def _slip_of_speed(ratio: float, gear_ratio: float) -> str:
     """What is likely wrong where the set point is `ratio` times the engine's speed, and not once."""
-    if hint := slips.likely_ratio(ratio, slips.SPEED_RPM):
+    if hint := hints.likely_ratio(ratio, hints.SPEED_RPM):
         return f"{hint} check channels.set_point.calibration"
     # A wrong count of pulses is a whole number; a gear ratio may be near one.
     wrong = {"the propeller's shaft for the engine's, or the other way round? check shaft": gear_ratio}

@@ -16,23 +16,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.calibration import Calibration
-from shipfp_rs.cleaning import Cleaner
-from shipfp_rs.conditioning import about_local_point, detrended, set_point_is_trend
-from shipfp_rs.engine_speed import EngineSpeed
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.faults.chirp import constant_frequency
-from shipfp_rs.faults.record import Fault
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
-from shipfp_rs.plausibility import require_sense, require_unit
-from shipfp_rs.pulse_train import PulseTrain
-from shipfp_rs.rows import STRETCH_BYTES, Rows
-from shipfp_rs.spans import clipped_to, joined, marks
-from shipfp_rs.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
-from shipfp_rs.vessel import Vessel
-from shipfp_rs.workers import side_by_side
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
+from shipfp_rs.logs.faults.chirp import constant_frequency
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.processing.cleaning import Cleaner
+from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
+from shipfp_rs.processing.engine_speed import EngineSpeed
+from shipfp_rs.processing.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
+from shipfp_rs.processing.plausibility import require_sense, require_unit
+from shipfp_rs.processing.pulse_train import PulseTrain
+from shipfp_rs.processing.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.spans import clipped_to, joined, marks
+from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def process(
     list of Experiment
         One for each window, with n_set and n_e [rpm], the torque [Nm] by its location and the rack X_f in its
         calibration's unit, NaN where masked.
-        `provenance["faults"]` lists every fault: kind (`shipfp_rs.faults.KINDS`), channel, method, count, the
+        `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, the
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
         or, where they are the set point's, in every answer to it.
 

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.faults.record import Fault
-from shipfp_rs.rows import Rows
-from shipfp_rs.spans import runs
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.processing.trial import Tacho
+from shipfp_rs.support.spans import runs
 from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,
@@ -20,7 +21,6 @@ from shipfp_rs.tacho import (
     reflector_angles,
     speed_from_pulses,
 )
-from shipfp_rs.trial import Tacho
 
 Array = npt.NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from shipfp_rs.calibration import Calibration
-from shipfp_rs.log import Log
-from shipfp_rs.toml_files import Section, read_toml, unexpected
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.toml import Section, read_toml, unexpected
 
 Positive = Annotated[float, Field(gt=0.0)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -396,7 +396,7 @@ class Trial(Section):
         logs = [Log.open(path, rate_hz=self.trial.rate_hz) for path in self.trial.log]
         if self.align is None:
             return logs
-        from shipfp_rs.alignment import merged  # SciPy takes long to load
+        from shipfp_rs.processing.alignment import merged  # SciPy takes long to load
 
         name = Path(self.align.reference).name
         (reference,) = [log for log in logs if Path(log.name).name == name]

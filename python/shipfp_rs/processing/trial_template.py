@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel, Log
-from shipfp_rs.windows import FoundWindow, longest_rest
+from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.processing.windows import FoundWindow, longest_rest
 
 TORQUE = "torq|moment|koppel|torsion|strain"
 """What a channel of the torque is called, in part."""

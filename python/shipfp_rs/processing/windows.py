@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.despike import ROBUST_SIGMA
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Log
-from shipfp_rs.spans import runs
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.spans import runs
+from shipfp_rs.support.spikes import ROBUST_SIGMA
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["steady", "sine", "chirp", "steps", "other"]

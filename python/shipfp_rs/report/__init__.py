@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs import plot
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.files import write_text_atomically
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report import fate, findings, markup
 from shipfp_rs.report.bode import compared_responses
 from shipfp_rs.report.charts import charts
 from shipfp_rs.report.pictures import Pictures
+from shipfp_rs.support.files import write_text_atomically
 
 __all__ = ["compared_responses", "render", "write_report"]
 

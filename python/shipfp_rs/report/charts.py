@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import plot, wording
-from shipfp_rs.experiment import UNITS, Experiment
+from shipfp_rs import plot
+from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.identification import wording
 from shipfp_rs.report.fate import Fault, faults
-from shipfp_rs.spans import runs
+from shipfp_rs.support.spans import runs
 
 Array = npt.NDArray[np.float64]
 

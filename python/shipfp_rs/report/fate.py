@@ -9,9 +9,9 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import wording
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification import wording
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
 
 _FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
@@ -27,7 +27,7 @@ class Fault:
     Parameters
     ----------
     kind, channel, method
-        As in a `shipfp_rs.faults.Fault`.
+        As in a `shipfp_rs.logs.faults.Fault`.
     signal
         Signal that the channel became; empty where the account does not tell.
     spans

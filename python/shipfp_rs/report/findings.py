@@ -7,11 +7,12 @@ from functools import partial
 from html import escape
 from typing import Any
 
-from shipfp_rs import plot, wording
-from shipfp_rs.fingerprint import Estimate, Fingerprint
+from shipfp_rs import plot
+from shipfp_rs.identification import wording
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.verdict import ALARM
 from shipfp_rs.report.markup import Cell, bullets, number, paragraph, table
 from shipfp_rs.report.pictures import Pictures
-from shipfp_rs.verdict import ALARM
 
 TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint
 
 Way = Literal["printed", "truth", "thesis", "ours"]
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from shipfp_rs import published
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.assessment.leverage import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
-from shipfp_rs.identification import Weighting, identify
-from shipfp_rs.leverage import leverage
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import Weighting, identify
 from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, row_of
 from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks
 from shipfp_rs.reproduce.fullscale_validation import cross_validation
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205"
 SOUND_PHASE_HZ = 0.085

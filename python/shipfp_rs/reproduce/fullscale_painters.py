@@ -10,12 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import plot, published
-from shipfp_rs.calibration import Calibration
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.assessment.ladder import climb
+from shipfp_rs.assessment.prediction import predict_response, simulated_about, structure_of
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.model_ladder import climb
-from shipfp_rs.prediction import predict_response, simulated_about, structure_of
-from shipfp_rs.rawlog import EQUATION_6_7
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.fullscale import (
     WEIGHTED,
@@ -28,8 +26,10 @@ from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.reproduce.fullscale_validation import printed_parameters
 from shipfp_rs.reproduce.pictures import Stretch, legend_above, stretches_of
 from shipfp_rs.signals import sine_sequence
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

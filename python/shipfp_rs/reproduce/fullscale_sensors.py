@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from shipfp_rs import plot, published
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
-from shipfp_rs.log import Log
-from shipfp_rs.rawlog import EQUATION_6_7, TABLE_6_6, Kind, Sensors, Truth, simulate_raw_log
+from shipfp_rs.logs.log import Log
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation
 from shipfp_rs.signals import steps
+from shipfp_rs.simulation.raw_log import EQUATION_6_7, TABLE_6_6, Kind, Sensors, Truth, simulate_raw_log
 from shipfp_rs.tacho import pulse_times, reflector_angles, speed_from_pulses
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

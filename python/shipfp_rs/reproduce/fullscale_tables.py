@@ -10,13 +10,13 @@ import numpy.typing as npt
 from scipy.optimize import curve_fit
 
 from shipfp_rs import published
-from shipfp_rs.calibration import Calibration
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
-from shipfp_rs.rawlog import EQUATION_6_7
 from shipfp_rs.reproduce import Row, Way
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.vessel.vessel import Vessel
 
 TORQUE_COEFFICIENT = 0.02709
 """C_Q* at beta = 180 degrees, which all five calculated torques of Table 6.8 have in common; never printed."""

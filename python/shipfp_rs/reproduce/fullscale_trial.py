@@ -9,11 +9,11 @@ import numpy as np
 
 from shipfp_rs import published
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.rawlog import EQUATION_6_7
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.signals import Excitation, chirp, join, sine_sequence, steps
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205-full"
 AMPLITUDE_RPM = 76.0

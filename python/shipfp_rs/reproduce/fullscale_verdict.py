@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from shipfp_rs.closed_loop import closed_loop
-from shipfp_rs.fingerprint import Estimate, Fingerprint
-from shipfp_rs.model_ladder import climb
+from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.ladder import climb
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.reproduce import Row
 
 STEP_DELAY_S = 0.5

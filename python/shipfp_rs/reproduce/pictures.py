@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 
 from shipfp_rs import plot
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,20 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.answer import answered
+from shipfp_rs.assessment.indirect import Binding, bind, indirect_inference
+from shipfp_rs.assessment.ship_parameters import with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.indirect import Binding, bind, indirect_inference
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.fit_statistics import fit_pct
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
 from shipfp_rs.reproduce.fullscale_trial import VESSEL
 from shipfp_rs.reproduce.twin_trial import EVERYTHING, Twin
-from shipfp_rs.ship_parameters import with_parameters
-from shipfp_rs.statistics import fit_pct
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.replay import answered
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.vessel import Vessel
 
 LOGGER = logging.getLogger("shipfp_rs")
 

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.inflow import Inflow
-from shipfp_rs.log import Log
-from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Kind, Sensors, TrueWindow, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.assessment.ship_parameters import parameters_of
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation, plan
-from shipfp_rs.ship_parameters import parameters_of
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.inflow import Inflow
+from shipfp_rs.simulation.raw_log import Kind, Sensors, TrueWindow, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.vessel.vessel import Vessel
 
 LAST_HZ = 0.9
 """Up to here no limit acts at the trial's amplitude on any ship drawn: of the most lively ones the smoke limit acts from

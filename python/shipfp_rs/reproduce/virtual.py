@@ -7,11 +7,10 @@ from dataclasses import asdict, dataclass
 from functools import partial
 
 from shipfp_rs import published
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification import Weighting, identify
-from shipfp_rs.linear_model import LinearModel, linearise
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import Weighting, identify
 from shipfp_rs.reproduce import Reproduction, Row, Way, virtual_tables, virtual_verdict
 from shipfp_rs.reproduce.virtual_data import (
     VESSEL,
@@ -27,7 +26,8 @@ from shipfp_rs.reproduce.virtual_data import (
     trial,
     validation_steps,
 )
-from shipfp_rs.structure import Structure
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import LinearModel, linearise
 
 SINES, EULER = "settled sines", "forward Euler, 0.01 s"
 CHIRPS = {

@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import signals
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.linear_model import LinearModel, linearise
+from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.signals import Excitation
-from shipfp_rs.simulation import Method, simulate
-from shipfp_rs.statistics import nrmse_pct
-from shipfp_rs.structure import Structure
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.simulate import Method, simulate
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import LinearModel, linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 Discretisation = Literal["zoh", "euler"]

@@ -11,10 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import plot, published
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.linear_model import LinearModel, Output, linearise, linearise_numerically
-from shipfp_rs.operating_point import bollard_curve, steady_state
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.pictures import NAMES, Stretch, legend_above, stretches_of
 from shipfp_rs.reproduce.virtual_data import (
@@ -28,7 +26,9 @@ from shipfp_rs.reproduce.virtual_data import (
     thesis_structure,
     validation_steps,
 )
-from shipfp_rs.structure import Structure
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import LinearModel, Output, linearise, linearise_numerically
+from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,16 +7,16 @@ import math
 import numpy as np
 
 from shipfp_rs import published
-from shipfp_rs.fingerprint import Fingerprint
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification import identify
-from shipfp_rs.linear_model import LinearModel, linearise, linearise_numerically
-from shipfp_rs.operating_point import steady_state
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.wording import rank
 from shipfp_rs.reproduce import Row
 from shipfp_rs.reproduce.virtual_data import launch, searched_as_printed
 from shipfp_rs.signals import published_sine_sequence
-from shipfp_rs.structure import Structure
-from shipfp_rs.wording import rank
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import LinearModel, linearise, linearise_numerically
+from shipfp_rs.vessel.steady_state import steady_state
 
 SYMBOLS = {
     "engine_speed_n0": "n_0",

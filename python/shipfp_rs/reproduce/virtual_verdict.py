@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
-from shipfp_rs.linear_model import linearise
 from shipfp_rs.reproduce import Row, Way
 from shipfp_rs.reproduce.virtual_data import (
     STEP_S,
@@ -17,6 +16,7 @@ from shipfp_rs.reproduce.virtual_data import (
     trial,
 )
 from shipfp_rs.reproduce.virtual_tables import CORRECTIONS
+from shipfp_rs.vessel.linear_model import linearise
 
 Figures = Mapping[str, float]
 Found = Mapping[tuple[str, Way, str], Figures]

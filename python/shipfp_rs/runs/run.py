@@ -9,18 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.files import replacing_folder
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identification import identify
-from shipfp_rs.indirect import indirect_inference
-from shipfp_rs.prediction import predict
-from shipfp_rs.processing import process
+from shipfp_rs.assessment.indirect import indirect_inference
+from shipfp_rs.assessment.prediction import predict
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.parquet import write_experiments
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Identify, Trial
 from shipfp_rs.report import compared_responses, write_report
-from shipfp_rs.storage import write_experiments
-from shipfp_rs.structure import Structure, Torque
-from shipfp_rs.trial import Identify, Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.support.files import replacing_folder
+from shipfp_rs.vessel.vessel import Vessel
 
 MARKER = "fingerprint.json"
 RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Hold
-from shipfp_rs.files import write_text_atomically
+from shipfp_rs.experiments.experiment import Hold
 from shipfp_rs.signals.checks import positive
+from shipfp_rs.support.files import write_text_atomically
 
 Array = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, signal
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.linear_model import LinearModel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.vessel.linear_model import LinearModel
 
 Array = npt.NDArray[np.float64]
 

@@ -12,20 +12,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from shipfp_rs.calibration import Calibration
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.faults import simulated
-from shipfp_rs.inflow import Inflow, disturbed
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.log import Log
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.faults import simulated
+from shipfp_rs.logs.log import Log
 from shipfp_rs.signals import Excitation
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.inflow import Inflow, disturbed
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]
-"""Faults of `shipfp_rs.faults.KINDS` that a simulated log can have."""
+"""Faults of `shipfp_rs.logs.faults.KINDS` that a simulated log can have."""
 
 EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
 """Of volts of the set point."""

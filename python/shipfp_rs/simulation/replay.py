@@ -11,12 +11,12 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.log import Channel
-from shipfp_rs.low_pass import LowPass
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.log import Channel
+from shipfp_rs.processing.low_pass import LowPass
 from shipfp_rs.signals import Excitation
-from shipfp_rs.simulation import simulate
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 

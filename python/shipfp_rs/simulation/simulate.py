@@ -13,13 +13,13 @@ import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs import _core
-from shipfp_rs.drive_train import DriveTrain, drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS, Experiment, Hold
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
+from shipfp_rs.experiments.experiment import UNITS, Experiment, Hold
 from shipfp_rs.signals import Excitation
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.drive_train import DriveTrain, drive_train
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 Method = Literal["rk4", "heun", "euler"]

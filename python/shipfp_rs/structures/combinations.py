@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 def true_values(linear: Mapping[str, float]) -> dict[str, float]:
     """Return the linear parameters and every combination of them that a fingerprint may name."""
-    from shipfp_rs.identifiability import COMBINATIONS
+    from shipfp_rs.identification.identifiability import COMBINATIONS
 
     values = dict(linear)
     for name, (_, combine) in COMBINATIONS.items():

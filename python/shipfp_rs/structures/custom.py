@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.differences import Differences, by_part
 from shipfp_rs.errors import InputError, SimulationError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.derivatives import Differences, by_part
 
 if TYPE_CHECKING:
-    from shipfp_rs.structure import Parameter
+    from shipfp_rs.structures.structure import Parameter
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

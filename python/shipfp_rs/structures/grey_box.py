@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from shipfp_rs import slips
-from shipfp_rs.drive_train import OFF, drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.plant_equations import WIDEST
-from shipfp_rs.structure import Parameter
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.structures.plant import WIDEST
+from shipfp_rs.structures.structure import Parameter
+from shipfp_rs.support import hints
+from shipfp_rs.vessel.drive_train import OFF, drive_train
+from shipfp_rs.vessel.vessel import Vessel
 
 ELEMENTS: Mapping[str, str] = {
     "minimum_torque": "engine.minimum_torque_Nm",
@@ -73,7 +73,7 @@ def parameters(vessel: Vessel, free: Sequence[str]) -> tuple[Parameter, ...]:
                 f"free: {name!r} has no value to start from; give vessel {vessel.name!r} its {ELEMENTS[name]}"
             )
         if name not in rows:
-            raise InputError(f"free: found {name!r}, {slips.suggestion(name, list(rows))}")
+            raise InputError(f"free: found {name!r}, {hints.suggestion(name, list(rows))}")
     if not free:
         raise InputError(f"free: found no name, expected some of {', '.join(rows)}")
     return tuple(Parameter(name, *row, fixed=name not in free) for name, row in rows.items())

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from shipfp_rs.errors import InputError, SimulationError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.linear_equations import LinearEquations
-from shipfp_rs.structure import Structure
-from shipfp_rs.ties import bare, tied
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import bare, tied
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

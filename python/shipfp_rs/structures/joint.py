@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.ties import Behind
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.ties import Behind
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.transfer_equations import INPUT, WATER, TransferEquations, Values
+from shipfp_rs.structures.transfer import INPUT, WATER, TransferEquations, Values
 
 Place = Literal["engine", "propeller"]
 Spectrum = npt.NDArray[Any]

@@ -12,10 +12,10 @@ import numpy.typing as npt
 from scipy.linalg import schur
 from scipy.signal import lfilter
 
-from shipfp_rs.differences import Differences, by_part
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.extended_linear import DERIVATIVE_FILTER, STATES, Place
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.linear_extended import DERIVATIVE_FILTER, STATES, Place
+from shipfp_rs.support.derivatives import Differences, by_part
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]

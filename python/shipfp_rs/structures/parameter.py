@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.ties import Tie
+from shipfp_rs.structures.ties import Tie
 
 
 @dataclass(frozen=True)

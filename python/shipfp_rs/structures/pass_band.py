@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.low_pass import PASSBAND, STOPBAND, taps
-from shipfp_rs.structure import ComplexArray, Equations
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.processing.low_pass import PASSBAND, STOPBAND, taps
+from shipfp_rs.structures.structure import ComplexArray, Equations
 
 Array = npt.NDArray[np.float64]
 

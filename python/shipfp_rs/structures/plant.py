@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.drive_train import OFF, DriveTrain, drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment, Hold
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment, Hold
+from shipfp_rs.vessel.drive_train import OFF, DriveTrain, drive_train
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

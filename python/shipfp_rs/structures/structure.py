@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import slips
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.parameter import Parameter as Parameter
-from shipfp_rs.ties import Tie, bare, followed, resolved, tied
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.parameter import Parameter as Parameter
+from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
+from shipfp_rs.support import hints
 
 if TYPE_CHECKING:
-    from shipfp_rs.extended_linear import Place
-    from shipfp_rs.own_equations import Matrices, Response, Simulate
-    from shipfp_rs.vessel import Vessel
+    from shipfp_rs.structures.custom import Matrices, Response, Simulate
+    from shipfp_rs.structures.linear_extended import Place
+    from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -177,9 +177,9 @@ class Structure:
         >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
-        from shipfp_rs.extended_linear import ExtendedLinear
-        from shipfp_rs.linear_equations import LinearEquations
-        from shipfp_rs.sampled_governor import SampledGovernor
+        from shipfp_rs.structures.linear import LinearEquations
+        from shipfp_rs.structures.linear_extended import ExtendedLinear
+        from shipfp_rs.structures.linear_sampled import SampledGovernor
 
         if torque not in ("brake", "gauge"):
             raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
@@ -351,7 +351,7 @@ class Structure:
         dead_time_set_point
             Free the dead time T_set; otherwise it is the vessel's.
         """
-        from shipfp_rs.plant_equations import PlantEquations
+        from shipfp_rs.structures.plant import PlantEquations
 
         linear = cls.linear(
             torque=torque,
@@ -427,9 +427,9 @@ class Structure:
         >>> [parameter.name for parameter in Structure.grey_box(launch, ["inertia", "Kp_abs"]).free]
         ['inertia', 'Kp_abs']
         """
-        from shipfp_rs.grey_box import parameters, require_modelled
-        from shipfp_rs.pass_band import PassBand
-        from shipfp_rs.plant_equations import PlantEquations, as_built
+        from shipfp_rs.structures.grey_box import parameters, require_modelled
+        from shipfp_rs.structures.pass_band import PassBand
+        from shipfp_rs.structures.plant import PlantEquations, as_built
 
         require_modelled(vessel)
         if pass_hz is not None and not (math.isfinite(pass_hz) and pass_hz > 0.0):
@@ -501,7 +501,7 @@ class Structure:
         >>> two_lags.equations.states
         ('initial x1', 'initial x2')
         """
-        from shipfp_rs.own_equations import MatrixEquations
+        from shipfp_rs.structures.custom import MatrixEquations
 
         signals = _own_signals(outputs)
         equations = MatrixEquations(matrices, tuple(parameters), tuple(signals))
@@ -555,7 +555,7 @@ class Structure:
         >>> lag.outputs
         ('dM',)
         """
-        from shipfp_rs.own_equations import FunctionEquations
+        from shipfp_rs.structures.custom import FunctionEquations
 
         signals = _own_signals(outputs)
         equations = FunctionEquations(simulate, tuple(parameters), tuple(signals), response)
@@ -589,7 +589,7 @@ class Structure:
         >>> [parameter.name for parameter in both.free][:3]
         ['tau_n (slow)', 'g (slow)', 'vK_p (slow)']
         """
-        from shipfp_rs.joint import JointEquations, PartEquations
+        from shipfp_rs.structures.joint import JointEquations, PartEquations
 
         if len(parts) < 2:
             raise InputError(f"joint structure: {len(parts)} parts, expected two or more")
@@ -634,7 +634,7 @@ class Structure:
                 return parameter
         raise InputError(
             f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}"
-            f"{slips.nearest(name, self.names)}"
+            f"{hints.nearest(name, self.names)}"
         )
 
     @property
@@ -716,7 +716,7 @@ class Structure:
         for name, value in values.items():
             declared = structure[name]
             if declared.unit == "s" and value > 10.0 * declared.upper:
-                hint = slips.likely(value, declared.lower, declared.upper, slips.TIME_S, "s")
+                hint = hints.likely(value, declared.lower, declared.upper, hints.TIME_S, "s")
                 raise InputError(
                     f"parameter {name}: fixed at {value:g} s, expected {declared.lower:g} to {declared.upper:g} s"
                     f"{hint or '; widen its bounds first'}"

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment
 
 if TYPE_CHECKING:
-    from shipfp_rs.structure import Equations
+    from shipfp_rs.structures.structure import Equations
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

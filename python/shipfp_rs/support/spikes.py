@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.spans import Spans
+from shipfp_rs.support.spans import Spans
 
 Array = npt.NDArray[np.float64]
 

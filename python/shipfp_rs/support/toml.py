@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.slips import suggestion
+from shipfp_rs.support.hints import suggestion
 
 Model = TypeVar("Model", bound=BaseModel)
 

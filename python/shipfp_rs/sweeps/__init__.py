@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.files import write_text_atomically
+from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.sweeps.analysis import ACCURACY, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of

@@ -12,21 +12,21 @@ import numpy as np
 import pyarrow as pa
 
 from shipfp_rs import signals
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.fingerprint import Fingerprint
-from shipfp_rs.identifiability import COMBINATIONS
-from shipfp_rs.linear_model import linearise
-from shipfp_rs.pipeline import identified
-from shipfp_rs.processing import process
-from shipfp_rs.rawlog import Kind, Sensors, simulate_raw_log, trial_toml
-from shipfp_rs.simulation import simulate
-from shipfp_rs.structure import Structure
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identifiability import COMBINATIONS
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.runs.run import identified
+from shipfp_rs.simulation.raw_log import Kind, Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps.plan import Conditions, Excitation, Plan
 from shipfp_rs.sweeps.time_limit import TimedOut, within
-from shipfp_rs.toml_files import validated
-from shipfp_rs.trial import Trial
-from shipfp_rs.truth import true_values
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
 
 DrawStatus = Literal["done", "failed", "timed_out"]
 FIGURES = ("estimate", "std", "low", "high")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.files import replacing
 from shipfp_rs.plot import BLUE, COMPARED, GREY, RED, dress
+from shipfp_rs.support.files import replacing
 from shipfp_rs.sweeps.analysis import DURATION, Bins
 
 if TYPE_CHECKING:

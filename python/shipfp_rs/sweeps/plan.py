@@ -13,17 +13,17 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 from scipy.special import ndtri
 
-from shipfp_rs import slips
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
-from shipfp_rs.pipeline import structure_from
+from shipfp_rs.processing.trial import HOW
+from shipfp_rs.processing.trial import Identify as TrialIdentify
+from shipfp_rs.runs.run import structure_from
 from shipfp_rs.signals import Kind
-from shipfp_rs.structure import Structure
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support import hints
+from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
 from shipfp_rs.sweeps.design import Design, place, seed_of
-from shipfp_rs.toml_files import Section, built_in, read_named, unexpected, validated
-from shipfp_rs.trial import HOW
-from shipfp_rs.trial import Identify as TrialIdentify
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.vessel import Vessel
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -217,10 +217,10 @@ class Plan(Conditions):
             section, _, name = key.partition(".")
             known = _keys_of(section)
             if known is not None and name not in known:
-                near = slips.suggestion(key, [f"{section}.{other}" for other in known])
+                near = hints.suggestion(key, [f"{section}.{other}" for other in known])
                 raise unexpected("factors", f"the unknown key {key!r}", f"a key of the file, {near}")
             if known is None and (section != "vessel" or not name):
-                near = slips.suggestion(section, [*_SECTIONS, "vessel"])
+                near = hints.suggestion(section, [*_SECTIONS, "vessel"])
                 raise unexpected("factors", f"the unknown key {key!r}", f"section.key; {near}")
             if self.sweep.design == "grid" and factor.levels() is None:
                 raise unexpected("factors", f"{key!r} without levels", "values or points for a grid")

@@ -11,8 +11,8 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Literal, Protocol
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.threads import available_workers
 from shipfp_rs.sweeps.worker import begin_process
-from shipfp_rs.workers import available_workers
 
 Where = Literal["processes", "threads", "dask"]
 

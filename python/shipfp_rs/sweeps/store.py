@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.files import replacing, write_text_atomically
+from shipfp_rs.support.files import replacing, write_text_atomically
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
 FORMAT = 1

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs import _core
-from shipfp_rs.drive_train import drive_train
 from shipfp_rs.errors import InputError
-from shipfp_rs.operating_point import OperatingPoint, plant_about, steady_state
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.vessel.drive_train import drive_train
+from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
+from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from shipfp_rs.frequency import FrequencyResponse

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from shipfp_rs import _core, slips
-from shipfp_rs.drive_train import drive_train
+from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.support import hints
+from shipfp_rs.vessel.drive_train import drive_train
+from shipfp_rs.vessel.vessel import Vessel
 
 Array = npt.NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     if not (math.isfinite(set_point) and set_point > 0.0):
         raise InputError(f"vessel {vessel.name!r}: set point is {set_point} rpm, expected a positive number")
     rated = vessel.engine.rated_speed_rpm
-    if hint := slips.likely(set_point, 0.1 * rated, 1.5 * rated, slips.SPEED_RPM, "rpm"):
+    if hint := hints.likely(set_point, 0.1 * rated, 1.5 * rated, hints.SPEED_RPM, "rpm"):
         raise InputError(
             f"vessel {vessel.name!r}: set point is {set_point:g} rpm, expected one near {rated:g} rpm{hint}"
         )

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from shipfp_rs import slips
-from shipfp_rs.calibration import Calibration
-from shipfp_rs.elements import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
 from shipfp_rs.errors import InputError
-from shipfp_rs.toml_files import Section, built_in, read_named, unexpected, validated
+from shipfp_rs.support import hints
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
+from shipfp_rs.vessel.tables import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
 
 Array = npt.NDArray[np.float64]
 
@@ -290,15 +290,15 @@ class Vessel(Section):
         speed = engine.rated_speed_rpm
         rated = engine.rated_power_kW * 30e3 / (math.pi * speed)
         shaft = self.gearbox.ratio * self.gearbox.efficiency
-        checks: tuple[tuple[str, float | None, float, float, Sequence[slips.Slip], str, str], ...] = (
-            ("water.density_kg_m3", self.water.density_kg_m3, 900.0, 1100.0, slips.DENSITY, "kg/m3", "water"),
-            ("engine.rated_speed_rpm", speed, 40.0, 2e4, slips.SPEED_RPM, "rpm", "engines"),
+        checks: tuple[tuple[str, float | None, float, float, Sequence[hints.Slip], str, str], ...] = (
+            ("water.density_kg_m3", self.water.density_kg_m3, 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
+            ("engine.rated_speed_rpm", speed, 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
             (
                 "propeller.diameter_m",
                 self.propeller.diameter_m,
                 0.05,
                 15.0,
-                slips.LENGTH_M,
+                hints.LENGTH_M,
                 "m",
                 "propellers",
             ),
@@ -307,7 +307,7 @@ class Vessel(Section):
                 point.n_e_rpm,
                 0.1 * speed,
                 1.5 * speed,
-                slips.SPEED_RPM,
+                hints.SPEED_RPM,
                 "rpm",
                 "this engine",
             ),
@@ -316,7 +316,7 @@ class Vessel(Section):
                 point.M_b_Nm,
                 0.004 * rated,
                 2.0 * rated,
-                slips.TORQUE,
+                hints.TORQUE,
                 "Nm",
                 "this engine",
             ),
@@ -325,13 +325,13 @@ class Vessel(Section):
                 point.M_s_Nm,
                 0.004 * rated * shaft,
                 2.0 * rated * shaft,
-                slips.TORQUE,
+                hints.TORQUE,
                 "Nm",
                 "this engine and gearbox",
             ),
         )
         for key, value, low, high, known, unit, owner in checks:
-            if value is not None and (hint := slips.likely(value, low, high, known, unit)):
+            if value is not None and (hint := hints.likely(value, low, high, known, unit)):
                 raise unexpected(
                     key, f"{value:g} {unit}", f"{low:.4g} to {high:.4g} {unit} as {owner} would have{hint}"
                 )
@@ -379,7 +379,7 @@ class Vessel(Section):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.notebook import shown
+        from shipfp_rs.support.html import shown
 
         rows = []
         for section, content in self.model_dump().items():

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.faults.record import Fault
+from shipfp_rs.logs.faults.record import Fault
 
 Array = npt.NDArray[np.float64]
 Samples = npt.NDArray[Any]

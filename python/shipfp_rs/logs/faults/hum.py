@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from shipfp_rs.spans import Spans, joined, marks, runs
+from shipfp_rs.support.spans import Spans, joined, marks, runs
 
 Array = npt.NDArray[np.float64]
 

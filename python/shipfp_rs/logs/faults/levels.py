@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.faults.extremes import BlockExtremes
-from shipfp_rs.spans import Spans, apart_from, joined, runs
+from shipfp_rs.logs.faults.extremes import BlockExtremes
+from shipfp_rs.support.spans import Spans, apart_from, joined, runs
 
 Array = npt.NDArray[np.float64]
 Read = Callable[[int, int], Array]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.spans import Spans
+from shipfp_rs.support.spans import Spans
 
 KINDS: Mapping[str, str] = MappingProxyType(
     {

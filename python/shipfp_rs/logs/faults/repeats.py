@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.spans import Spans, joined
+from shipfp_rs.support.spans import Spans, joined
 
 TAPS = 8
 """Samples in a print of `shipfp_rs._core.RepeatScan`."""

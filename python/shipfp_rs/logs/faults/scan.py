@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs._core import RepeatScan
-from shipfp_rs.faults.extremes import BlockExtremes
-from shipfp_rs.faults.hum import HumScan
-from shipfp_rs.faults.levels import BLOCK, LevelLimits, find_level_faults
-from shipfp_rs.faults.repeats import repeated_rows
-from shipfp_rs.spans import Spans
+from shipfp_rs.logs.faults.extremes import BlockExtremes
+from shipfp_rs.logs.faults.hum import HumScan
+from shipfp_rs.logs.faults.levels import BLOCK, LevelLimits, find_level_faults
+from shipfp_rs.logs.faults.repeats import repeated_rows
+from shipfp_rs.support.spans import Spans
 
 if TYPE_CHECKING:
-    from shipfp_rs.log import Channel, Log
-    from shipfp_rs.rows import Rows
+    from shipfp_rs.logs.channel_reader import Rows
+    from shipfp_rs.logs.log import Channel, Log
 
 Array = npt.NDArray[np.float64]
 

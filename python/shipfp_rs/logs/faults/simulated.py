@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.spans import Spans, runs
+from shipfp_rs.support.spans import Spans, runs
 
 Array = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.ipc
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Log, register_reader
-from shipfp_rs.readers.table import log_of_table
+from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.table import log_of_table
 
 MAGIC = b"ARROW1\0\0"
 

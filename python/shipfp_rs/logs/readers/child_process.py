@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from shipfp_rs.log import Samples
+from shipfp_rs.logs.log import Samples
 
 TIRED_BYTES = 100_000_000
 """A child that has grown by so much is not given another file."""
@@ -22,7 +22,7 @@ TIRED_BYTES = 100_000_000
 START = """
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
-from shipfp_rs.readers import child
+from shipfp_rs.logs.readers import child
 child.serve()
 """
 

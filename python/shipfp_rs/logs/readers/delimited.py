@@ -15,9 +15,9 @@ import pyarrow.compute as pc
 import pyarrow.csv
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Log, register_reader
-from shipfp_rs.readers.delimited_layout import Layout, find_layout
-from shipfp_rs.readers.table import log_of_table
+from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.delimited_layout import Layout, find_layout
+from shipfp_rs.logs.readers.table import log_of_table
 
 PART = 1 << 22
 """Bytes of text parsed at once."""

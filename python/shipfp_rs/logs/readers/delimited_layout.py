@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.readers.time_base import split_unit, stated_rate
+from shipfp_rs.logs.readers.time_base import split_unit, stated_rate
 
 SAMPLE = 1 << 16
 """Bytes from which the layout is found."""

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.readers.isolation import in_child
-from shipfp_rs.readers.time_base import time_base
+from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.readers.time_base import time_base
 
 
 @register_reader(".d7d", ".dxd")

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Literal
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.readers.isolation import in_child
+from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.isolation import in_child
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
 """Trigger times count from here, on the logger's own clock, which is taken as UTC."""

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import BLOCK, Channel, Log, Samples, register_reader
-from shipfp_rs.readers.isolation import in_child
-from shipfp_rs.readers.time_base import TIME_NAMES, seconds_per, split_unit, stated_rate, time_base
+from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.readers.time_base import TIME_NAMES, seconds_per, split_unit, stated_rate, time_base
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
 SINCE = re.compile(r"\s*([a-zµ]+)\s+since\s+(.+)")

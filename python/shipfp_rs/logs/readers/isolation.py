@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Channel, Log, Reader, Samples
-from shipfp_rs.readers.child_process import LOCK, Child, give_back, take
+from shipfp_rs.logs.log import Channel, Log, Reader, Samples
+from shipfp_rs.logs.readers.child_process import LOCK, Child, give_back, take
 
 LIMIT_S = 30.0
 """Longest wait for a child's answer, and a second more for every 5 MB of the file."""

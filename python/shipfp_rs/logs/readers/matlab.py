@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.readers.hdf5 import open_hdf5
-from shipfp_rs.readers.isolation import in_child
-from shipfp_rs.readers.time_base import TIME_NAMES, stated_rate, time_base
+from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.hdf5 import open_hdf5
+from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.readers.time_base import TIME_NAMES, stated_rate, time_base
 
 CLASSES = (
     "double",

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import BLOCK, Channel, Log, Samples, register_reader
-from shipfp_rs.readers.isolation import in_child
-from shipfp_rs.readers.time_base import time_base
+from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.readers.time_base import time_base
 
 
 @register_reader(".mf4", ".mdf")

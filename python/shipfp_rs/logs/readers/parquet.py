@@ -12,11 +12,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from shipfp_rs import log as logs
 from shipfp_rs.errors import InputError
-from shipfp_rs.files import replacing
-from shipfp_rs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.readers.table import METADATA_KEY, log_of_table
+from shipfp_rs.logs import log as logs
+from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.table import METADATA_KEY, log_of_table
+from shipfp_rs.support.files import replacing
 
 
 @register_reader(".parquet", ".pq")

@@ -14,9 +14,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.faults.clock import Clock, ClockScan, spliced
-from shipfp_rs.log import BLOCK, Channel, Log, Samples, one_line_errors
-from shipfp_rs.readers.time_base import TIME_NAMES, seconds_per, split_unit
+from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
+from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, one_line_errors
+from shipfp_rs.logs.readers.time_base import TIME_NAMES, seconds_per, split_unit
 
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""

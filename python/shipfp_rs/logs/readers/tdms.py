@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.log import BLOCK, Channel, Log, Samples, register_reader
-from shipfp_rs.readers.isolation import in_child
+from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.readers.isolation import in_child
 
 
 @register_reader(".tdms")

@@ -1,0 +1,1 @@
+"""What a fingerprint is worth: prediction, validation, comparison, profiles."""

@@ -1,0 +1,1 @@
+"""Experiments: calibrated signals with units and an operating point, and their file."""

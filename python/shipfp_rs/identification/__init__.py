@@ -1,0 +1,1 @@
+"""Fits of structures to data: search, estimates, intervals, residual tests, fingerprint."""

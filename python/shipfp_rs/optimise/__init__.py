@@ -1,0 +1,1 @@
+"""Bounded least squares: the search, its last steps, and whether its end is a minimum."""

@@ -1,0 +1,1 @@
+"""From a log and a trial file to clean experiments."""

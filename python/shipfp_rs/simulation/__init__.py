@@ -1,0 +1,1 @@
+"""Virtual experiments and raw logs from a vessel."""

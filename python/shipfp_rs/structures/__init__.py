@@ -1,0 +1,1 @@
+"""Parametric models of the drive train: parameters, outputs, equations."""
