@@ -11,12 +11,12 @@ from scipy.signal import lfilter
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 
-from .test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
-from .twins import drive_train, plant
-from .twins import sensitivity as twin
-from .twins.drive_train import NO_QUADRANTS
-from .twins.plant import M_B, N_E, UNLIMITED
-from .twins.sensitivity import vector
+from tests.kernels.test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
+from tests.twins import drive_train, plant
+from tests.twins import sensitivity as twin
+from tests.twins.drive_train import NO_QUADRANTS
+from tests.twins.plant import M_B, N_E, UNLIMITED
+from tests.twins.sensitivity import vector
 
 NAMES = _core.DRIVE_TRAIN_PARAMETERS
 SIX = np.ones(6)

@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 
-from .twins import statespace as twin
+from tests.twins import statespace as twin
 
 
 def model(order, outputs, seed):

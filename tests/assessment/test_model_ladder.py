@@ -12,7 +12,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 
-from .test_identifiability import BAND, VALUES, experiment, response, started_near_truth, truth
+from tests.identification.test_identifiability import BAND, VALUES, experiment, response, started_near_truth, truth
 
 PLAIN = Structure.linear(products=True, name="plain")
 LOOP = Structure.linear(products=True, dead_time_loop=True, name="with T_d")

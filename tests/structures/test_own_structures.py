@@ -19,7 +19,7 @@ from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import derivatives
 from shipfp_rs.support.derivatives import Differences
 
-from .twins import linear as twin
+from tests.twins import linear as twin
 
 LINEAR = Structure.linear(products=True).with_fixed(p=2.0)
 PARAMETERS = [parameter for parameter in LINEAR.parameters if not parameter.fixed]

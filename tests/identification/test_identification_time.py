@@ -266,7 +266,7 @@ def test_relative_offsets_make_up_for_an_operating_point_that_is_off():
 
 def test_dead_times_that_are_not_there_are_found_to_be_none():
     """Behind a gauge two dead times near zero are one valley; its floor is a minimum all the same."""
-    from tests.test_comparison import fingerprint
+    from tests.assessment.test_comparison import fingerprint
 
     structure = Structure.linear(
         torque="gauge", products=True, free_exponent=True, dead_time_loop=True, dead_time_set_point=True

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 
-from .twins import linear as twin
+from tests.twins import linear as twin
 
 ALL = list(range(5))
 K_P, T_D, T_SET = 3, 7, 8

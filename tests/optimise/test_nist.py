@@ -5,7 +5,7 @@ import pytest
 
 from shipfp_rs.optimise.least_squares import minimise, search
 
-from .nist_strd import MODELS, Problem, solve
+from tests.nist_strd import MODELS, Problem, solve
 
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Lanczos1's residuals are 1e-13 of its data: double precision holds only two or three digits of them."""

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 
-from .test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
-from .twins import drive_train as twin
-from .twins import plant as plant_twin
-from .twins.drive_train import NO_QUADRANTS, vector
-from .twins.plant import N_E, UNLIMITED
+from tests.kernels.test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
+from tests.twins import drive_train as twin
+from tests.twins import plant as plant_twin
+from tests.twins.drive_train import NO_QUADRANTS, vector
+from tests.twins.plant import N_E, UNLIMITED
 
 SIX = np.ones(6)
 UNEQUAL = np.array([1.1, 0.9, 1.05, 0.95, 1.02, 0.98])

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 
-from .twins import linear as twin
+from tests.twins import linear as twin
 
 DT = 0.05
 INITIAL = np.array([0.02, -0.03])

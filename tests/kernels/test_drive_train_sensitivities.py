@@ -9,10 +9,10 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.processing.low_pass import PASSBAND, taps
 
-from .test_drive_train_kernel import ELEMENTS, FIRING, QUADRANTS, SIX, UNEQUAL
-from .test_plant_kernel import SEVEN_POINTS, wander
-from .twins.drive_train import NO_QUADRANTS, vector
-from .twins.plant import N_E, UNLIMITED
+from tests.kernels.test_drive_train_kernel import ELEMENTS, FIRING, QUADRANTS, SIX, UNEQUAL
+from tests.kernels.test_plant_kernel import SEVEN_POINTS, wander
+from tests.twins.drive_train import NO_QUADRANTS, vector
+from tests.twins.plant import N_E, UNLIMITED
 
 NAMES = _core.DRIVE_TRAIN_PARAMETERS
 ROWS = ("n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n", "ship")

@@ -14,7 +14,7 @@ from shipfp_rs.assessment.prediction import predict
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 
-from .test_identifiability import VALUES, experiment, response
+from tests.identification.test_identifiability import VALUES, experiment, response
 
 FULL = LinearModel(
     **{name: VALUES[name] for name in ("tau_n", "g", "v", "K_p", "K_i", "p", "tau_prop", "T_d", "T_set")}

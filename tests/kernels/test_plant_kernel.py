@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 
-from .twins import plant as twin
-from .twins.plant import M_B, N_E, UNLIMITED, vector
+from tests.twins import plant as twin
+from tests.twins.plant import M_B, N_E, UNLIMITED, vector
 
 METHODS = ["euler", "heun", "rk4"]
 HOLDS = ["zero", "first"]
