@@ -11,8 +11,14 @@ from shipfp_rs.assessment.ladder import climb, ladder
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
-
-from tests.identification.test_identifiability import BAND, VALUES, experiment, response, started_near_truth, truth
+from tests.identification.test_identifiability import (
+    BAND,
+    VALUES,
+    experiment,
+    response,
+    started_near_truth,
+    truth,
+)
 
 PLAIN = Structure.linear(products=True, name="plain")
 LOOP = Structure.linear(products=True, dead_time_loop=True, name="with T_d")

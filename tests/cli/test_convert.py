@@ -8,7 +8,7 @@ import pytest
 from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 
-FAMOS = Path(__file__).parent / "data" / "logs" / "famos"
+FAMOS = Path(__file__).parents[1] / "data" / "logs" / "famos"
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64", "int16", "int32"])

@@ -8,7 +8,6 @@ from scipy.signal import lfilter
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
-
 from tests.twins import linear as twin
 
 DT = 0.05

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-
 from tests.kernels.test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
 from tests.twins import drive_train as twin
 from tests.twins import plant as plant_twin

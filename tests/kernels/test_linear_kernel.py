@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
-
 from tests.twins import linear as twin
 
 ALL = list(range(5))

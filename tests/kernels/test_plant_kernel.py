@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
-
 from tests.twins import plant as twin
 from tests.twins.plant import M_B, N_E, UNLIMITED, vector
 
@@ -29,7 +28,7 @@ ENVELOPES = {
     "seven points": SEVEN_POINTS,
     "ten points": TEN_POINTS,
 }
-REFERENCE = Path(__file__).parent / "data" / "reference_steps.csv"
+REFERENCE = Path(__file__).parents[1] / "data" / "reference_steps.csv"
 
 
 def wander(samples, seed=804, scale=0.06):

@@ -10,7 +10,6 @@ from scipy.signal import lfilter
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
-
 from tests.kernels.test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
 from tests.twins import drive_train, plant
 from tests.twins import sensitivity as twin

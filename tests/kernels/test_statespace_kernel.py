@@ -8,7 +8,6 @@ from scipy.signal import cont2discrete
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
-
 from tests.twins import statespace as twin
 
 

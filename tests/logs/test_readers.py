@@ -14,7 +14,7 @@ from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Channel, Log
 
-LOGS = Path(__file__).parent / "data" / "logs"
+LOGS = Path(__file__).parents[1] / "data" / "logs"
 START = datetime(2026, 5, 1, 10, tzinfo=UTC)
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from shipfp_rs.optimise.least_squares import minimise, search
-
 from tests.nist_strd import MODELS, Problem, solve
 
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18

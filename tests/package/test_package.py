@@ -10,7 +10,7 @@ import pytest
 
 import shipfp_rs as fp
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def test_no_exported_object_is_hidden_by_a_module_of_its_name() -> None:

@@ -17,7 +17,7 @@ import shipfp_rs as fp
 from shipfp_rs.simulation.raw_log import simulate_raw_log
 from tests.logger_files import sample_file
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
 from page_code import LEANING, RUN, SHOWN, blocks, run_page  # noqa: E402 the site's own, which builds with it
 

@@ -175,7 +175,7 @@ def test_the_verdict_says_what_is_wrong_in_print(reproduction) -> None:
 
 
 def test_the_readme_shows_these_figures(reproduction) -> None:
-    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     for found in (
         row(reproduction, "ii", "thesis", "linear, sampled exactly"),
         row(reproduction, "ii, Euler model", "thesis", "linear, sampled by Euler"),

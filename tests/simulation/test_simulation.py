@@ -203,7 +203,7 @@ def test_signals_of_the_linear_model_are_all_simulated() -> None:
 @pytest.mark.parametrize("fraction", [0.05, 0.1, 0.2])
 @pytest.mark.parametrize("limit", ["none", "2.0"])
 def test_steps_of_the_launch_agree_with_an_independent_solution(fraction: float, limit: str) -> None:
-    with (Path(__file__).parent / "data" / "reference_steps.csv").open(encoding="utf-8") as lines:
+    with (Path(__file__).parents[1] / "data" / "reference_steps.csv").open(encoding="utf-8") as lines:
         rows = [row for row in csv.DictReader(lines) if float(row["step_fraction"]) == fraction]
     rows = [row for row in rows if row["torque_limit_over_Mb0"] == limit]
     columns = ("time_s", "shaft_speed_rps", "shaft_torque_Nm", "integrated_error_rev")

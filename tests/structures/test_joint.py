@@ -11,8 +11,14 @@ from shipfp_rs import Experiment, Structure, identify
 from shipfp_rs.assessment.prediction import predict, predict_response
 from shipfp_rs.assessment.validation import validate
 from shipfp_rs.errors import InputError
-
-from tests.identification.test_identifiability import BAND, POINT, VALUES, experiment, response, started_near_truth
+from tests.identification.test_identifiability import (
+    BAND,
+    POINT,
+    VALUES,
+    experiment,
+    response,
+    started_near_truth,
+)
 
 PLAIN = Structure.linear(products=True, dead_time_loop=True, dead_time_set_point=True)
 OTHER = {"tau_n": 1.1, "g": -0.4, "vK_p": 9.0, "vK_i": 2.5}

@@ -18,7 +18,6 @@ from shipfp_rs.structures import structure
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import derivatives
 from shipfp_rs.support.derivatives import Differences
-
 from tests.twins import linear as twin
 
 LINEAR = Structure.linear(products=True).with_fixed(p=2.0)

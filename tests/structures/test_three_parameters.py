@@ -13,7 +13,6 @@ from shipfp_rs.assessment.ladder import ladder
 from shipfp_rs.assessment.prediction import predict
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
-
 from tests.identification.test_identifiability import VALUES, experiment, response
 
 FULL = LinearModel(

@@ -15,8 +15,14 @@ from shipfp_rs.processing.trial import Identify
 from shipfp_rs.runs.run import structure_from
 from shipfp_rs.structures.structure import Parameter
 from shipfp_rs.support.toml import validated
-
-from tests.identification.test_identifiability import BAND, CHIRP, VALUES, experiment, response, started_near_truth
+from tests.identification.test_identifiability import (
+    BAND,
+    CHIRP,
+    VALUES,
+    experiment,
+    response,
+    started_near_truth,
+)
 
 PLAIN = Structure.linear(products=True)
 TIED = PLAIN.with_tied(vK_i=("vK_p", 0.1))

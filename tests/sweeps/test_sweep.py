@@ -18,7 +18,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.sweeps import Plan, Progress, draw, sweep
 from shipfp_rs.sweeps.store import MANIFEST
 from shipfp_rs.sweeps.time_limit import TimedOut, within
-from tests.sweeps import cheap_plan, results, rows
+from tests.sweep_folders import cheap_plan, results, rows
 
 DRAWS = 8
 

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from shipfp_rs.sweeps.analysis import summarise
 from shipfp_rs.sweeps.draw import schema_of
 from shipfp_rs.sweeps.plan import Plan
-from tests.sweeps import cheap_plan
+from tests.sweep_folders import cheap_plan
 
 DRAWS = 4000
 DURATIONS = [10.0, 20.0, 40.0, 80.0, 160.0]

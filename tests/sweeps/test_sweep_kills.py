@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.sweeps import sweep
-from tests.sweeps import results
+from tests.sweep_folders import results
 
 TOML = """
 [sweep]

@@ -13,7 +13,7 @@ import pytest
 from shipfp_rs.sweeps import dispatch, store, sweep
 from shipfp_rs.sweeps.draw import lost_row, schema_of
 from shipfp_rs.sweeps.store import opened
-from tests.sweeps import cheap_plan, results
+from tests.sweep_folders import cheap_plan, results
 
 DRAWS = 23
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from shipfp_rs.sweeps import Progress, dispatch, sweep
-from tests.sweeps import DEADLY, DeadlyPlan, cheap_plan, results, rows
+from tests.sweep_folders import DEADLY, DeadlyPlan, cheap_plan, results, rows
 
 DRAWS = 8
 

@@ -16,7 +16,7 @@ from shipfp_rs.tacho import matlab
 from shipfp_rs.tacho.matlab import midcross, pulseperiod, statelevels, tachorpm
 from tests.twins import pulse
 
-FOLDER = Path(__file__).parent / "data" / "tachorpm"
+FOLDER = Path(__file__).parents[1] / "data" / "tachorpm"
 
 
 @pytest.fixture(scope="module")

@@ -296,7 +296,7 @@ def test_ripple_is_reduced_by_the_gain_of_the_interval():
 
 def test_the_speed_agrees_with_matlabs_tachorpm():
     # tachorpm draws a least-squares cubic B-spline with ten break points through the speeds at the intervals' middles.
-    folder = Path(__file__).parent / "data" / "tachorpm"
+    folder = Path(__file__).parents[1] / "data" / "tachorpm"
     time, samples = np.loadtxt(folder / "test_input.csv", delimiter=",", skiprows=1).T
     _, matlab_rpm = np.loadtxt(folder / "matlab_ref_output.csv", delimiter=",", skiprows=1).T
     speed = tacho.speed_from_pulses(tacho.pulse_times(samples, 1000.0).times_s, 1)
