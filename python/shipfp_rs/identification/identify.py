@@ -56,7 +56,7 @@ def identify(
     intervals: Intervals = "profile",
     huber: float | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
-    offsets: Offsets = True,
+    offsets: Offsets | None = None,
     initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
     random_search: int = 0,
     starts: int | None = None,
@@ -95,7 +95,8 @@ def identify(
         Parameter to (nominal value, weight): adds weight (value - nominal)^2 to the cost of the whitened residuals
         (eq. 4.6 with lambda R = weight).
     offsets
-        Estimate an offset per output of every experiment along; "relative": as an error of the operating point, which
+        Estimate an offset per output of every experiment along; None: where the structure has no unknowns of its own for
+        the errors of the operating point, as the ship has; "relative": as an error of the operating point, which
         slopes are relative to, too. A mean torque over a minute of moving water is uncertain by parts in a thousand.
     initial_state
         "estimated" along with every experiment, "zero", or given values such as {"initial dn": 0.01}.
@@ -159,7 +160,7 @@ class Options:
     intervals: Intervals
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
-    offsets: Offsets
+    offsets: Offsets | None
     initial_state: Literal["estimated", "zero"] | Mapping[str, float]
     random_search: int
     starts: int | None
@@ -213,6 +214,8 @@ def search_minima(
     if starts is None:
         starts = 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
     _check(weighting, noise, starts)
+    if offsets is None:
+        offsets = not getattr(structure.equations, "own_offsets", False)
     if offsets not in (True, False, "relative"):
         raise InputError(f"offsets {offsets!r}, expected True, False or 'relative'")
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}

@@ -103,6 +103,11 @@ class Behind:
         return getattr(self.equations, "linear_in", ())
 
     @property
+    def own_offsets(self) -> bool:
+        """Whether the equations' states hold the errors of the operating point."""
+        return getattr(self.equations, "own_offsets", False)
+
+    @property
     def stable(self) -> Callable[[Mapping[str, float]], bool] | None:
         """Whether values give a stable loop, None where the equations can't tell."""
         stable = getattr(self.equations, "stable", None)
