@@ -12,6 +12,8 @@ __all__ = [
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
+    "SHIP_OUTPUTS",
+    "SHIP_PARAMETERS",
     "Decimator",
     "PulseCrossings",
     "RepeatScan",
@@ -31,10 +33,13 @@ __all__ = [
     "linear_sensitivities",
     "pulse_levels",
     "running_median",
+    "ship_products",
+    "ship_sensitivities",
     "simulate_drive_train",
     "simulate_linear",
     "simulate_plant",
     "simulate_plant_batch",
+    "simulate_ship",
     "simulate_statespace",
     "slope_at_even_times",
     "statespace_response",
@@ -186,6 +191,42 @@ def linear_products(
     dt: float,
     hold: Literal["zero", "first"],
     initial: NDArray[np.float64],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], int]: ...
+
+SHIP_PARAMETERS: tuple[str, ...]
+SHIP_OUTPUTS: tuple[str, ...]
+
+def simulate_ship(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+) -> NDArray[np.float64]: ...
+def ship_sensitivities(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def ship_products(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
     outputs: Sequence[int],
     measured: NDArray[np.float64],
     offsets: NDArray[np.float64],

@@ -14,6 +14,7 @@ pub mod pulse;
 pub mod repeats;
 pub mod scalar;
 pub mod sensitivity;
+pub mod ship;
 pub mod statespace;
 pub mod stop;
 

@@ -14,6 +14,7 @@ mod plant;
 mod pulse;
 mod repeats;
 mod sensitivity;
+mod ship;
 mod statespace;
 
 use pyo3::prelude::*;
@@ -31,6 +32,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     pulse::register(module)?;
     repeats::register(module)?;
     sensitivity::register(module)?;
+    ship::register(module)?;
     statespace::register(module)?;
     Ok(())
 }

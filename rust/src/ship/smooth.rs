@@ -1,0 +1,15 @@
+//! The path of ships without sampling, limits or a flexible shaft.
+
+use crate::error::{Error, Result};
+use crate::stop::Stop;
+
+use super::march::{Consume, Task};
+use super::run::Run;
+
+/// Simulate, and give every block of samples to `consume`.
+///
+/// # Errors
+/// [`Error::Invalid`]: not yet.
+pub fn march(_task: &Task<'_>, _run: &Run<'_>, _stop: &Stop, _consume: &mut Consume<'_>) -> Result<()> {
+    Err(Error::Invalid("the smooth path is not there yet".to_owned()))
+}
