@@ -9,7 +9,8 @@ import pytest
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.alignment import align, merged, on_clock
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial

@@ -13,7 +13,8 @@ from scipy.stats import chi2, norm
 from shipfp_rs.assessment.comparable import require_comparable
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.identifiability import COMBINATIONS, gradient_of
+from shipfp_rs.identification.identifiability import gradient_of
+from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.ties import declared
 
 Array = npt.NDArray[np.float64]

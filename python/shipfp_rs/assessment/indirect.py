@@ -14,8 +14,8 @@ from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import Options, fingerprint_of, search_minima
-from shipfp_rs.identification.search import Noise
 from shipfp_rs.identification.verdict import verdict
+from shipfp_rs.identification.weighted_problem import Noise
 from shipfp_rs.simulation.replay import answered
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel

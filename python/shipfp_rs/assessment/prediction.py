@@ -61,7 +61,7 @@ def simulated_about(
     valid = np.isfinite(measured).all(axis=0)
     state = dict.fromkeys(equations.states, 0.0)
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
-    for _ in range(1 if set(state) <= set(getattr(equations, "linear_in", ())) else CURVED):
+    for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
         model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
         basis = np.concatenate([slopes, offsets])
         error = (measured - model)[:, valid]

@@ -10,6 +10,7 @@ from typing import get_args
 
 import numpy as np
 
+from shipfp_rs import _core
 from shipfp_rs.designs.limits import TOP_HZ, Generator, Limits
 from shipfp_rs.designs.noise import Noise, sensors_of
 from shipfp_rs.designs.plan import Needed, Plan, needed_for
@@ -22,6 +23,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.signals.checks import positive
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [
@@ -255,9 +257,6 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
     if vessel is None or "g" not in subject.values or not len(vessel.envelope()[0]):
         return ""
     speeds, torques = vessel.envelope()
-    from shipfp_rs import _core
-    from shipfp_rs.vessel.linear_model import linearise
-
     experiment = prediction.experiment
     model = linearise(vessel, subject.operating_point["n_set"])
     dn, brake = _core.simulate_linear(

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.identification.fingerprint import Status
-from shipfp_rs.identification.identifiability import COMBINATIONS, NULL_PART, Sensitivity, gradient_of
+from shipfp_rs.identification.identifiability import NULL_PART, Sensitivity, gradient_of
+from shipfp_rs.structures.combinations import COMBINATIONS
 
 Array = npt.NDArray[np.float64]
 

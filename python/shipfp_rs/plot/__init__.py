@@ -263,6 +263,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
+    # It loads SciPy, which no other picture needs.
     from shipfp_rs.assessment.profile_likelihood import LEVEL
 
     (ax,) = _panels(None if ax is None else [ax], 1)

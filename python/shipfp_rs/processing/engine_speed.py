@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Channel
 from shipfp_rs.processing.low_pass import Source
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.tacho import Train, resample

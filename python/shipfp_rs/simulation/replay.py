@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.logs.log import Channel
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.low_pass import LowPass
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import simulate

@@ -170,6 +170,7 @@ class LinearModel:
         >>> tug.frequency_response([0.1, 1.0])
         FrequencyResponse('model', 2 points from 0.1 to 1 Hz: n_e, M_b)
         """
+        # `frequency` loads SciPy, which most of those who linearise a vessel do not need.
         from shipfp_rs.frequency import FrequencyResponse
 
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))

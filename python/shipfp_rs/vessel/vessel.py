@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.html import shown
 from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
 from shipfp_rs.vessel.tables import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
 
@@ -379,8 +380,6 @@ class Vessel(Section):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.support.html import shown
-
         rows = []
         for section, content in self.model_dump().items():
             if isinstance(content, dict):
