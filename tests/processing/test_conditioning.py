@@ -80,7 +80,7 @@ def test_a_trend_of_the_set_point_is_no_drift():
         detrended(rising)
     with pytest.raises(InputError, match="degree: found 4"):
         detrended(SINE, 4)
-    with pytest.raises(InputError, match="side: found 'gauge'"):
+    with pytest.raises(InputError, match="side is 'gauge', expected one of engine, propeller"):
         torque_across_inertia(SINE, TUG, "gauge")
 
 

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Array, Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import LINEAR_OPTIONS, Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.toml import validated
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
@@ -17,8 +16,8 @@ from shipfp_rs.identification.identify import Options, search_minima
 from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["bounded", "one-sided", "flat"]
 
 LEVEL = float(chi2.ppf(0.95, 1))

@@ -21,8 +21,8 @@ from shipfp_rs.designs.subject import Subject
 from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.signals.checks import positive
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.checks import one_of, positive
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -133,10 +133,8 @@ def design(
     >>> plan.excitation.amplitude_rpm <= 13.0
     True
     """
-    if kind not in get_args(Kind):
-        raise InputError(f"kind is {kind!r}, expected one of {', '.join(get_args(Kind))}")
-    if criterion not in get_args(Criterion):
-        raise InputError(f"criterion is {criterion!r}, expected one of {', '.join(get_args(Criterion))}")
+    one_of("kind", kind, get_args(Kind))
+    one_of("criterion", criterion, get_args(Criterion))
     if duration_s is None and accuracy_pct is None:
         raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
     for name, value in (("duration_s", duration_s), ("accuracy_pct", accuracy_pct)):

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.designs.limits import Generator, Limits, steepest_rpm_s
 from shipfp_rs.designs.noise import Noise
@@ -21,9 +20,8 @@ from shipfp_rs.designs.run_sheet import Stretch, as_html, as_text
 from shipfp_rs.designs.spectrum import Criterion
 from shipfp_rs.designs.waveforms import Kind
 from shipfp_rs.signals import Excitation
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import replacing_folder
-
-Array = npt.NDArray[np.float64]
 
 FILES = (
     "plan.json",

@@ -9,14 +9,14 @@ from types import MappingProxyType
 from typing import Any, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
 
-Array = npt.NDArray[np.float64]
 Hold = Literal["zero", "first"]
 
 UNITS: Mapping[str, str] = MappingProxyType(
@@ -68,10 +68,7 @@ class Experiment(Tabular):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise InputError(
-                f"experiment {self.name!r}: rate_hz is {self.rate_hz}, expected a positive number"
-            )
+        positive(f"experiment {self.name!r}: rate_hz", self.rate_hz)
         if "n_set" not in self.signals:
             raise InputError(
                 f"experiment {self.name!r}: no signal 'n_set', found {sorted(self.signals)}; expected the set point "

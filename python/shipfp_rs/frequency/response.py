@@ -12,11 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")

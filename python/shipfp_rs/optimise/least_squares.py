@@ -15,9 +15,8 @@ from scipy.optimize import least_squares
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.optimise.convergence import doubt, elsewhere, nearby
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, gauss_newton_step, polish
+from shipfp_rs.support.arrays import Array, Mask
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Function = Callable[[Array], tuple[Array, Array]]
 Method = Literal["trf", "dogbox", "lm"]
 Scaling = Literal["jac", "vector"]

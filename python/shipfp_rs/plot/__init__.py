@@ -15,6 +15,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.support.arrays import Array, ComplexArray, Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from shipfp_rs.frequency import FrequencyResponse
     from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
-Array = npt.NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
 LABELS: Mapping[str, str] = {
@@ -419,7 +419,7 @@ def _row_label(name: str, estimate: Estimate) -> str:
     return f"{name} = {estimate.value:.4g}{unit}"
 
 
-def _phase(response: npt.NDArray[np.complex128]) -> Array:
+def _phase(response: ComplexArray) -> Array:
     return np.degrees(np.unwrap(np.angle(response)))
 
 
@@ -437,7 +437,7 @@ def _dress_bode(amplitude: Axes, phase: Axes) -> None:
     phase.set_xlabel("frequency [Hz]")
 
 
-def _mark(ax: Axes, experiment: Experiment, masked: npt.NDArray[np.bool_]) -> None:
+def _mark(ax: Axes, experiment: Experiment, masked: Mask) -> None:
     """Draw a strip along the bottom where samples are masked; its edge keeps a single sample visible."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], masked, [False]]).astype(np.int8)))
     spans = [

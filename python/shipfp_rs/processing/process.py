@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
@@ -30,13 +29,12 @@ from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
 from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
 from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 STEADY_STRETCH = "operating_point.steady_s"
 STEADY = 0.02

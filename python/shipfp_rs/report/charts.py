@@ -9,15 +9,13 @@ from html import escape
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.report.fate import Fault, faults
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
-
-Array = npt.NDArray[np.float64]
 
 VALUES = 2_600_000
 """Numbers of two bytes that all charts of a page hold together: 6.9 MB as text."""

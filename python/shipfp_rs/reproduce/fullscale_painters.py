@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot, published
 from shipfp_rs.assessment.ladder import climb
@@ -28,13 +27,13 @@ from shipfp_rs.reproduce.pictures import Stretch, legend_above, stretches_of
 from shipfp_rs.signals import sine_sequence
 from shipfp_rs.simulation.raw_log import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
 
 BODE_HZ = np.geomspace(2e-3, 6.0, 300)
 DEVIATIONS = {"n_e": r"$\delta n^*$ [-]", "M_g": r"$\delta M^*$ [-]"}

@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot, published
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
@@ -14,13 +13,13 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation
 from shipfp_rs.signals import steps
 from shipfp_rs.simulation.raw_log import EQUATION_6_7, TABLE_6_6, Kind, Sensors, Truth, simulate_raw_log
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import pulse_times, reflector_angles, speed_from_pulses
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
 
 THRESHOLD_V = 2.0
 """Of the thesis's pulse periods (section 6.3.2)."""

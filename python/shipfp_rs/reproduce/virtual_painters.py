@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot, published
 from shipfp_rs.experiments.experiment import Experiment
@@ -27,6 +26,7 @@ from shipfp_rs.reproduce.virtual_data import (
     validation_steps,
 )
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.linear_model import LinearModel, Output, linearise, linearise_numerically
 from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
 
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
 
 BODE_HZ = np.geomspace(1e-3, 20.0, 400)
 STEP_SIZES = (0.05, 0.10, 0.20)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs.errors import InputError
@@ -19,11 +18,11 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.inflow import Inflow, disturbed
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]
 """Faults of `shipfp_rs.logs.faults.KINDS` that a simulated log can have."""
 

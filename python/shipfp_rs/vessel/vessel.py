@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
 from shipfp_rs.vessel.tables import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
-
-Array = npt.NDArray[np.float64]
 
 
 def _no_percentage(value: object) -> object:
