@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs.designs.limits import Limits
-from shipfp_rs.plot import BLUE, ORANGE, RED, dress, envelope
+from shipfp_rs.plot.style import BLUE, ORANGE, RED, dress, envelope
 from shipfp_rs.signals import Excitation
 
 if TYPE_CHECKING:

@@ -28,7 +28,8 @@ from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
 from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
-from shipfp_rs.processing.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import Rack, SetPoint, Tacho, Torque, Window
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND

@@ -63,7 +63,7 @@ def filled_in(
     Parameters
     ----------
     template
-        `TRIAL_TEMPLATE`, whose tables stand apart by an empty line each.
+        That of `support.toml.template`, whose tables stand apart by an empty line each.
     log, path
         The log and where it lies.
     set_point

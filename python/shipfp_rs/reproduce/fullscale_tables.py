@@ -13,7 +13,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
 from shipfp_rs.reproduce import Row, Way
-from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.vessel import Vessel

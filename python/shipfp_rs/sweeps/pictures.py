@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shipfp_rs.plot import BLUE, COMPARED, GREY, RED, dress
+from shipfp_rs.plot.style import BLUE, COMPARED, GREY, RED, dress
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import replacing
 from shipfp_rs.sweeps.analysis import DURATION, Bins
