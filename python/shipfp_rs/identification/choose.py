@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
 from shipfp_rs.errors import IdentificationError, SimulationError
@@ -18,8 +17,8 @@ from shipfp_rs.identification.search import Minimum, Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.support.arrays import Array
 
-Array = npt.NDArray[np.float64]
 State = Literal["on", "off", "open"]
 
 LOGGER = logging.getLogger("shipfp_rs")

@@ -21,15 +21,9 @@ from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import fit_pct, information_criteria, nrmse_pct
 from shipfp_rs.identification.residual_tests import residual_tests
-from shipfp_rs.identification.search import (
-    Minimum,
-    Noise,
-    Search,
-    best_of_random,
-    mean_scatter,
-    start_vectors,
-)
+from shipfp_rs.identification.search import Search, best_of_random, start_vectors
 from shipfp_rs.identification.verdict import structure_test, verdict
+from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
 from shipfp_rs.structures.innovations import with_innovations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
@@ -215,7 +209,7 @@ def search_minima(
         starts = 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
     _check(weighting, noise, starts)
     if offsets is None:
-        offsets = not getattr(structure.equations, "own_offsets", False)
+        offsets = not structure.equations.own_offsets
     if offsets not in (True, False, "relative"):
         raise InputError(f"offsets {offsets!r}, expected True, False or 'relative'")
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
@@ -253,8 +247,8 @@ def search_minima(
         blocks,
         weighting,
         noise,
-        options.max_evaluations,
-        options.tolerance,
+        max_evaluations=options.max_evaluations,
+        tolerance=options.tolerance,
         huber=options.huber,
         ridge=ridge,
         initial=given,

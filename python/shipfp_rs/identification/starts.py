@@ -12,8 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.structure import Structure
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 PASS_HZ = (1.0, 3.0)
 """Low-passes that derivatives are taken behind [Hz]: a slow one for noisy speeds, a fast one for short delays."""

@@ -6,59 +6,19 @@ import contextlib
 import importlib
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.support import hints
 
-Samples = npt.NDArray[Any]
-Blocks = Callable[[str, int, int], Iterator[Samples]]
-"""(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
-
-Numbers that can't be NaN have their gaps in a masked array, so that none of their bits is lost."""
-
 LOGGER = logging.getLogger("shipfp_rs")
-
-BLOCK = 1 << 20
-"""Samples read or written at once where the caller has no wish."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One recorded channel.
-
-    Parameters
-    ----------
-    name
-        As the logger wrote it, without its unit.
-    unit
-        Unit as the logger wrote it; empty where it wrote none.
-    rate_hz
-        Sample rate [Hz].
-    samples
-        Number of samples.
-    start_s
-        Time of the first sample on the log's clock [s].
-    """
-
-    name: str
-    unit: str
-    rate_hz: float
-    samples: int
-    start_s: float = 0.0
-
-    @property
-    def stop_s(self) -> float:
-        """Time just after the last sample [s]."""
-        return self.start_s + self.samples / self.rate_hz
 
 
 class Log:
@@ -129,8 +89,7 @@ class Log:
         """
         path = Path(path)
         suffix = path.suffix.lower()
-        if suffix in _MODULES:
-            importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
+        _load(suffix)
         reader = _READERS.get(suffix)
         if reader is None:
             if suffix in (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"):
@@ -237,9 +196,12 @@ class Log:
         Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
         shorter than the longest end in nulls, which cost next to nothing.
         """
-        from shipfp_rs.logs.readers.parquet import write_parquet
-
-        return write_parquet(self, Path(path))
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in _WRITTEN:
+            raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
+        _load(suffix)
+        return _WRITERS[suffix](self, path)
 
 
 @contextlib.contextmanager
@@ -264,7 +226,10 @@ def _with_nan(block: Samples) -> Samples:
 
 
 Reader = Callable[[Path, float | None], Log]
+Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
+_WRITERS: dict[str, Writer] = {}
+_WRITTEN = (".parquet", ".pq")
 _MODULES = {
     ".parquet": "parquet",
     ".pq": "parquet",
@@ -288,11 +253,27 @@ _MODULES = {
 """Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
 
 
+def _load(suffix: str) -> None:
+    """Import the module of a format, which registers its reader and its writer."""
+    if suffix in _MODULES:
+        importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
+
+
 def register_reader(*suffixes: str) -> Callable[[Reader], Reader]:
     """Make `Log.open` use the decorated function (path, rate_hz) for files of these suffixes."""
 
     def register(reader: Reader) -> Reader:
         _READERS.update(dict.fromkeys(suffixes, reader))
         return reader
+
+    return register
+
+
+def register_writer(*suffixes: str) -> Callable[[Writer], Writer]:
+    """Make `Log.write` use the decorated function (log, path) for files of these suffixes."""
+
+    def register(writer: Writer) -> Writer:
+        _WRITERS.update(dict.fromkeys(suffixes, writer))
+        return writer
 
     return register

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.linear_extended import ExtendedLinear
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.support.arrays import Array, ComplexArray
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
@@ -39,7 +37,7 @@ _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 
 
 @dataclass(frozen=True)
-class ShipEquations:
+class ShipEquations(Equations):
     """The ship of `Structure.ship`; a frequency response is that of its linearisation."""
 
     outputs: tuple[str, ...]
@@ -50,6 +48,7 @@ class ShipEquations:
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
+    has_products: bool = True
     """The errors of the operating points stand among the states, so `identify` adds no constants."""
 
     @property

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Literal
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.isolation import in_child
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)

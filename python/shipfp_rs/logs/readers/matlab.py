@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_base import TIME_NAMES, stated_rate, time_base

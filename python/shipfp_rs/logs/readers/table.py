@@ -14,8 +14,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
 from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, one_line_errors
+from shipfp_rs.logs.log import Log, one_line_errors
 from shipfp_rs.logs.readers.time_base import TIME_NAMES, seconds_per, split_unit
 
 METADATA_KEY = b"shipfp"

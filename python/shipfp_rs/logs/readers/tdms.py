@@ -10,7 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.isolation import in_child
 
 
