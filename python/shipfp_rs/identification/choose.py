@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.profile import Profile
 from shipfp_rs.identification.search import Minimum, Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.structures.elements import ELEMENTS
@@ -67,8 +68,9 @@ class Choice:
     evidence: Mapping[str, float]
     """Element to the rise of the deviance without it (of one that is on) or its fall with it (of one that is off)."""
     states: Mapping[str, State]
+    limits: Mapping[str, float]
+    """Element that is not taken on to the strength above which the data reject it, in its parameter's unit."""
     ladder: tuple[Rung, ...] = ()
-    seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 def threshold(candidates: int, probability: float = FALSE_ALARM) -> float:
@@ -105,7 +107,6 @@ class Chooser:
         self.narrow = narrow or {}
         self.options = {"weighting": "determinant", "noise": "ar", "max_evaluations": 200, "tolerance": 1e-10}
         self.options |= dict(search or {})
-        self.tried: dict[tuple[str, ...], Fitted] = {}
 
     def structure(self, elements: Sequence[str]) -> Structure:
         """Return the ship with these elements, narrowed as the user asks."""
@@ -202,95 +203,103 @@ def cost(fitted: Fitted | Minimum) -> float:
 def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
-    current, ladder, evidence = chooser.first(), [], dict[str, float]()
+    current, ladder = chooser.first(), list[Rung]()
     for _ in range(len(chooser.candidates) + 1):
-        base = chooser.with_elements(current, current.elements)
-        if base is None:
+        best = _gains(chooser, current, level, ladder)[0]
+        if best is None:
             break
-        gains: dict[str, tuple[float, Fitted]] = {}
-        for name in chooser.candidates:
-            if name in current.elements:
-                continue
-            trial = chooser.with_elements(base_with(current, base), (*current.elements, name))
-            if trial is not None:
-                gains[name] = (cost(base) - cost(trial), trial)
-                evidence[name] = gains[name][0]
-                ladder.append(
-                    Rung(
-                        trial.elements, -gains[name][0], "taken on" if gains[name][0] > level else "no better"
-                    )
-                )
-        best = max(gains, key=lambda name: gains[name][0], default="")
-        if not best or gains[best][0] <= level:
-            break
-        current = chooser.refined(gains[best][1])
-    current = _backward(chooser, current, level, evidence, ladder)
-    rivals = _rivals(chooser, current, level, evidence, ladder)
+        current = chooser.refined(best)
+    current, rises = _backward(chooser, current, level, ladder)
+    # Weights and base are those of the structure that is left.
+    _, gains = _gains(chooser, current, level, ladder)
+    rivals = _rivals(chooser, current, gains, level, ladder)
+    evidence = rises | {name: gain for name, (gain, _) in gains.items()}
     states: dict[str, State] = {}
     for name in chooser.candidates:
         held = {name in fitted.elements for fitted in (current, *rivals)}
         states[name] = "open" if len(held) == 2 else "on" if True in held else "off"
-    return Choice(current, rivals, evidence, states, tuple(ladder))
+    limits = {name: limit for name, (_, trial) in gains.items() if (limit := _limit(trial, name)) is not None}
+    return Choice(current, rivals, evidence, states, limits, tuple(ladder))
 
 
-def base_with(current: Fitted, base: Fitted) -> Fitted:
-    """Return a fit with the weights of the current one and the end of the base."""
-    return Fitted(current.elements, current.search, replace(current.minimum, vector=base.minimum.vector))
+Gains = dict[str, tuple[float, Fitted]]
+
+
+def _gains(
+    chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
+) -> tuple[Fitted | None, Gains]:
+    """Return the best structure with one element more if it is worth it, and each element's fall of the deviance."""
+    gains: Gains = {}
+    base = chooser.with_elements(current, current.elements)
+    for name in chooser.candidates:
+        if base is None or name in current.elements:
+            continue
+        trial = chooser.with_elements(current, (*current.elements, name))
+        if trial is not None:
+            gains[name] = (cost(base) - cost(trial), trial)
+            said = "better" if gains[name][0] > level else "no better"
+            ladder.append(Rung(trial.elements, -gains[name][0], said))
+    best = max(gains, key=lambda name: gains[name][0], default=None)
+    return (gains[best][1] if best is not None and gains[best][0] > level else None), gains
 
 
 def _backward(
-    chooser: Chooser, current: Fitted, level: float, evidence: dict[str, float], ladder: list[Rung]
-) -> Fitted:
+    chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
+) -> tuple[Fitted, dict[str, float]]:
     """Drop elements, the least missed first, while the deviance rises less than the level."""
     while True:
         base = chooser.with_elements(current, current.elements)
-        rises: dict[str, tuple[float, Fitted]] = {}
+        rises: dict[str, float] = {}
+        trials: dict[str, Fitted] = {}
         for name in current.elements:
             if name not in chooser.candidates or base is None:
                 continue
             trial = chooser.with_elements(current, [other for other in current.elements if other != name])
-            if trial is None:
-                evidence[name] = np.inf
-                continue
-            rises[name] = (cost(trial) - cost(base), trial)
-            evidence[name] = rises[name][0]
-            ladder.append(
-                Rung(trial.elements, rises[name][0], "too poor" if rises[name][0] > level else "as good")
-            )
-        least = min(rises, key=lambda name: rises[name][0], default="")
-        if not least or rises[least][0] > level:
-            return current
-        current = chooser.refined(rises[least][1])
+            rises[name] = np.inf if trial is None else cost(trial) - cost(base)
+            if trial is not None:
+                trials[name] = trial
+                said = "too poor" if rises[name] > level else "as good"
+                ladder.append(Rung(trial.elements, rises[name], said))
+        least = min(trials, key=lambda name: rises[name], default=None)
+        if least is None or rises[least] > level:
+            return current, rises
+        current = chooser.refined(trials[least])
 
 
 def _rivals(
-    chooser: Chooser, current: Fitted, level: float, evidence: Mapping[str, float], ladder: list[Rung]
+    chooser: Chooser, current: Fitted, gains: Gains, level: float, ladder: list[Rung]
 ) -> tuple[Fitted, ...]:
-    """Fit neighbours in which an element is added or swapped for another, and keep those that the data do not reject."""
+    """Fit neighbours in which an element is swapped for another, and keep them and additions that are not rejected."""
     base = chooser.with_elements(current, current.elements)
     if base is None:
         return ()
-    kept = []
-    limit = float(chi2.isf(2.0 * REJECTED, 1))
-    removable = [name for name in current.elements if name in chooser.candidates]
-    for out in removable:
-        for name in chooser.candidates:
-            if name in current.elements:
-                continue
-            trial = chooser.with_elements(
-                current, [*(other for other in current.elements if other != out), name]
-            )
+    limit = threshold(1, REJECTED)
+    kept = [trial for gain, trial in gains.values() if limit < gain <= level]
+    for out in (name for name in current.elements if name in chooser.candidates):
+        for name in gains:
+            swapped = [*(other for other in current.elements if other != out), name]
+            trial = chooser.with_elements(current, swapped)
             if trial is None:
                 continue
             rise = cost(trial) - cost(base)
-            near = rise < limit
-            ladder.append(Rung(trial.elements, rise, "as good" if near else "too poor"))
-            if near:
-                kept.append(trial)
-    for name in chooser.candidates:
-        # Weak evidence, not enough to take the element on: with and without it both count.
-        if name not in current.elements and limit < evidence.get(name, 0.0) <= level:
-            trial = chooser.with_elements(current, [*current.elements, name])
-            if trial is not None:
+            ladder.append(Rung(trial.elements, rise, "as good" if rise < limit else "too poor"))
+            if rise < limit:
                 kept.append(trial)
     return tuple(kept)
+
+
+def _limit(trial: Fitted, name: str) -> float | None:
+    """Return how strongly an element may act that was not taken on, at 95 %; None where the data allow anything."""
+    parameter = ELEMENTS[name].parameters[0]
+    search = trial.search
+    index = search.names.index(parameter.name)
+    # A torque limit acts the less, the higher it is; all others the more.
+    side = -1.0 if name == "torque_limit" else 1.0
+    value = float(trial.minimum.vector[index])
+    try:
+        end = Profile(search, trial.minimum).end(
+            index, side * max(0.05 * abs(value), 1e-3), threshold(1, REJECTED)
+        )
+    except (IdentificationError, SimulationError):
+        return None
+    return end.value if end.kind == "data" else None

@@ -316,7 +316,8 @@ class Structure:
 
         With N, u and M the speed, set point and torque over their operating points:
 
-            tau_n dN/dt = M_b - N^p,   M_b = 1 + g (N - 1) + vX(t - T_d),   vX = vK_p e + vK_i int e dt,   e = u(t - T_set) - N
+            tau_n dN/dt = M_b - N^p,                M_b = 1 + g (N - 1) + vX(t - T_d),
+            vX = vK_p e + vK_i int e dt,            e = u(t - T_set) - N
 
         Parameters
         ----------
