@@ -32,18 +32,6 @@ impl<T: Scalar> State<T> {
         }
     }
 
-    /// The state plus so many times another.
-    #[inline(always)]
-    pub fn plus(&self, factor: f64, other: &Self) -> Self {
-        Self {
-            engine: self.engine + other.engine * factor,
-            propeller: self.propeller + other.propeller * factor,
-            spring: self.spring + other.spring * factor,
-            sum: self.sum + other.sum * factor,
-            rack: self.rack + other.rack * factor,
-        }
-    }
-
     /// Each entry through a function.
     #[inline(always)]
     pub fn map<U>(&self, of: impl Fn(T) -> U) -> State<U> {

@@ -104,9 +104,11 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
     pub(super) fn settle(&mut self, rack: Dual<S, N>) {
         let elements = self.equations.elements;
         self.leave_ceiling();
-        let tracks = elements.rate_limit && !elements.lag && self.mode.rate == Side::Free;
-        if tracks {
-            self.state.rack = rack;
+        if elements.rate_limit && !elements.lag {
+            if self.mode.rate == Side::Free {
+                self.state.rack = rack;
+            }
+            let rack = self.state.rack;
             self.mode.rate = Side::High;
             self.resettle(false);
             let stretch = self.stretch(4.0 * self.same(self.now.value()));

@@ -5,8 +5,8 @@ use crate::ship::run::Run;
 
 use super::flow::Equations;
 
-/// Steps are at most this share of the fastest time constant, unless they are asked for: RK4's error is then near 1e-7.
-const SHARE: f64 = 0.06;
+/// Steps are at most this share of the fastest time constant, unless they are asked for: RK4's error is then near 2e-8.
+const SHARE: f64 = 0.04;
 /// Most steps, and most samples of the governor, in a sample of the record.
 const MOST_STEPS: f64 = 65_536.0;
 
