@@ -13,12 +13,14 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, Chooser, Fitted, State
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.verdict import ALARM
+from shipfp_rs.identification.verdict import ALARM, shown
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
+LARGE_MISS_PCT = 10.0
+"""Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -171,3 +173,57 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound / 1.96))
         parameters[name] = replace(estimate, ci95=(low, high), std=std)
     return replace(fingerprint, parameters=parameters)
+
+
+def reworded(fingerprint: Fingerprint) -> Fingerprint:
+    """Return the fingerprint with a verdict that opens with what it can be used for, elements and misfit included."""
+    known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
+    open_ones = [
+        name for name, estimate in fingerprint.parameters.items() if estimate.status not in (*KNOWN, "fixed")
+    ]
+    adequate = fingerprint.adequate
+    worst = max(adequate["misses_pct"].values(), default=0.0)
+    if not known:
+        usable = "Not usable, because the data tell no parameter by itself."
+    elif not adequate["stands"] and worst > LARGE_MISS_PCT:
+        usable = f"Not usable, because the model misses {worst:.2g} % of the response that the set point still explains."
+    elif open_ones:
+        usable = (
+            f"Usable for simulation and comparison, except where {_listed(open_ones)} must be known alone."
+        )
+    else:
+        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter."
+    rest = [
+        line for line in fingerprint.verdict if not line.startswith(("Known:", "The residuals contradict"))
+    ]
+    lines = [usable]
+    if known:
+        lines.append("Known: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + ".")
+    acting = [row["words"] for row in fingerprint.elements.values() if row["state"] == "on"]
+    limits = [
+        f"{row['words']} ({row['limit']['parameter']} {'above' if name == 'torque_limit' else 'below'} "
+        f"{row['limit']['value']:.3g} {row['limit']['unit']}, 95 %)".replace(" -,", ",")
+        for name, row in fingerprint.elements.items()
+        if row["state"] == "off" and row["limit"]
+    ]
+    undecided = [row["words"] for row in fingerprint.elements.values() if row["state"] == "open"]
+    if acting:
+        lines.append("Acting elements: " + ", ".join(acting) + ".")
+    if limits:
+        lines.append("Not found to act: " + ", ".join(limits) + ".")
+    if undecided:
+        lines.append(
+            "Undecided, with and without it the model fits as well: "
+            + ", ".join(undecided)
+            + "; the intervals hold for both."
+        )
+    if not adequate["stands"]:
+        missed = ", ".join(f"{value:.2g} % of {name}" for name, value in adequate["misses_pct"].items())
+        lines.append(
+            f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."
+        )
+    return replace(fingerprint, usable=usable, verdict=(*lines, *rest))
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " or " + names[-1]

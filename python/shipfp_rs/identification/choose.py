@@ -12,12 +12,12 @@ from scipy.stats import chi2
 
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.blocks import Block
-from shipfp_rs.identification.profile import Profile
+from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
 from shipfp_rs.identification.search import Minimum, Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.structures.ties import bare
 from shipfp_rs.support.arrays import Array
 
 State = Literal["on", "off", "open"]
@@ -32,8 +32,8 @@ CANDIDATES = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "torque_l
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
-INSIDE = 1e-3
-"""A start of an element this part of its range inside the bound at which it is off."""
+ALIKE = ("dead_time_loop", "actuator_lag")
+"""Elements that look alike below the loop's bandwidth: each is tried in the other's place."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,15 @@ class Fitted:
     elements: tuple[str, ...]
     search: Search
     minimum: Minimum
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What an element promises: the fall of the deviance, from which start, and how strongly it may act at 95 %."""
+
+    fall: float
+    start: Mapping[str, float]
+    limit: float | None
 
 
 @dataclass(frozen=True)
@@ -129,7 +138,7 @@ class Chooser:
 
     def first(self) -> Fitted:
         """Fit the first structure from the data's own starts."""
-        elements = self._ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
+        elements = self.ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
         search = self.search(elements)
         ends: list[Minimum] = []
         for values in starts(search.structure, self.experiments):
@@ -144,11 +153,18 @@ class Chooser:
         best = min(ends, key=lambda end: end.criterion)
         return Fitted(elements, search, search.refine(best))
 
-    def with_elements(self, origin: Fitted, elements: Sequence[str]) -> Fitted | None:
-        """Fit other elements with the weights of a fit, from its end; None where that can't be simulated."""
-        ordered = self._ordered(elements)
+    def with_elements(
+        self, origin: Fitted, elements: Sequence[str], begin: Mapping[str, float] | None = None
+    ) -> Fitted | None:
+        """Fit other elements with the weights of a fit, from its end; None where that can't be simulated.
+
+        `begin` holds the start of a new element's parameter; otherwise all of `STARTS` are tried.
+        """
+        ordered = self.ordered(elements)
         search = replace(self.search(ordered), weights=origin.minimum.noise)
-        values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True))
+        values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
+            begin or {}
+        )
         ends = []
         for start in self._from(search, values):
             try:
@@ -156,6 +172,50 @@ class Chooser:
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
         return Fitted(ordered, search, min(ends, key=cost)) if ends else None
+
+    def promise(self, origin: Fitted, name: str) -> Promise:
+        """Return what an element promises beside a fit.
+
+        Rao's score test, with the change of the outputs that a start makes in place of the derivative, which a torque
+        limit does not have: of the change D, cleared of what the fit's own unknowns explain, the residual e explains
+        (D'e)^2 / D'D. Elements that would have to act the other way promise nothing.
+        """
+        search, minimum = origin.search, origin.minimum
+        parameter = ELEMENTS[name].parameters[0]
+        with_it = self.structure((*origin.elements, name)).equations
+        starts = STARTS.get(parameter.name, (parameter.start,))
+        if name == "torque_limit":
+            starts = self._levels(origin)
+        evaluations = search.filtered(minimum.vector, minimum.noise)
+        gram = np.zeros((search.size + 1 + len(starts),) * 2)
+        parts = search.parts(evaluations, minimum.noise)
+        for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
+            still = search.structure.equations.simulate(values, block.data)  # type: ignore[arg-type]
+            changes = np.zeros((len(starts), *still.shape))
+            for place, start in enumerate(starts):
+                try:
+                    moved = with_it.simulate({**values, parameter.name: start}, block.data)  # type: ignore[arg-type]
+                except SimulationError:
+                    continue
+                changes[place] = moved - still
+            changes *= block.valid
+            made = Evaluation(np.zeros_like(still), changes, block.valid)
+            if minimum.noise.models is not None:
+                made = prewhiten(made, minimum.noise.models)
+            rows = np.concatenate([part, minimum.noise.root @ made.jacobian])
+            flat = rows.reshape(len(rows), -1)
+            gram += flat @ flat.T
+        return _best_promise(gram, search.size, parameter.name, starts, falling=name == "torque_limit")
+
+    def _levels(self, origin: Fitted) -> tuple[float, ...]:
+        """Levels of a torque limit near the top of what the engine gives in the fit without one."""
+        search = origin.search
+        top = -np.inf
+        for block, values in search.each(origin.minimum.vector):
+            equations = replace(bare(search.structure.equations), outputs=("dM",), gauge=False)  # type: ignore[type-var]
+            torque = equations.simulate(values, block.data)
+            top = max(top, float(np.max(torque)))
+        return tuple(1.0 + share * top for share in LEVELS)
 
     def refined(self, fitted: Fitted) -> Fitted:
         """Fit weights and noise models of its own to a structure."""
@@ -181,7 +241,8 @@ class Chooser:
         lower, upper = search.bounds()
         return np.asarray(np.clip(vector, lower, upper))
 
-    def _ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
+    def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
+        """Return elements in the table's order."""
         return tuple(name for name in ELEMENTS if name in elements)
 
 
@@ -189,10 +250,47 @@ STARTS: Mapping[str, tuple[float, ...]] = {
     "T_d": (0.02,),
     "T_set": (0.05,),
     "tau_act": (0.03, 0.12),
-    "M_max": (1.05, 1.15, 1.3),
     "tau_twist": (1e-3,),
 }
 """Where the search for a new element's parameter starts."""
+
+
+LEVELS = (0.95, 0.85, 0.7)
+"""Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
+HOPELESS = 0.5
+"""Part of the deviance that takes an element on below which what it promises is not worth a fit."""
+
+
+def _best_promise(
+    gram: Array, unknowns: int, name: str, starts: Sequence[float], *, falling: bool
+) -> Promise:
+    """Judge each start from the products of [-J, e, D1, D2, ...].
+
+    A limit of an effect in proportion to its parameter follows from its estimate and deviation; of one that acts the
+    more, the lower it is, it is the highest level that the residual contradicts.
+    """
+    own, residual = slice(0, unknowns), unknowns
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    unit = gram / np.outer(size, size)
+    inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
+    best, begin, limit = 0.0, starts[0], None
+    for place, start in enumerate(starts, start=unknowns + 1):
+        along = unit[own, place]
+        across = (
+            (unit[place, residual] - along @ inverse @ unit[own, residual]) * size[place] * size[residual]
+        )
+        left = (1.0 - along @ inverse @ along) * size[place] ** 2
+        if left < 1e-9 * size[place] ** 2 or left <= 0.0:
+            continue
+        share, deviation = across / left, left**-0.5
+        if falling:
+            if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
+                limit = start if limit is None else max(limit, start)
+        elif limit is None:
+            limit = float(start * (max(share, 0.0) + 1.645 * deviation))
+        if share > 0.0 and share * across > best:
+            best, begin = float(share * across), start
+    return Promise(best, {name: float(begin)}, limit)
 
 
 def cost(fitted: Fitted | Minimum) -> float:
@@ -204,25 +302,36 @@ def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
     current, ladder = chooser.first(), list[Rung]()
+    gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
-        best = _gains(chooser, current, level, ladder)[0]
+        best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
         current = chooser.refined(best)
-    current, rises = _backward(chooser, current, level, ladder)
-    # Weights and base are those of the structure that is left.
-    _, gains = _gains(chooser, current, level, ladder)
+    kept, rises = _backward(chooser, current, level, ladder)
+    if kept is not current:
+        # Weights and base are those of the structure that is left.
+        current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
     rivals = _rivals(chooser, current, gains, level, ladder)
-    evidence = rises | {name: gain for name, (gain, _) in gains.items()}
+    evidence = rises | {name: gain.fall for name, gain in gains.items()}
     states: dict[str, State] = {}
     for name in chooser.candidates:
         held = {name in fitted.elements for fitted in (current, *rivals)}
         states[name] = "open" if len(held) == 2 else "on" if True in held else "off"
-    limits = {name: limit for name, (_, trial) in gains.items() if (limit := _limit(trial, name)) is not None}
+    limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
     return Choice(current, rivals, evidence, states, limits, tuple(ladder))
 
 
-Gains = dict[str, tuple[float, Fitted]]
+@dataclass(frozen=True)
+class Gain:
+    """Fall of the deviance with an element more, the strength at which it is rejected, and its fit, if it was worth one."""
+
+    fall: float
+    limit: float | None
+    trial: Fitted | None = None
+
+
+Gains = dict[str, Gain]
 
 
 def _gains(
@@ -234,13 +343,18 @@ def _gains(
     for name in chooser.candidates:
         if base is None or name in current.elements:
             continue
-        trial = chooser.with_elements(current, (*current.elements, name))
+        promise = chooser.promise(base, name)
+        gains[name] = Gain(promise.fall, promise.limit)
+        if promise.fall < HOPELESS * level:
+            ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
+            continue
+        trial = chooser.with_elements(current, (*current.elements, name), promise.start)
         if trial is not None:
-            gains[name] = (cost(base) - cost(trial), trial)
-            said = "better" if gains[name][0] > level else "no better"
-            ladder.append(Rung(trial.elements, -gains[name][0], said))
-    best = max(gains, key=lambda name: gains[name][0], default=None)
-    return (gains[best][1] if best is not None and gains[best][0] > level else None), gains
+            gains[name] = Gain(cost(base) - cost(trial), promise.limit, trial)
+            said = "better" if gains[name].fall > level else "no better"
+            ladder.append(Rung(trial.elements, -gains[name].fall, said))
+    fitted = [gain for gain in gains.values() if gain.trial is not None and gain.fall > level]
+    return max(fitted, key=lambda gain: gain.fall).trial if fitted else None, gains
 
 
 def _backward(
@@ -274,9 +388,9 @@ def _rivals(
     if base is None:
         return ()
     limit = threshold(1, REJECTED)
-    kept = [trial for gain, trial in gains.values() if limit < gain <= level]
-    for out in (name for name in current.elements if name in chooser.candidates):
-        for name in gains:
+    kept = [gain.trial for gain in gains.values() if gain.trial is not None and limit < gain.fall <= level]
+    for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):
+        for name in (name for name in gains if name in ALIKE):
             swapped = [*(other for other in current.elements if other != out), name]
             trial = chooser.with_elements(current, swapped)
             if trial is None:
@@ -286,20 +400,3 @@ def _rivals(
             if rise < limit:
                 kept.append(trial)
     return tuple(kept)
-
-
-def _limit(trial: Fitted, name: str) -> float | None:
-    """Return how strongly an element may act that was not taken on, at 95 %; None where the data allow anything."""
-    parameter = ELEMENTS[name].parameters[0]
-    search = trial.search
-    index = search.names.index(parameter.name)
-    # A torque limit acts the less, the higher it is; all others the more.
-    side = -1.0 if name == "torque_limit" else 1.0
-    value = float(trial.minimum.vector[index])
-    try:
-        end = Profile(search, trial.minimum).end(
-            index, side * max(0.05 * abs(value), 1e-3), threshold(1, REJECTED)
-        )
-    except (IdentificationError, SimulationError):
-        return None
-    return end.value if end.kind == "data" else None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shipfp_rs import _core
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
@@ -67,6 +68,8 @@ class ShipEquations(Equations):
         for name, value in values.items():
             if name in STATES or name in _INDEX or name in _KERNEL:
                 vector[_INDEX[_KERNEL.get(name, name)]] = value + (name in _DEVIATIONS)
+        if values.get("tau_twist") and values["tau_prop"] >= 0.99 * values["tau_n"]:
+            raise SimulationError("nothing is left of the inertia on the engine's side of the twisting shaft")
         if "rate" in values:
             vector[_INDEX["rate_down"]] = values["rate"]
         return vector
