@@ -1,4 +1,4 @@
-"""The drive train in relative numbers by scipy's solve_ivp: pieces between the governor's instants, the torque limit an event.
+"""The drive train in relative numbers by solve_ivp: pieces between the governor's instants, the torque limit an event.
 
 Written anew, not from `small_steps`: N, I, A, N_p and M_t over their operating values, in the names of a fingerprint. A dead
 time of the loop is taken by the method of steps: pieces shorter than it, the command's continuous part interpolated by
@@ -69,13 +69,13 @@ def _cubic(values, at):
 
 
 @njit(cache=True)
-def _command(t, N, I, q, kind, start, table, held, fed_back, spacing):
+def _command(t, N, summed, q, kind, start, table, held, fed_back, spacing):
     """vX that reaches the actuator at `t`."""
     if q.T_s > 0.0:
         return held
     u = asked(kind, start, table, t - q.T_set - q.T_d)
     if q.T_d == 0.0:
-        return q.vK_p * (u - N) + q.vK_i * I
+        return q.vK_p * (u - N) + q.vK_i * summed
     return q.vK_p * u + _cubic(fed_back, (t - q.T_d) / spacing)
 
 

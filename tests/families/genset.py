@@ -1,7 +1,7 @@
-"""Generating sets: engine and alternator on one shaft, set point steps and other excitations, and steps of the electric load.
+"""Generating sets: engine and alternator on one shaft, and steps of the electric load.
 
-The load goes with N^p, p from 0 to 1, or stands constant with a damping beside: L = 1 + damping (N - 1). Steps of the electric
-load come on top and are measured, as torque in experiments and as power in logs.
+The load goes with N^p, p from 0 to 1, or stands constant with a damping beside: L = 1 + damping (N - 1). Steps of the
+electric load come on top and are measured, as torque in experiments and as power in logs.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def recorded(draw):
     """Record set point, torque and 60 teeth or an encoder of 16 pulses, at 5 kHz."""
     random = draw.random(3)
     motion = draw.motion(1e-4)
-    shaft, engine = recording.angles(draw, motion)
+    _, engine = recording.angles(draw, motion)
     teeth = 60 if random.random() < 0.5 and draw.plant.engine_speed < 14.0 else 16
     error = 0.01 if teeth == 60 else 1e-4
     torque = motion.brake_torque * (1.0 + 0.005 * np.sin(2.0 * np.pi * 4.0 * engine))

@@ -83,13 +83,14 @@ def trial_toml(draw, log: sensors.RawLog, *, path: str, vessel: str) -> str:
             f'[trial]\nname = "{draw.family} {draw.seed}"\nvessel = "{vessel}"\nlog = "{path}"\nrate_hz = {log.rate_hz}',
             log.tables,
             f"[operating_point]\nsteady_s = [2.0, {start - 1.0:.2f}]",
-            f'[[windows]]\nname = "W1"\nkind = "{draw.excitation.kind}"\nstart_s = {start - 5.0:.2f}\nstop_s = {stop - 1.0:.2f}\n',
+            f'[[windows]]\nname = "W1"\nkind = "{draw.excitation.kind}"\n'
+            f"start_s = {start - 5.0:.2f}\nstop_s = {stop - 1.0:.2f}\n",
         ]
     )
 
 
 def vessel_toml(draw) -> str:
-    """Return a vessel file with the gear ratio, and speed and torque as read off a display; all else is the same for every ship.
+    """Return a vessel file with the gear ratio, and speed and torque as read off a display; the rest suits any ship.
 
     None of it tells the truth of what is to be identified.
     """

@@ -186,7 +186,7 @@ class Pulses:
 
 
 def reflectors(random, count, error=0.02):
-    """Positions of reflectors within a turn, each off by up to `error` of the pitch, with a place of its own for the first."""
+    """Positions of reflectors within a turn, each off by up to `error` of the pitch."""
     pitch = (np.arange(count) + random.uniform(-error, error, count) + random.uniform(0.05, 0.9)) / count
     return np.sort(pitch % 1.0)
 

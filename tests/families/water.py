@@ -32,7 +32,7 @@ def _changed_at(coefficients, times):
 
 @dataclass(frozen=True)
 class Water:
-    """Second-order low-pass noise: `share` its standard deviation over the load, `memory_s` the time constant of each pole."""
+    """Noise with two equal poles: `share` its standard deviation over the load, `memory_s` the poles' time constant."""
 
     share: float
     memory_s: float
