@@ -11,7 +11,7 @@ use crate::ship::run::Run;
 use super::feed::Feed;
 use super::grid::{Piece, Time};
 use super::model::{Jets, Model, TERMS, value};
-use super::slopes::{LANES, SlopeJets};
+use super::slopes::{LANES, Pack, Slopes, get, put};
 
 /// A sample that lies within rounding of a piece's end is the next one's.
 const SAME: f64 = 1e-9;
@@ -42,8 +42,8 @@ pub struct Emit<'a> {
     readings: Vec<Reading>,
     /// Samples of room.
     room: usize,
-    width: usize,
-    slopes: Vec<f64>,
+    packs: usize,
+    slopes: Vec<Pack>,
     values: Vec<f64>,
     sum: Option<Feed<'a>>,
     /// Of the command's constant part.
@@ -52,7 +52,7 @@ pub struct Emit<'a> {
 }
 
 impl<'a> Emit<'a> {
-    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>, width: usize) -> Self {
+    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>) -> Self {
         let samples = run.samples();
         let late = |output: Output| match output {
             Output::Speed | Output::PropellerSpeed => task.parameters.of(at::T_N),
@@ -75,7 +75,7 @@ impl<'a> Emit<'a> {
         let room = BLOCK + ahead + 2;
         let set0 = run.set[0];
         let load0 = run.load.first().copied().unwrap_or(0.0);
-        let outputs = task.outputs.len();
+        let (outputs, packs) = (task.outputs.len(), task.wrt.len().div_ceil(LANES));
         Self {
             model: *model,
             run: *run,
@@ -83,8 +83,8 @@ impl<'a> Emit<'a> {
             channels,
             readings: task.outputs.iter().map(|&output| Reading::new(output, model)).collect(),
             room,
-            width,
-            slopes: vec![0.0; outputs * room * width],
+            packs,
+            slopes: vec![[0.0; LANES]; outputs * room * packs],
             values: vec![0.0; outputs * room],
             sum: task
                 .outputs
@@ -102,7 +102,7 @@ impl<'a> Emit<'a> {
 
     /// Read all samples that lie in a piece.
     #[inline(always)]
-    pub fn read<S: Simd>(&mut self, simd: S, piece: &Piece, jets: &Jets, series: &SlopeJets) {
+    pub fn read<S: Simd>(&mut self, simd: S, piece: &Piece, jets: &Jets, series: &[Slopes]) {
         for channel in 0..self.channels.len() {
             loop {
                 let Channel { late, next, .. } = self.channels[channel];
@@ -135,35 +135,34 @@ impl<'a> Emit<'a> {
         sample: usize,
         part: f64,
         jets: &Jets,
-        series: &SlopeJets,
+        series: &[Slopes],
     ) {
         let slot = output * self.room + sample - self.block.from;
         let reading = &self.readings[output];
         let [of_speed, of_rack, of_rate, of_sum] = reading.factors;
-        let width = self.width;
-        let slopes = &mut self.slopes[slot * width..][..width];
         let by = simd.splat_f64s(part);
-        for r in 0..width / S::F64_LANES {
-            let row = |rows: &[f64], k: usize| S::as_simd_f64s(&rows[k * width..][..width]).0[r];
-            let mut total = simd.splat_f64s(0.0);
-            for (rows, factor) in [(&series.n, of_speed), (&series.rack, of_rack), (&series.q, of_sum)] {
-                if factor != 0.0 {
-                    let mut sum = row(rows, TERMS);
-                    for k in (0..TERMS).rev() {
-                        sum = simd.mul_add_e_f64s(sum, by, row(rows, k));
+        let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
+        for (slopes, series) in slopes.iter_mut().zip(series) {
+            for part in 0..LANES / S::F64_LANES {
+                let mut total = simd.splat_f64s(0.0);
+                for (terms, factor) in [(&series.n, of_speed), (&series.rack, of_rack), (&series.q, of_sum)] {
+                    if factor != 0.0 {
+                        let sum = at_part(simd, terms, by, part);
+                        total = simd.mul_add_e_f64s(simd.splat_f64s(factor), sum, total);
                     }
-                    total = simd.mul_add_e_f64s(simd.splat_f64s(factor), sum, total);
                 }
-            }
-            if of_rate != 0.0 {
-                let times = |k: usize| simd.mul_f64s(simd.splat_f64s((k + 1) as f64), row(&series.n, k + 1));
-                let mut sum = times(TERMS - 1);
-                for k in (0..TERMS - 1).rev() {
-                    sum = simd.mul_add_e_f64s(sum, by, times(k));
+                if of_rate != 0.0 {
+                    let times = |k: usize| {
+                        simd.mul_f64s(simd.splat_f64s((k + 1) as f64), get::<S>(&series.n[k + 1], part))
+                    };
+                    let mut sum = times(TERMS - 1);
+                    for k in (0..TERMS - 1).rev() {
+                        sum = simd.mul_add_e_f64s(sum, by, times(k));
+                    }
+                    total = simd.mul_add_e_f64s(simd.splat_f64s(of_rate * jets.inverse), sum, total);
                 }
-                total = simd.mul_add_e_f64s(simd.splat_f64s(of_rate * jets.inverse), sum, total);
+                put::<S>(slopes, part, total);
             }
-            S::as_mut_simd_f64s(slopes).0[r] = total;
         }
         let n = value(&jets.n, TERMS + 1, part);
         let rack = value(&jets.rack, TERMS + 1, part);
@@ -193,7 +192,7 @@ impl<'a> Emit<'a> {
     fn own_speed(&mut self, slot: usize, rate: f64) {
         for (lane, &place) in self.wrt.iter().enumerate() {
             if place == at::T_N {
-                self.slopes[slot * self.width + lane] -= rate;
+                self.slopes[slot * self.packs + lane / LANES][lane % LANES] -= rate;
             }
         }
     }
@@ -219,7 +218,7 @@ impl<'a> Emit<'a> {
                 at::T_M => -changes,
                 _ => continue,
             };
-            self.slopes[slot * self.width + lane] += own;
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
         }
     }
 
@@ -243,7 +242,7 @@ impl<'a> Emit<'a> {
                 at::K_I if acts => -base / (k_i * k_i),
                 _ => 0.0,
             };
-            self.slopes[slot * self.width + lane] += own;
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
         }
     }
 
@@ -262,7 +261,7 @@ impl<'a> Emit<'a> {
         };
         let speed = matches!(self.readings[output].output, Output::Speed | Output::PropellerSpeed);
         self.values[slot] = if speed { n0 } else { s_m * level - 1.0 };
-        for lane in 0..self.width {
+        for lane in 0..self.wrt.len() {
             let own = match (self.wrt.get(lane), speed, gauge) {
                 (Some(&at::INITIAL_N), true, _) => 1.0,
                 (None, ..) | (_, true, _) => 0.0,
@@ -276,7 +275,7 @@ impl<'a> Emit<'a> {
                 (Some(&at::INITIAL_F), _, false) => s_m,
                 _ => 0.0,
             };
-            self.slopes[slot * self.width + lane] = own;
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] = own;
         }
     }
 
@@ -292,21 +291,24 @@ impl<'a> Emit<'a> {
     }
 
     fn hand_over(&mut self, consume: &mut Consume<'_>) -> Result<()> {
-        let (width, directions) = (self.width, self.wrt.len());
+        let (packs, directions) = (self.packs, self.wrt.len());
         let count = BLOCK.min(self.run.samples() - self.block.from);
         self.block.samples = count;
         for output in 0..self.readings.len() {
             let first = output * self.room;
             self.block.row_mut(output, directions)[..count]
                 .copy_from_slice(&self.values[first..first + count]);
-            for lane in 0..directions {
-                let lanes = self.slopes[first * width + lane..].iter().step_by(width);
-                for (value, slope) in self.block.row_mut(output, lane)[..count].iter_mut().zip(lanes) {
-                    *value = *slope;
+            for pack in 0..packs {
+                let slopes = self.slopes[first * packs + pack..].iter().step_by(packs);
+                for lane in 0..LANES.min(directions - pack * LANES) {
+                    let row = self.block.row_mut(output, pack * LANES + lane);
+                    for (value, slope) in row[..count].iter_mut().zip(slopes.clone()) {
+                        *value = slope[lane];
+                    }
                 }
             }
             self.values.copy_within(first + count..first + self.room, first);
-            self.slopes.copy_within((first + count) * width..(first + self.room) * width, first * width);
+            self.slopes.copy_within((first + count) * packs..(first + self.room) * packs, first * packs);
         }
         consume(&self.block)?;
         self.block.from += count;
@@ -329,6 +331,16 @@ impl Reading {
     }
 }
 
+/// A series of derivatives at a part of its piece, of one register.
+#[inline(always)]
+fn at_part<S: Simd>(simd: S, terms: &[Pack; TERMS + 1], by: S::f64s, part: usize) -> S::f64s {
+    let mut sum = get::<S>(&terms[TERMS], part);
+    for k in (0..TERMS).rev() {
+        sum = simd.mul_add_e_f64s(sum, by, get::<S>(&terms[k], part));
+    }
+    sum
+}
+
 #[inline(always)]
 fn rate(series: &[f64; 8], part: f64) -> f64 {
     let mut sum = 0.0;
@@ -345,9 +357,4 @@ fn second(series: &[f64; 8], part: f64) -> f64 {
         sum = sum * part + ((k + 1) * (k + 2)) as f64 * series[k + 2];
     }
     sum
-}
-
-/// Lanes for so many directions.
-pub const fn lanes(directions: usize) -> usize {
-    directions.next_multiple_of(LANES)
 }

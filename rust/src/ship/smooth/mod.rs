@@ -23,12 +23,12 @@ use super::march::{Consume, Task};
 use super::parameters::at;
 use super::run::Run;
 
-use emit::{Emit, lanes};
+use emit::Emit;
 use feed::{Feed, Input};
 use grid::Grid;
-use history::{History, Window, past};
+use history::{History, past_value};
 use model::{Jets, Model, Series, TERMS, total};
-use slopes::{Circumstances, SlopeJets, Slopes, Sources};
+use slopes::{Circumstances, LANES, Slopes, Sources};
 
 /// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
 /// where the governor's derivative term hands breaks on as strong as they come, through more of them.
@@ -86,7 +86,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let Self { task, run, stop, consume } = self;
         let (set0, load0) = (run.set[0], run.load.first().copied().unwrap_or(0.0));
         let model = Model::new(&task.parameters, set0, load0);
-        let width = lanes(task.wrt.len());
+        let packs = task.wrt.len().div_ceil(LANES);
         let delayed = model.t_d > 0.0;
         let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
         let loaded = !run.load.is_empty();
@@ -102,11 +102,10 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         );
         let places = if delayed { history.places() } else { 0 };
         let mut backs = vec![[0.0; 8]; places.max(1)];
-        let mut slope_backs = vec![0.0; places * TERMS * width];
-        let mut slopes = Slopes::new(&model, task.wrt, width);
-        let mut series = SlopeJets::new(width);
-        let mut sources = Sources::new(&model, task.wrt, width, set0, load0);
-        let mut emit = Emit::new(&model, task, run, width);
+        let mut slope_backs = vec![[[0.0; LANES]; TERMS]; places * packs];
+        let mut slopes = Slopes::start(&model, task.wrt);
+        let mut sources = Sources::new(&model, task.wrt, set0, load0);
+        let mut emit = Emit::new(&model, task, run);
         let binomial = model.binomial();
         let mut state = model.start();
         let mut jets = Jets::default();
@@ -126,7 +125,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             });
             let window = (delayed && piece.open).then(|| history.window(&piece));
             let mut back = match &window {
-                Some(window) => past_values(window, &backs),
+                Some(window) => past_value(window, &backs),
                 None => [0.0; 8],
             };
             let since = piece.start.since(grid::Time::new(dead_time)) * run.dt;
@@ -149,7 +148,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             } else {
                 back = returned;
             }
-            if width > 0 {
+            if packs > 0 {
                 if let Some(moves) = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0) {
                     let less = if delayed {
                         fed_at_end - feed[0]
@@ -169,18 +168,9 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                     load,
                 };
                 sources.lay(&model, &jets, &on);
-                sources.carry(
-                    simd,
-                    &model,
-                    &jets,
-                    window.as_ref(),
-                    &mut slope_backs,
-                    place,
-                    &mut slopes,
-                    &mut series,
-                );
+                sources.carry(simd, &model, &jets, window.as_ref(), &mut slope_backs, place, &mut slopes);
             }
-            emit.read(simd, &piece, &jets, &series);
+            emit.read(simd, &piece, &jets, &slopes);
             emit.flush(consume)?;
             fed_at_end = total(&feed, TERMS);
             set_at_end = set.value + set.slope;
@@ -213,16 +203,4 @@ fn errors(model: &Model, set: &Input, length: f64, integral: f64, since: f64) ->
     summed[1] = length * error[0];
     summed[2] = 0.5 * length * error[1];
     (error, summed)
-}
-
-#[inline(always)]
-fn past_values(window: &Window, backs: &[Series]) -> Series {
-    let terms = past(pulp::Scalar::new(), window, |place| {
-        let mut terms = [0.0; TERMS];
-        terms.copy_from_slice(&backs[place][..TERMS]);
-        terms
-    });
-    let mut series = [0.0; 8];
-    series[..TERMS].copy_from_slice(&terms);
-    series
 }

@@ -9,6 +9,40 @@ use crate::ship::parameters::{Parameters, at};
 /// Terms of the rates. The speed has one more.
 pub const TERMS: usize = 6;
 
+/// Do something for every term. Written out, since a loop of that size is not, and its terms would then live in memory.
+macro_rules! for_terms {
+    ($k:ident => $body:block) => {{
+        {
+            const $k: usize = 0;
+            $body
+        }
+        {
+            const $k: usize = 1;
+            $body
+        }
+        {
+            const $k: usize = 2;
+            $body
+        }
+        {
+            const $k: usize = 3;
+            $body
+        }
+        {
+            const $k: usize = 4;
+            $body
+        }
+        {
+            const $k: usize = 5;
+            $body
+        }
+    }};
+}
+pub(super) use for_terms;
+
+/// One over the number of a term and one.
+pub const PER_ORDER: [f64; TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0];
+
 /// Terms of a signal, and room.
 pub type Series = [f64; 8];
 
@@ -197,64 +231,63 @@ impl Model {
         power[0] = value;
         let pace = length / self.inertia;
         let acts = if lag { length / self.tau_act } else { 0.0 };
-        for k in 0..TERMS {
-            let per_order = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0][k];
-            if k > 0 {
+        for_terms!(K => {
+            if K > 0 {
                 let mut rest = 0.0;
-                for j in 1..k {
-                    rest += self.weights[k][j] * share[j] * power[k - j];
+                for j in 1..K {
+                    rest += self.weights[K][j] * share[j] * power[K - j];
                 }
-                share[k] = n[k] * per_speed;
-                power[k] = rest + first * n[k];
+                share[K] = n[K] * per_speed;
+                power[K] = rest + first * n[K];
             }
-            let mut fed = feed[k];
+            let mut fed = feed[K];
             if !delayed {
-                fed -= self.k_p * n[k] + self.k_i * q[k];
+                fed -= self.k_p * n[K] + self.k_i * q[K];
             }
             if !lag {
-                rack[k] = fed;
+                rack[K] = fed;
             }
-            let drag = power[k] - if k == 0 { 1.0 } else { 0.0 };
-            let loaded = if k < 2 { self.load_gain * load[k] } else { 0.0 };
-            let outside = self.v * rack[k] - loaded;
-            n[k + 1] = pace * per_order * (outside + (self.g - self.damping) * n[k] - drag);
+            let drag = power[K] - if K == 0 { 1.0 } else { 0.0 };
+            let loaded = if K < 2 { self.load_gain * load[K] } else { 0.0 };
+            let outside = self.v * rack[K] - loaded;
+            n[K + 1] = pace * PER_ORDER[K] * (outside + (self.g - self.damping) * n[K] - drag);
             if !delayed {
-                let rate = self.k_d * (k + 1) as f64 * n[k + 1] * inverse;
+                let rate = self.k_d * (K + 1) as f64 * n[K + 1] * inverse;
                 fed -= rate;
                 if !lag {
-                    rack[k] -= rate;
+                    rack[K] -= rate;
                 }
             }
             if lag {
-                rack[k + 1] = acts * per_order * (fed - rack[k]);
+                rack[K + 1] = acts * PER_ORDER[K] * (fed - rack[K]);
             }
-            q[k + 1] = length * per_order * n[k];
-        }
+            q[K + 1] = length * PER_ORDER[K] * n[K];
+        });
         // The slope of the power, from N J = p N^p.
-        for k in 0..TERMS {
-            let mut term = self.p * power[k] * per_speed;
-            for j in 1..=k {
-                term -= share[j] * slope[k - j];
+        for_terms!(K => {
+            let mut term = self.p * power[K] * per_speed;
+            for j in 1..=K {
+                term -= share[j] * slope[K - j];
             }
-            slope[k] = term;
-        }
+            slope[K] = term;
+        });
         if EXPONENT {
             let mut log = [0.0; 8];
             log[0] = logarithm;
-            for k in 1..TERMS {
-                let mut term = k as f64 * share[k];
-                for j in 1..k {
-                    term -= j as f64 * log[j] * share[k - j];
+            for_terms!(K => {
+                if K > 0 {
+                    let mut term = K as f64 * share[K];
+                    for j in 1..K {
+                        term -= j as f64 * log[j] * share[K - j];
+                    }
+                    log[K] = term * PER_ORDER[if K > 0 { K - 1 } else { 0 }];
                 }
-                log[k] = term * [1.0, 1.0, 0.5, 1.0 / 3.0, 0.25, 0.2][k];
-            }
-            for k in 0..TERMS {
                 let mut term = 0.0;
-                for j in 0..=k {
-                    term += log[j] * power[k - j];
+                for j in 0..=K {
+                    term += log[j] * power[K - j];
                 }
-                jets.by_exponent[k] = term;
-            }
+                jets.by_exponent[K] = term;
+            });
         }
         (jets.length, jets.inverse) = (length, inverse);
         (jets.n, jets.q, jets.rack, jets.power, jets.slope) = (n, q, rack, power, slope);
