@@ -1,0 +1,353 @@
+//! Outputs at the samples, out of the pieces they lie in, and their way into blocks.
+
+use pulp::Simd;
+
+use crate::error::Result;
+use crate::ship::march::{BLOCK, Block, Consume, Task};
+use crate::ship::output::Output;
+use crate::ship::parameters::at;
+use crate::ship::run::Run;
+
+use super::feed::Feed;
+use super::grid::{Piece, Time};
+use super::model::{Jets, Model, TERMS, value};
+use super::slopes::{LANES, SlopeJets};
+
+/// A sample that lies within rounding of a piece's end is the next one's.
+const SAME: f64 = 1e-9;
+
+/// Outputs that are late by the same time.
+struct Channel {
+    late: Time,
+    /// Places among the outputs.
+    outputs: Vec<usize>,
+    /// The sample that is to come.
+    next: usize,
+}
+
+/// An output as a combination of signals, and which parameters count by themselves.
+struct Reading {
+    output: Output,
+    /// Of the speed, the rack, the rate of the speed and the integrated speed.
+    factors: [f64; 4],
+    constant: f64,
+}
+
+/// Outputs on their way: for each, a row of lanes a sample, and its values.
+pub struct Emit<'a> {
+    model: Model,
+    run: Run<'a>,
+    wrt: &'a [usize],
+    channels: Vec<Channel>,
+    readings: Vec<Reading>,
+    /// Samples of room.
+    room: usize,
+    width: usize,
+    slopes: Vec<f64>,
+    values: Vec<f64>,
+    sum: Option<Feed<'a>>,
+    /// Of the command's constant part.
+    base: Vec<f64>,
+    block: Block,
+}
+
+impl<'a> Emit<'a> {
+    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>, width: usize) -> Self {
+        let samples = run.samples();
+        let late = |output: Output| match output {
+            Output::Speed | Output::PropellerSpeed => task.parameters.of(at::T_N),
+            Output::EngineTorque | Output::GaugeTorque => task.parameters.of(at::T_M),
+            Output::Rack | Output::Sum => 0.0,
+        };
+        let mut channels: Vec<Channel> = Vec::new();
+        for (place, &output) in task.outputs.iter().enumerate() {
+            let late = Time::new(late(output) / run.dt);
+            match channels.iter_mut().find(|channel| channel.late == late) {
+                Some(channel) => channel.outputs.push(place),
+                None => channels.push(Channel { late, outputs: vec![place], next: 0 }),
+            }
+        }
+        let ahead = channels
+            .iter()
+            .map(|channel| usize::try_from(channel.late.whole).unwrap_or(0).min(samples))
+            .max()
+            .unwrap_or(0);
+        let room = BLOCK + ahead + 2;
+        let set0 = run.set[0];
+        let load0 = run.load.first().copied().unwrap_or(0.0);
+        let outputs = task.outputs.len();
+        Self {
+            model: *model,
+            run: *run,
+            wrt: task.wrt,
+            channels,
+            readings: task.outputs.iter().map(|&output| Reading::new(output, model)).collect(),
+            room,
+            width,
+            slopes: vec![0.0; outputs * room * width],
+            values: vec![0.0; outputs * room],
+            sum: task
+                .outputs
+                .contains(&Output::Sum)
+                .then(|| Feed::new(run.set, run.hold, run.dt, model.t_set / run.dt)),
+            base: task.wrt.iter().map(|&place| model.base_by(place, set0, load0)).collect(),
+            block: Block::new(outputs, task.wrt.len()),
+        }
+    }
+
+    /// Whether all outputs have all samples.
+    pub fn is_done(&self) -> bool {
+        self.channels.iter().all(|channel| channel.next >= self.run.samples())
+    }
+
+    /// Read all samples that lie in a piece.
+    #[inline(always)]
+    pub fn read<S: Simd>(&mut self, simd: S, piece: &Piece, jets: &Jets, series: &SlopeJets) {
+        for channel in 0..self.channels.len() {
+            loop {
+                let Channel { late, next, .. } = self.channels[channel];
+                #[allow(clippy::cast_possible_wrap)] // a record's length
+                let sample = Time { whole: (next as isize).saturating_sub(late.whole), part: -late.part };
+                let passed = sample.since(piece.start);
+                if passed >= piece.length * (1.0 - SAME) || next >= self.run.samples() {
+                    break;
+                }
+                let before = sample.since(Time { whole: 0, part: 0.0 }) < -SAME;
+                for at in 0..self.channels[channel].outputs.len() {
+                    let output = self.channels[channel].outputs[at];
+                    if before {
+                        self.hold(output, next);
+                    } else {
+                        self.lay(simd, output, next, (passed / piece.length).max(0.0), jets, series);
+                    }
+                }
+                self.channels[channel].next += 1;
+            }
+        }
+    }
+
+    /// An output at a part of a piece.
+    #[inline(always)]
+    fn lay<S: Simd>(
+        &mut self,
+        simd: S,
+        output: usize,
+        sample: usize,
+        part: f64,
+        jets: &Jets,
+        series: &SlopeJets,
+    ) {
+        let slot = output * self.room + sample - self.block.from;
+        let reading = &self.readings[output];
+        let [of_speed, of_rack, of_rate, of_sum] = reading.factors;
+        let width = self.width;
+        let slopes = &mut self.slopes[slot * width..][..width];
+        let by = simd.splat_f64s(part);
+        for r in 0..width / S::F64_LANES {
+            let row = |rows: &[f64], k: usize| S::as_simd_f64s(&rows[k * width..][..width]).0[r];
+            let mut total = simd.splat_f64s(0.0);
+            for (rows, factor) in [(&series.n, of_speed), (&series.rack, of_rack), (&series.q, of_sum)] {
+                if factor != 0.0 {
+                    let mut sum = row(rows, TERMS);
+                    for k in (0..TERMS).rev() {
+                        sum = simd.mul_add_e_f64s(sum, by, row(rows, k));
+                    }
+                    total = simd.mul_add_e_f64s(simd.splat_f64s(factor), sum, total);
+                }
+            }
+            if of_rate != 0.0 {
+                let times = |k: usize| simd.mul_f64s(simd.splat_f64s((k + 1) as f64), row(&series.n, k + 1));
+                let mut sum = times(TERMS - 1);
+                for k in (0..TERMS - 1).rev() {
+                    sum = simd.mul_add_e_f64s(sum, by, times(k));
+                }
+                total = simd.mul_add_e_f64s(simd.splat_f64s(of_rate * jets.inverse), sum, total);
+            }
+            S::as_mut_simd_f64s(slopes).0[r] = total;
+        }
+        let n = value(&jets.n, TERMS + 1, part);
+        let rack = value(&jets.rack, TERMS + 1, part);
+        let rate = jets.inverse * rate(&jets.n, part);
+        let sum = value(&jets.q, TERMS + 1, part);
+        let simulated = of_speed * n + of_rack * rack + of_rate * rate + of_sum * sum + reading.constant;
+        self.values[slot] = simulated;
+        match reading.output {
+            Output::Speed | Output::PropellerSpeed => self.own_speed(slot, rate),
+            Output::EngineTorque | Output::GaugeTorque => {
+                let second = jets.inverse * jets.inverse * second(&jets.n, part);
+                let faster = jets.inverse * self::rate(&jets.rack, part);
+                self.own_torque(
+                    output,
+                    slot,
+                    [n, rack, rate],
+                    simulated,
+                    of_speed * rate + of_rack * faster + of_rate * second,
+                );
+            }
+            Output::Rack => {}
+            Output::Sum => self.add_sum(slot, sample),
+        }
+    }
+
+    #[inline(always)]
+    fn own_speed(&mut self, slot: usize, rate: f64) {
+        for (lane, &place) in self.wrt.iter().enumerate() {
+            if place == at::T_N {
+                self.slopes[slot * self.width + lane] -= rate;
+            }
+        }
+    }
+
+    /// What parameters add to a torque by themselves.
+    #[inline(always)]
+    fn own_torque(
+        &mut self,
+        output: usize,
+        slot: usize,
+        [n, rack, rate]: [f64; 3],
+        simulated: f64,
+        changes: f64,
+    ) {
+        let (s_m, gauge) = (self.model.s_m, self.readings[output].output == Output::GaugeTorque);
+        for lane in 0..self.wrt.len() {
+            let own = match self.wrt[lane] {
+                at::G => s_m * n,
+                at::V => s_m * rack,
+                at::TAU_N if gauge => -s_m * rate,
+                at::TAU_PROP if gauge => s_m * rate,
+                at::S_M => (simulated + 1.0) / s_m,
+                at::T_M => -changes,
+                _ => continue,
+            };
+            self.slopes[slot * self.width + lane] += own;
+        }
+    }
+
+    /// What the set point adds to the governor's sum.
+    fn add_sum(&mut self, slot: usize, sample: usize) {
+        let Model { k_i, s_u, t_set, base, .. } = self.model;
+        let (set0, dt) = (self.run.set[0], self.run.dt);
+        let Some(feed) = &mut self.sum else { return };
+        #[allow(clippy::cast_possible_wrap)] // a record's length
+        let start = Time { whole: sample as isize, part: 0.0 };
+        let set = feed.over(&Piece { start, length: 1.0, cut: None, open: true });
+        let time = sample as f64 * dt;
+        let summed = set.integral + t_set * (set0 - 1.0) + time;
+        let acts = k_i != 0.0;
+        self.values[slot] += s_u * summed - time + if acts { base / k_i } else { 0.0 };
+        for (lane, &place) in self.wrt.iter().enumerate() {
+            let mut own = if acts { self.base[lane] / k_i } else { 0.0 };
+            own += match place {
+                at::S_U => summed,
+                at::T_SET => -s_u * (set.value - set0),
+                at::K_I if acts => -base / (k_i * k_i),
+                _ => 0.0,
+            };
+            self.slopes[slot * self.width + lane] += own;
+        }
+    }
+
+    /// An output before the record.
+    fn hold(&mut self, output: usize, sample: usize) {
+        let slot = output * self.room + sample - self.block.from;
+        let Model { n0, f0, g, s_m, .. } = self.model;
+        let load0 = self.run.load.first().copied().unwrap_or(0.0);
+        let power = super::model::Power::at(1.0 + n0, self.model.p);
+        let (damping, gain) = (self.model.damping, self.model.load_gain);
+        let drag = power.value() + damping * n0 + gain * load0;
+        let (level, gauge) = match self.readings[output].output {
+            Output::EngineTorque => (1.0 + g * n0 + f0, false),
+            Output::GaugeTorque => (drag, true),
+            _ => (0.0, false),
+        };
+        let speed = matches!(self.readings[output].output, Output::Speed | Output::PropellerSpeed);
+        self.values[slot] = if speed { n0 } else { s_m * level - 1.0 };
+        for lane in 0..self.width {
+            let own = match (self.wrt.get(lane), speed, gauge) {
+                (Some(&at::INITIAL_N), true, _) => 1.0,
+                (None, ..) | (_, true, _) => 0.0,
+                (Some(&at::S_M), ..) => level,
+                (Some(&at::INITIAL_N), _, true) => s_m * (power.slope(self.model.p) + damping),
+                (Some(&at::P), _, true) => s_m * power.by_exponent(),
+                (Some(&at::DAMPING), _, true) => s_m * n0,
+                (Some(&at::LOAD_GAIN), _, true) => s_m * load0,
+                (Some(&at::INITIAL_N), _, false) => s_m * g,
+                (Some(&at::G), _, false) => s_m * n0,
+                (Some(&at::INITIAL_F), _, false) => s_m,
+                _ => 0.0,
+            };
+            self.slopes[slot * self.width + lane] = own;
+        }
+    }
+
+    /// Hand over every block that is complete.
+    #[inline(always)]
+    pub fn flush(&mut self, consume: &mut Consume<'_>) -> Result<()> {
+        let samples = self.run.samples();
+        let complete = self.channels.iter().map(|channel| channel.next).min().unwrap_or(samples);
+        while self.block.from < samples && complete >= samples.min(self.block.from + BLOCK) {
+            self.hand_over(consume)?;
+        }
+        Ok(())
+    }
+
+    fn hand_over(&mut self, consume: &mut Consume<'_>) -> Result<()> {
+        let (width, directions) = (self.width, self.wrt.len());
+        let count = BLOCK.min(self.run.samples() - self.block.from);
+        self.block.samples = count;
+        for output in 0..self.readings.len() {
+            let first = output * self.room;
+            self.block.row_mut(output, directions)[..count]
+                .copy_from_slice(&self.values[first..first + count]);
+            for lane in 0..directions {
+                let lanes = self.slopes[first * width + lane..].iter().step_by(width);
+                for (value, slope) in self.block.row_mut(output, lane)[..count].iter_mut().zip(lanes) {
+                    *value = *slope;
+                }
+            }
+            self.values.copy_within(first + count..first + self.room, first);
+            self.slopes.copy_within((first + count) * width..(first + self.room) * width, first * width);
+        }
+        consume(&self.block)?;
+        self.block.from += count;
+        Ok(())
+    }
+}
+
+impl Reading {
+    fn new(output: Output, model: &Model) -> Self {
+        let Model { g, v, s_m, tau, tau_prop, .. } = *model;
+        let (factors, constant) = match output {
+            Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
+            Output::EngineTorque => ([s_m * g, s_m * v, 0.0, 0.0], s_m - 1.0),
+            // The load is the engine's torque less what speeds the shaft up.
+            Output::GaugeTorque => ([s_m * g, s_m * v, -s_m * (tau - tau_prop), 0.0], s_m - 1.0),
+            Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
+            Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
+        };
+        Self { output, factors, constant }
+    }
+}
+
+#[inline(always)]
+fn rate(series: &[f64; 8], part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..TERMS).rev() {
+        sum = sum * part + (k + 1) as f64 * series[k + 1];
+    }
+    sum
+}
+
+#[inline(always)]
+fn second(series: &[f64; 8], part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..TERMS - 1).rev() {
+        sum = sum * part + ((k + 1) * (k + 2)) as f64 * series[k + 2];
+    }
+    sum
+}
+
+/// Lanes for so many directions.
+pub const fn lanes(directions: usize) -> usize {
+    directions.next_multiple_of(LANES)
+}

@@ -1,0 +1,125 @@
+//! What the loop was fed a dead time ago: series of past pieces, read over the piece to come.
+
+use pulp::Simd;
+
+use super::grid::{Piece, Time};
+use super::model::TERMS;
+
+/// Parts of a piece closer than this are one.
+const SAME: f64 = 1e-9;
+
+/// Where a piece's past lies: within one past piece, or from one into another.
+#[derive(Debug, Clone, Copy)]
+pub struct Window {
+    /// The past piece at its start: its place, where in it, and how long the piece is in its lengths.
+    pub first: (usize, f64, f64),
+    /// The past piece at its end, likewise, if it is another.
+    pub last: Option<(usize, f64, f64)>,
+}
+
+/// Past pieces, in a ring that holds those of a dead time.
+pub struct History {
+    late: Time,
+    pieces: Vec<(Time, f64)>,
+    count: usize,
+    /// The past piece that is being read.
+    at: usize,
+}
+
+impl History {
+    /// For a dead time [sample intervals] and at most so many pieces within it.
+    pub fn new(dead_time: f64, pieces: usize) -> Self {
+        let ring = vec![(Time { whole: 0, part: 0.0 }, 0.0); pieces.next_power_of_two()];
+        Self { late: Time::new(dead_time), pieces: ring, count: 0, at: 0 }
+    }
+
+    /// Number of places.
+    pub fn places(&self) -> usize {
+        self.pieces.len()
+    }
+
+    /// Take in a piece, and give its place.
+    #[inline(always)]
+    pub fn push(&mut self, piece: &Piece) -> usize {
+        let place = self.count & (self.pieces.len() - 1);
+        self.pieces[place] = (piece.start, piece.length);
+        self.count += 1;
+        place
+    }
+
+    /// The past of a piece that begins a dead time or more after the first.
+    #[inline(always)]
+    pub fn window(&mut self, piece: &Piece) -> Window {
+        let mask = self.pieces.len() - 1;
+        let start = Time {
+            whole: piece.start.whole.saturating_sub(self.late.whole),
+            part: piece.start.part - self.late.part,
+        };
+        while self.at + 1 < self.count {
+            let (began, length) = self.pieces[self.at & mask];
+            if start.since(began) < length * (1.0 - SAME) {
+                break;
+            }
+            self.at += 1;
+        }
+        let (began, length) = self.pieces[self.at & mask];
+        let x = start.since(began) / length;
+        let first = (self.at & mask, if x.abs() < SAME { 0.0 } else { x }, piece.length / length);
+        let end = Time { part: start.part + piece.length, ..start };
+        let mut last = self.at;
+        while last + 1 < self.count {
+            let (began, length) = self.pieces[last & mask];
+            if end.since(began) <= length * (1.0 + SAME) {
+                break;
+            }
+            last += 1;
+        }
+        if last == self.at {
+            return Window { first, last: None };
+        }
+        let (began, length) = self.pieces[last & mask];
+        Window { first, last: Some((last & mask, end.since(began) / length, piece.length / length)) }
+    }
+}
+
+/// A series about another start, and over another length.
+#[inline(always)]
+fn shifted<S: Simd>(simd: S, mut series: [S::f64s; TERMS], x: f64, scale: f64) -> [S::f64s; TERMS] {
+    if x != 0.0 {
+        let by = simd.splat_f64s(x);
+        for low in 0..TERMS - 1 {
+            for k in (low..TERMS - 1).rev() {
+                series[k] = simd.mul_add_e_f64s(by, series[k + 1], series[k]);
+            }
+        }
+    }
+    let mut factor = 1.0;
+    for k in 1..TERMS {
+        factor *= scale;
+        series[k] = simd.mul_f64s(series[k], simd.splat_f64s(factor));
+    }
+    series
+}
+
+/// A past signal over the piece to come; `read` gives a past piece's series. Where the window reaches from one past piece into
+/// another, whose series differ by a break that is too weak for a cut, it is the polynomial that has both ends' value, slope
+/// and curvature.
+#[inline(always)]
+pub fn past<S: Simd>(simd: S, window: &Window, read: impl Fn(usize) -> [S::f64s; TERMS]) -> [S::f64s; TERMS] {
+    let (place, x, scale) = window.first;
+    let mut series = shifted(simd, read(place), x, scale);
+    let Some((place, x, scale)) = window.last else { return series };
+    let end = shifted(simd, read(place), x, scale);
+    let [p0, p1, p2] = [series[0], series[1], series[2]];
+    let times = |factor: f64, of: S::f64s| simd.mul_f64s(simd.splat_f64s(factor), of);
+    let value = simd.sub_f64s(end[0], simd.add_f64s(simd.add_f64s(p0, p1), p2));
+    let slope = simd.sub_f64s(end[1], simd.add_f64s(p1, times(2.0, p2)));
+    let bend = simd.sub_f64s(end[2], p2);
+    for (k, [of_value, of_slope, of_bend]) in
+        [[10.0, -4.0, 1.0], [-15.0, 7.0, -2.0], [6.0, -3.0, 1.0]].into_iter().enumerate()
+    {
+        series[3 + k] = simd
+            .add_f64s(simd.add_f64s(times(of_value, value), times(of_slope, slope)), times(of_bend, bend));
+    }
+    series
+}

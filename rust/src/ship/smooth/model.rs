@@ -1,0 +1,302 @@
+//! The equations on a piece of time, as series: each signal is a polynomial of the part of the piece that has passed.
+//!
+//! With `n = N - 1`, `Q` the integral of `n` and `f` what the governor is fed from outside the loop, the rack is fed
+//! `f - Y(t - T_d)` with `Y = K_p n + K_i Q + K_d dn/dt`. Terms of one order after the other follow from the equations (the
+//! method of Taylor series); those of `N^p` from `N (N^p)' = p N' N^p`.
+
+use crate::ship::parameters::{Parameters, at};
+
+/// Terms of the rates. The speed has one more.
+pub const TERMS: usize = 6;
+
+/// Terms of a signal, and room.
+pub type Series = [f64; 8];
+
+/// Parameters, and what is made of them once.
+#[derive(Debug, Clone, Copy)]
+pub struct Model {
+    pub tau: f64,
+    pub g: f64,
+    pub v: f64,
+    pub k_p: f64,
+    pub k_i: f64,
+    pub k_d: f64,
+    pub p: f64,
+    pub tau_prop: f64,
+    pub tau_act: f64,
+    pub damping: f64,
+    pub load_gain: f64,
+    pub s_u: f64,
+    pub s_m: f64,
+    pub t_d: f64,
+    pub t_set: f64,
+    pub n0: f64,
+    pub f0: f64,
+    /// The time constant that the shaft has where the governor's derivative term acts at once [s].
+    pub inertia: f64,
+    /// The rate of the speed at the start [1/s].
+    pub rate0: f64,
+    /// What raises the command so that it starts as the rack stands.
+    pub base: f64,
+    /// Factors of the products in the terms of a power.
+    weights: [Series; TERMS],
+}
+
+/// The state at the start of a piece, and its power law.
+#[derive(Debug, Clone, Copy)]
+pub struct State {
+    pub n: f64,
+    pub q: f64,
+    pub rack: f64,
+    pub power: Power,
+}
+
+/// `N^p`, `1 / N` and `ln N`.
+#[derive(Debug, Clone, Copy)]
+pub struct Power {
+    speed: f64,
+    value: f64,
+    inverse: f64,
+    logarithm: f64,
+}
+
+/// All signals over a piece.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Jets {
+    /// Length of the piece [s], and its inverse.
+    pub length: f64,
+    pub inverse: f64,
+    pub n: Series,
+    pub q: Series,
+    pub rack: Series,
+    /// `N^p`, its slope by `N` and its derivative by `p`.
+    pub power: Series,
+    pub slope: Series,
+    pub by_exponent: Series,
+}
+
+impl Power {
+    pub fn at(speed: f64, p: f64) -> Self {
+        let size = speed.abs().max(f64::MIN_POSITIVE);
+        let value = size.powf(p).copysign(speed);
+        // About standing still a power has no series; it is next to nothing there.
+        let inverse = if size < 1e-2 { 0.0 } else { 1.0 / speed };
+        Self { speed, value, inverse, logarithm: size.ln() }
+    }
+
+    /// At a speed nearby: about the old one `(1 + x)^p` is a series, which is off by less than 1e-16 below [`Self::NEAR`].
+    #[inline(always)]
+    fn moved(&self, speed: f64, model: &Model, binomial: &[f64; 8]) -> Self {
+        let x = (speed - self.speed) * self.inverse;
+        if x.abs() < Self::NEAR && self.inverse != 0.0 {
+            let square = x * x;
+            let b = binomial;
+            let low = (1.0 + b[1] * x) + square * (b[2] + b[3] * x);
+            let high = (b[4] + b[5] * x) + square * (b[6] + b[7] * x);
+            let value = self.value * (low + square * square * high);
+            let logarithm = self.logarithm
+                + x * ((1.0 - 0.5 * x)
+                    + square
+                        * ((1.0 / 3.0 - 0.25 * x)
+                            + square * ((0.2 - x / 6.0) + square * (1.0 / 7.0 - 0.125 * x))));
+            Self { speed, value, inverse: 1.0 / speed, logarithm }
+        } else {
+            Self::at(speed, model.p)
+        }
+    }
+
+    pub const fn value(&self) -> f64 {
+        self.value
+    }
+
+    /// Its slope by `N`.
+    pub fn slope(&self, p: f64) -> f64 {
+        p * self.value * self.inverse
+    }
+
+    /// Its derivative by `p`.
+    pub fn by_exponent(&self) -> f64 {
+        self.value * self.logarithm
+    }
+
+    const NEAR: f64 = 1.0 / 64.0;
+}
+
+impl Model {
+    pub fn new(parameters: &Parameters, set0: f64, load0: f64) -> Self {
+        let of = |place| parameters.of(place);
+        let (tau, v, p, k_d) = (of(at::TAU_N), of(at::V), of(at::P), of(at::K_D));
+        let at_once = of(at::T_D) == 0.0 && of(at::TAU_ACT) == 0.0;
+        let mut weights = [[0.0; 8]; TERMS];
+        for (k, weights) in weights.iter_mut().enumerate() {
+            for j in 1..k {
+                weights[j] = (p + 1.0) * j as f64 / k as f64 - 1.0;
+            }
+        }
+        let (n0, f0) = (of(at::INITIAL_N) - 1.0, of(at::INITIAL_F));
+        let drag = Power::at(1.0 + n0, p).value - 1.0 + of(at::DAMPING) * n0 + of(at::LOAD_GAIN) * load0;
+        let rate0 = (of(at::G) * n0 + f0 - drag) / tau;
+        let error0 = of(at::S_U) * set0 - 1.0 - n0;
+        Self {
+            tau,
+            g: of(at::G),
+            v,
+            k_p: of(at::K_P),
+            k_i: of(at::K_I),
+            k_d,
+            p,
+            tau_prop: of(at::TAU_PROP),
+            tau_act: of(at::TAU_ACT),
+            damping: of(at::DAMPING),
+            load_gain: of(at::LOAD_GAIN),
+            s_u: of(at::S_U),
+            s_m: of(at::S_M),
+            t_d: of(at::T_D),
+            t_set: of(at::T_SET),
+            n0,
+            f0,
+            inertia: if at_once { tau + v * k_d } else { tau },
+            rate0,
+            base: f0 / v - of(at::K_P) * error0 + k_d * rate0,
+            weights,
+        }
+    }
+
+    /// Coefficients of `(1 + x)^p`.
+    pub fn binomial(&self) -> [f64; 8] {
+        let mut terms = [1.0; 8];
+        for m in 1..8 {
+            terms[m] = terms[m - 1] * (self.p - (m - 1) as f64) / m as f64;
+        }
+        terms
+    }
+
+    pub fn start(&self) -> State {
+        State { n: self.n0, q: 0.0, rack: self.f0 / self.v, power: Power::at(1.0 + self.n0, self.p) }
+    }
+
+    /// The signals over a piece of so many seconds, from a state on; `feed` is what the rack is fed from outside the piece, `load`
+    /// the measured load.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
+    pub fn jets<const EXPONENT: bool>(
+        &self,
+        state: &State,
+        length: f64,
+        feed: &Series,
+        load: [f64; 2],
+        jets: &mut Jets,
+    ) {
+        let inverse = 1.0 / length;
+        let Power { value, inverse: per_speed, logarithm, .. } = state.power;
+        let (delayed, lag) = (self.t_d > 0.0, self.tau_act > 0.0);
+        let first = self.p * value * per_speed;
+        let (mut n, mut q, mut rack) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        let (mut power, mut slope, mut share) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        (n[0], q[0], rack[0]) = (state.n, state.q, state.rack);
+        power[0] = value;
+        let pace = length / self.inertia;
+        let acts = if lag { length / self.tau_act } else { 0.0 };
+        for k in 0..TERMS {
+            let per_order = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0][k];
+            if k > 0 {
+                let mut rest = 0.0;
+                for j in 1..k {
+                    rest += self.weights[k][j] * share[j] * power[k - j];
+                }
+                share[k] = n[k] * per_speed;
+                power[k] = rest + first * n[k];
+            }
+            let mut fed = feed[k];
+            if !delayed {
+                fed -= self.k_p * n[k] + self.k_i * q[k];
+            }
+            if !lag {
+                rack[k] = fed;
+            }
+            let drag = power[k] - if k == 0 { 1.0 } else { 0.0 };
+            let loaded = if k < 2 { self.load_gain * load[k] } else { 0.0 };
+            let outside = self.v * rack[k] - loaded;
+            n[k + 1] = pace * per_order * (outside + (self.g - self.damping) * n[k] - drag);
+            if !delayed {
+                let rate = self.k_d * (k + 1) as f64 * n[k + 1] * inverse;
+                fed -= rate;
+                if !lag {
+                    rack[k] -= rate;
+                }
+            }
+            if lag {
+                rack[k + 1] = acts * per_order * (fed - rack[k]);
+            }
+            q[k + 1] = length * per_order * n[k];
+        }
+        // The slope of the power, from N J = p N^p.
+        for k in 0..TERMS {
+            let mut term = self.p * power[k] * per_speed;
+            for j in 1..=k {
+                term -= share[j] * slope[k - j];
+            }
+            slope[k] = term;
+        }
+        if EXPONENT {
+            let mut log = [0.0; 8];
+            log[0] = logarithm;
+            for k in 1..TERMS {
+                let mut term = k as f64 * share[k];
+                for j in 1..k {
+                    term -= j as f64 * log[j] * share[k - j];
+                }
+                log[k] = term * [1.0, 1.0, 0.5, 1.0 / 3.0, 0.25, 0.2][k];
+            }
+            for k in 0..TERMS {
+                let mut term = 0.0;
+                for j in 0..=k {
+                    term += log[j] * power[k - j];
+                }
+                jets.by_exponent[k] = term;
+            }
+        }
+        (jets.length, jets.inverse) = (length, inverse);
+        (jets.n, jets.q, jets.rack, jets.power, jets.slope) = (n, q, rack, power, slope);
+    }
+
+    /// The state at the end of a piece.
+    #[inline(always)]
+    pub fn end(&self, state: &State, jets: &Jets, binomial: &[f64; 8]) -> State {
+        let n = total(&jets.n, TERMS + 1);
+        let power = state.power.moved(1.0 + n, self, binomial);
+        State { n, q: total(&jets.q, TERMS + 1), rack: total(&jets.rack, TERMS + 1), power }
+    }
+
+    /// What goes back into the governor: `K_p n + K_i Q + K_d dn/dt`.
+    #[inline(always)]
+    pub fn fed_back(&self, jets: &Jets) -> Series {
+        let mut back = [0.0; 8];
+        for k in 0..TERMS {
+            back[k] = self.k_p * jets.n[k]
+                + self.k_i * jets.q[k]
+                + self.k_d * (k + 1) as f64 * jets.n[k + 1] * jets.inverse;
+        }
+        back
+    }
+}
+
+/// A series at the end of its piece.
+#[inline(always)]
+pub fn total(series: &Series, terms: usize) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..terms).rev() {
+        sum += series[k];
+    }
+    sum
+}
+
+/// A series at a part of its piece.
+#[inline(always)]
+pub fn value(series: &Series, terms: usize, part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..terms).rev() {
+        sum = sum * part + series[k];
+    }
+    sum
+}
