@@ -38,6 +38,7 @@ class _Simulation:
         self.sampled = v["T_s"] > 0.0
         self.limited = min(v["rate_up"], v["rate_down"]) < math.inf
         self.follows = self.limited and v["tau_act"] == 0.0
+        self.window = (0.0, 0.0)
         self.before = v["initial_F"] / v["v"]
         self.standing = self.before - v["K_p"] * (v["s_u"] * u[0] - v["initial_N"])
         self.x = np.array(
@@ -52,7 +53,6 @@ class _Simulation:
         self.held = self.before
         self.torque_side = self.rack_side = self.rate_side = 0
         self.sum_mode = "runs"
-        self.window = (0.0, 0.0)
         self.starts: list[float] = []
         self.pieces: list[tuple[float, Callable[[float], Array], tuple[int, int, int, str]]] = []
 
@@ -316,8 +316,9 @@ class _Simulation:
         """Limits of the rack and the torque, unless a sliding sum keeps them."""
         v = self.v
         if self.sum_mode == "slides":
+            on_ceiling = self.beyond(t, 1) < 1e-8
             self.sum_mode = self.sum_mode_at(t, 1)
-            if self.sum_mode == "slides":
+            if on_ceiling and self.sum_mode != "runs":
                 return
         self.torque_side = self.rack_side = 0
         for _ in range(3):
@@ -348,6 +349,11 @@ class _Simulation:
         return float(
             self.v["K_p"] * (self.v["s_u"] * slope - rates[N]) + self.v["K_i"] * rates[SUM]
         )
+
+    def beyond(self, t: float, side: int) -> float:
+        """Distance of the command from its nearer ceiling."""
+        command = self.command(t, self.x, side, self.signals(t, self.x, side)[0])
+        return min(abs(command - self.ceiling(above, self.x[N])[0]) for above in (1, -1))
 
     def sum_mode_at(self, t: float, side: int) -> str:
         v = self.v
