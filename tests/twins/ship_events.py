@@ -38,6 +38,7 @@ class _Simulation:
         self.sampled = v["T_s"] > 0.0
         self.limited = min(v["rate_up"], v["rate_down"]) < math.inf
         self.follows = self.limited and v["tau_act"] == 0.0
+        self.window = (0.0, 0.0)
         self.before = v["initial_F"] / v["v"]
         self.standing = self.before - v["K_p"] * (v["s_u"] * u[0] - v["initial_N"])
         self.x = np.array(
@@ -55,10 +56,16 @@ class _Simulation:
         self.starts: list[float] = []
         self.pieces: list[tuple[float, Callable[[float], Array], tuple[int, int, int, str]]] = []
 
-    def at(self, samples: Array, time: float, side: int) -> tuple[float, float]:
-        """Value and slope of a held input, to the left (-1) or the right (1) of a time."""
+    def inside(self, t: float, side: int) -> float:
+        """A time within the stretch under way, where no side is meant."""
+        first, last = self.window
+        return t if side else max(min(t, last - 3.0 * TINY), first + 3.0 * TINY)
+
+    def at(self, samples: Array, t: float, late: float, side: int) -> tuple[float, float]:
+        """Value and slope of a held input, to the left (-1) or the right (1) of a time or within a stretch (0)."""
         if len(samples) == 0:
             return 0.0, 0.0
+        time = self.inside(t, side) - late
         place = math.floor(time / self.dt + side * TINY / self.dt)
         if place < 0:
             return samples[0], 0.0
@@ -73,7 +80,7 @@ class _Simulation:
         return (
             n * abs(n) ** (v["p"] - 1.0)
             + v["damping"] * (n - 1.0)
-            + v["load_gain"] * self.at(self.load, time, side)[0]
+            + v["load_gain"] * self.at(self.load, time, 0.0, side)[0]
         )
 
     def torque(self, n: float, rack: float) -> float:
@@ -100,12 +107,13 @@ class _Simulation:
 
     def command(self, t: float, x: Array, side: int, rate: float) -> float:
         v = self.v
-        error = v["s_u"] * self.at(self.u, t - v["T_set"], side)[0] - x[N]
+        error = v["s_u"] * self.at(self.u, t, v["T_set"], side)[0] - x[N]
         return v["K_p"] * error + v["K_i"] * x[SUM] - v["K_d"] * rate
 
     def past(self, t: float, side: int) -> float:
         """The continuous governor's command T_d before a time."""
-        then = t - self.v["T_d"]
+        then = self.inside(t, side) - self.v["T_d"]
+        side = side or 1
         if then + side * TINY < 0.0:
             return self.before
         place = max(bisect.bisect_right(self.starts, then + side * TINY) - 1, 0)
@@ -180,7 +188,7 @@ class _Simulation:
 
     def sum_rate(self, t: float, x: Array, side: int, rate: float) -> float:
         v = self.v
-        set_point, slope = self.at(self.u, t - v["T_set"], side)
+        set_point, slope = self.at(self.u, t, v["T_set"], side)
         error = v["s_u"] * set_point - x[N]
         if self.sum_mode == "runs":
             return error
@@ -272,7 +280,7 @@ class _Simulation:
 
     def sample(self, t: float) -> float:
         v = self.v
-        error = v["s_u"] * self.at(self.u, t - v["T_set"], 1)[0] - self.x[N]
+        error = v["s_u"] * self.at(self.u, t, v["T_set"], 1)[0] - self.x[N]
         rate = self.signals(t, self.x, -1)[0]
         updated = self.x[SUM] + v["T_s"] * error
 
@@ -308,8 +316,9 @@ class _Simulation:
         """Limits of the rack and the torque, unless a sliding sum keeps them."""
         v = self.v
         if self.sum_mode == "slides":
+            on_ceiling = self.beyond(t, 1) < 1e-8
             self.sum_mode = self.sum_mode_at(t, 1)
-            if self.sum_mode == "slides":
+            if on_ceiling and self.sum_mode != "runs":
                 return
         self.torque_side = self.rack_side = 0
         for _ in range(3):
@@ -324,15 +333,6 @@ class _Simulation:
         """What the sum does from now on; where it slides, on which limit."""
         v = self.v
         self.sum_mode = self.sum_mode_at(t, side)
-        direct = v["T_d"] == 0.0 and v["tau_act"] == 0.0 and self.rate_side == 0
-        if self.sum_mode == "slides" and direct:
-            error = v["s_u"] * self.at(self.u, t - v["T_set"], side)[0] - self.x[N]
-            above = 1 if error > 0.0 else -1
-            by_torque = self.ceiling(above, self.x[N])[0] != (v["X_max"] if above > 0 else v["X_min"])
-            if by_torque:
-                self.torque_side = above
-            else:
-                self.rack_side = above
 
     def asked_slope(self, t: float, x: Array, side: int) -> float:
         """How fast the actuator is asked to go; by differences within a smooth stretch."""
@@ -345,15 +345,20 @@ class _Simulation:
                 2.0 if side == 0 else 1.0
             )
         rates = self.rates(t, x, side)
-        slope = self.at(self.u, t - self.v["T_set"], side)[1]
+        slope = self.at(self.u, t, self.v["T_set"], side)[1]
         return float(
             self.v["K_p"] * (self.v["s_u"] * slope - rates[N]) + self.v["K_i"] * rates[SUM]
         )
 
+    def beyond(self, t: float, side: int) -> float:
+        """Distance of the command from its nearer ceiling."""
+        command = self.command(t, self.x, side, self.signals(t, self.x, side)[0])
+        return min(abs(command - self.ceiling(above, self.x[N])[0]) for above in (1, -1))
+
     def sum_mode_at(self, t: float, side: int) -> str:
         v = self.v
         rate = self.signals(t, self.x, side)[0]
-        set_point, slope = self.at(self.u, t - v["T_set"], side)
+        set_point, slope = self.at(self.u, t, v["T_set"], side)
         error = v["s_u"] * set_point - self.x[N]
         above = 1 if error > 0.0 else -1
         ceiling, rise = self.ceiling(above, self.x[N])
@@ -369,7 +374,7 @@ class _Simulation:
 
     def advance(self, start: float, end: float) -> None:
         """Integrate between two stops, cut at events."""
-        t = start
+        t, self.window = start, (start, end)
         for _ in range(50):
             functions = self.events(t)
             kept = self.mode
@@ -404,8 +409,12 @@ class _Simulation:
         def turn(name: str, side: int) -> Callable[[float], None]:
             return lambda t: setattr(self, name, 0 if getattr(self, name) else side)
 
-        if self.sum_mode != "slides" or v["T_d"] > 0.0 or v["tau_act"] > 0.0:
+        direct = v["T_d"] == 0.0 and v["tau_act"] == 0.0 and self.rate_side == 0 and not self.sampled
+        if self.sum_mode != "slides" or not direct:
             for side in (1, -1):
+                # Where the sum's own event is at the same time, that one turns both.
+                if v["anti_windup"] and direct:
+                    continue
                 limit = v["M_max"] if side > 0 else v["M_min"]
                 if math.isfinite(limit) and self.torque_side != -side:
                     add(
@@ -429,6 +438,11 @@ class _Simulation:
             self.x[RACK] = self.signals(t, self.x, 0)[2]
             self.rate_side = side
 
+        def reach(t: float) -> None:
+            self.rate_side = 0
+            slope = self.asked_slope(t, self.x, 0)
+            self.rate_side = int(slope > v["rate_up"]) - int(slope < -v["rate_down"])
+
         for side, rate in ((1, v["rate_up"]), (-1, -v["rate_down"])):
             if not self.limited or self.rate_side == -side or not math.isfinite(rate):
                 continue
@@ -440,33 +454,45 @@ class _Simulation:
             elif self.rate_side == 0:
                 add(lambda t, x, r=rate: self.asked_slope(t, x, 0) - r, lambda t, s=side: leave(t, s), side)
             else:
-                add(
-                    lambda t, x: self.clipped(self.signals(t, x, 0)[1]) - x[RACK],
-                    turn("rate_side", side),
-                    -side,
-                )
+                add(lambda t, x: self.clipped(self.signals(t, x, 0)[1]) - x[RACK], reach, -side)
 
     def sum_events(self, start: float, add: Callable[..., None]) -> None:
         v = self.v
 
-        def change(t: float) -> None:
+        def turned(t: float) -> None:
+            command = self.command(t, self.x, 0, self.signals(t, self.x, 0)[0])
+            beyond = any(s * (command - self.ceiling(s, self.x[N])[0]) > 1e-8 for s in (1, -1))
+            self.sum_mode = "stands" if beyond and self.sum_mode == "runs" else "runs"
+
+        def cross(t: float, above: int) -> None:
+            before = self.torque_side or self.rack_side
             self.change_sum(t, 0)
+            direct = v["T_d"] == 0.0 and v["tau_act"] == 0.0 and self.rate_side == 0
+            if direct:
+                holds = above if self.sum_mode != "runs" or not before else 0
+                by_torque = self.ceiling(above, self.x[N])[0] != (v["X_max"] if above > 0 else v["X_min"])
+                self.torque_side, self.rack_side = (holds, 0) if by_torque else (0, holds)
+
+        def runs(t: float) -> None:
+            self.sum_mode = "runs"
+            if v["T_d"] == 0.0 and v["tau_act"] == 0.0 and self.rate_side == 0:
+                self.torque_side = self.rack_side = 0
 
         def error(t: float, x: Array) -> float:
-            return v["s_u"] * self.at(self.u, t - v["T_set"], 0)[0] - x[N]
+            return v["s_u"] * self.at(self.u, t, v["T_set"], 0)[0] - x[N]
 
         if self.sum_mode == "slides":
-            add(lambda t, x: self.rates(t, x, 0)[SUM], change)
-            add(lambda t, x: error(t, x) - self.rates(t, x, 0)[SUM], change)
+            add(lambda t, x: self.rates(t, x, 0)[SUM], lambda t: setattr(self, "sum_mode", "stands"))
+            add(lambda t, x: error(t, x) - self.rates(t, x, 0)[SUM], runs)
             return
         for above in (1, -1):
             if math.isfinite(self.ceiling(above, self.x[N])[0]):
                 add(
                     lambda t, x, s=above: self.command(t, x, 0, self.signals(t, x, 0)[0])
                     - self.ceiling(s, x[N])[0],
-                    change,
+                    lambda t, s=above: cross(t, s),
                 )
-        add(error, change)
+        add(error, turned)
 
 
 def _away(function: Callable[[float, Array], float], start: float) -> Callable[[float, Array], float]:

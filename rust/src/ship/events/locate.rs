@@ -33,10 +33,13 @@ pub fn first(course: &Course<'_, impl Fn(f64) -> State<f64>>, length: f64) -> Op
         }
         let margin = |elapsed: f64| course.margin(elapsed, condition);
         let Some(missed) = missed(values, length, margin) else { continue };
-        let elapsed = if values[0] <= -SLACK { 0.0 } else { root(margin, values[0], missed) };
+        // Missed from the beginning, it switches when the step begins, whatever its margin's slope.
+        let late = values[0] <= -SLACK;
+        let elapsed = if late { 0.0 } else { root(margin, values[0], missed) };
         if found.is_none_or(|before| elapsed < before.elapsed) {
             let span = SPAN * length;
-            let slope = (margin(elapsed + span) - margin(elapsed - span)) / (2.0 * span);
+            let slope =
+                if late { 0.0 } else { (margin(elapsed + span) - margin(elapsed - span)) / (2.0 * span) };
             found = Some(Switch { condition, elapsed, slope });
         }
     }
