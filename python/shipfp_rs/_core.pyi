@@ -12,6 +12,7 @@ __all__ = [
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
+    "SHIP_OFF",
     "SHIP_OUTPUTS",
     "SHIP_PARAMETERS",
     "Decimator",
@@ -200,6 +201,7 @@ def linear_products(
 
 SHIP_PARAMETERS: tuple[str, ...]
 SHIP_OUTPUTS: tuple[str, ...]
+SHIP_OFF: tuple[float, ...]
 
 def simulate_ship(
     parameters: NDArray[np.float64],

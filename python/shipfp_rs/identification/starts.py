@@ -24,6 +24,8 @@ SET_POINT_S = np.append(np.arange(0.0, 0.5, 0.05), np.arange(0.5, 1.6, 0.1))
 """Delays of the set point beyond the loop's that are tried [s]."""
 ROWS = 6000
 """Rows of the regression at most, all experiments together."""
+LEAST_START_S = 0.01
+"""Least dead time of the loop to start from [s]: on its bound a search has nowhere to go."""
 G = -0.5
 """Slope of the engine's torque that stands in where the speed alone tells (p - g) / tau_n only."""
 
@@ -239,7 +241,7 @@ def _within(structure: Structure, values: Mapping[str, float]) -> dict[str, floa
     found = {}
     for parameter in structure.free:
         if parameter.name in split:
-            room = 1e-3 * (parameter.upper - parameter.lower) if parameter.lower == 0.0 else 0.0
-            low, high = parameter.lower + min(room, 1e-3), parameter.upper
-            found[parameter.name] = float(np.clip(split[parameter.name], low, high))
+            found[parameter.name] = float(np.clip(split[parameter.name], parameter.lower, parameter.upper))
+    if "T_d" in found:
+        found["T_d"] = max(found["T_d"], LEAST_START_S)
     return found

@@ -40,7 +40,7 @@ class Trial(Section):
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
     structure: GreyBox | None = None
-    """None: the linear structure that [identify] describes."""
+    """None: the structure that the data choose, or the linear one that [identify] describes."""
     identify: Identify = Identify()
 
     @model_validator(mode="after")
@@ -83,6 +83,11 @@ class Trial(Section):
                     "windows", f"log {window.log!r} in {window.name!r}", f"one of {', '.join(files)}"
                 )
         return self
+
+    @property
+    def chooses(self) -> bool:
+        """Whether the data choose the structure, within what [identify] leaves open."""
+        return self.structure is None and self.identify.chooses
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

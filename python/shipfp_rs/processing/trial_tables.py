@@ -253,12 +253,22 @@ class GreyBox(Section):
 
 HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
 """Keys of [identify] that are options of `identify` under the same name."""
-OF_ANY_STRUCTURE = frozenset(("fixed", "priors", "tied", *HOW, "starts", "seed"))
+OF_ANY_STRUCTURE = frozenset(("elements", "fixed", "priors", "tied", *HOW, "starts", "seed"))
 """Keys of [identify] that do not describe the linear structure."""
 
 
+NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
+"""Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
+
+
 class Identify(Section):
-    """The structure to fit and how; parameter names are checked by the structure itself."""
+    """The structure to fit and how; parameter names are checked by the structure itself.
+
+    Without a key beyond `NARROWING` the data choose the elements of the one ship model.
+    """
+
+    elements: dict[str, bool] = Field(default_factory=dict)
+    """Elements of the ship model that are forced on (true) or off (false); the data choose the others."""
 
     torque: Literal["gauge", "brake"] | None = None
     """None: what the torque channel's location says."""
@@ -300,12 +310,19 @@ class Identify(Section):
         return {name: getattr(self, name) for name in HOW}
 
     @property
-    def elements(self) -> dict[str, Any]:
+    def chooses(self) -> bool:
+        """Whether the data choose the structure."""
+        return not self.model_fields_set - NARROWING
+
+    @property
+    def linear_elements(self) -> dict[str, Any]:
         """What of the drive train beyond eq. 3.14-3.54 is asked for, by the options of `Structure.linear`."""
         return {name: value for name in ELEMENTS if (value := getattr(self, name))}
 
     @model_validator(mode="after")
     def _three_parameters_are_all(self) -> Self:
-        if self.three_parameters and self.elements:
-            raise unexpected(next(iter(self.elements)), "with three_parameters = true", "one of the two")
+        if self.three_parameters and self.linear_elements:
+            raise unexpected(
+                next(iter(self.linear_elements)), "with three_parameters = true", "one of the two"
+            )
         return self

@@ -9,6 +9,9 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support import hints
 
+SHORTEST_S = 2e-3
+"""Shortest dead time and lag of an element that acts [s]; a shorter one can't be told from none, which is its absence."""
+
 
 @dataclass(frozen=True)
 class Element:
@@ -35,11 +38,13 @@ class Element:
 ELEMENTS: dict[str, Element] = {
     element.name: element
     for element in (
-        Element("dead_time_loop", "dead time in the loop", (Parameter("T_d", "s", 0.05, 0.0, 0.5),)),
+        Element("dead_time_loop", "dead time in the loop", (Parameter("T_d", "s", 0.05, SHORTEST_S, 0.5),)),
         Element(
             "dead_time_set_point", "dead time of the set point", (Parameter("T_set", "s", 0.05, 0.0, 2.0),)
         ),
-        Element("actuator_lag", "lag of the fuel actuator", (Parameter("tau_act", "s", 0.05, 0.0, 1.0),)),
+        Element(
+            "actuator_lag", "lag of the fuel actuator", (Parameter("tau_act", "s", 0.05, SHORTEST_S, 1.0),)
+        ),
         Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
         Element(
             "sampling",

@@ -78,6 +78,10 @@ LINEAR_OPTIONS = (
 """Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
 
 
+SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
+"""Options of `Structure.ship` that its settings hold."""
+
+
 @dataclass(frozen=True)
 class Structure:
     """A parametric model: parameters with unit, bounds and start, outputs, equations.

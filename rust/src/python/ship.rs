@@ -8,7 +8,7 @@ use super::arrays::{Vector, borrow, hand_back};
 use super::guard;
 use super::linear::expect_shape;
 use super::plant::zeros;
-use crate::ship::{OUTPUTS, Output, PARAMETERS, Parameters, Record, Run, Task, simulate};
+use crate::ship::{OFF, OUTPUTS, Output, PARAMETERS, Parameters, Record, Run, Task, simulate};
 
 type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -146,6 +146,8 @@ impl<'py> Targets<'py> {
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("SHIP_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
+    // Values at which a parameter has no effect; not a number where there is none.
+    module.add("SHIP_OFF", PyTuple::new(module.py(), OFF)?)?;
     module.add("SHIP_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
     module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
     module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;

@@ -25,7 +25,7 @@ mod smooth;
 
 pub use march::{BLOCK, Block, Consume, Task, march};
 pub use output::{OUTPUTS, Output};
-pub use parameters::{PARAMETERS, Parameters};
+pub use parameters::{OFF, PARAMETERS, Parameters};
 pub use products::{Record, Sums};
 pub use run::Run;
 pub use simulate::simulate;
