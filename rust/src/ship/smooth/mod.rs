@@ -37,6 +37,8 @@ const LEVELS: usize = 3;
 const FINE: f64 = 0.3;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
+/// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
+const QUICK: f64 = 1.0 / 256.0;
 
 /// Simulate, and give every block of samples to `consume`.
 ///
@@ -68,9 +70,7 @@ fn longest(model: &Model, run: &Run<'_>) -> f64 {
         fastest += 1.0 / model.tau_act;
     }
     let mut longest = (FINE / (fastest * run.dt)).min(1.0);
-    if run.substeps > 0 {
-        longest = 1.0 / run.substeps as f64;
-    }
+    longest = longest.min(1.0 / run.substeps.max(1) as f64);
     if model.t_d > 0.0 {
         longest = longest.min(model.t_d / run.dt);
     }
@@ -85,7 +85,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
     fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
         let Self { task, run, stop, consume } = self;
         let (set0, load0) = (run.set[0], run.load.first().copied().unwrap_or(0.0));
-        let model = Model::new(&task.parameters, set0, load0);
+        let model = Model::new(&task.parameters, set0, load0, QUICK * run.dt);
         let packs = task.wrt.len().div_ceil(LANES);
         let delayed = model.t_d > 0.0;
         let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
@@ -136,9 +136,16 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 for k in 0..TERMS {
                     feed[k] = model.k_p * error[k] + model.k_i * summed[k] - back[k];
                 }
-                feed[0] += model.base;
+                feed[0] += model.base - model.ahead * (model.k_p * error[1] / length + model.k_i * error[0]);
+                feed[1] -= model.ahead * model.k_i * error[1];
             } else {
                 feed[0] = model.f0 / model.v;
+            }
+            let broken = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0);
+            let less =
+                if delayed { fed_at_end - feed[0] } else { model.k_p * model.s_u * (set_at_end - set.value) };
+            if broken.is_some() && model.ahead > 0.0 {
+                state = model.kicked(&state, less, &binomial);
             }
             model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
             let place = if delayed { history.push(&piece) } else { 0 };
@@ -149,12 +156,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 back = returned;
             }
             if packs > 0 {
-                if let Some(moves) = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0) {
-                    let less = if delayed {
-                        fed_at_end - feed[0]
-                    } else {
-                        model.k_p * model.s_u * (set_at_end - set.value)
-                    };
+                if let Some(moves) = broken {
                     sources.jump(&model, moves, less, &mut slopes);
                 }
                 let on = Circumstances {

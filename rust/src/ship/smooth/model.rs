@@ -64,6 +64,10 @@ pub struct Model {
     pub s_m: f64,
     pub t_d: f64,
     pub t_set: f64,
+    /// A dead time too short for pieces of its own: `X(t - ahead)` is `X - ahead dX/dt`, so the loop's gains are others [s].
+    pub ahead: f64,
+    near_p: f64,
+    near_d: f64,
     pub n0: f64,
     pub f0: f64,
     /// The time constant that the shaft has where the governor's derivative term acts at once [s].
@@ -157,10 +161,16 @@ impl Power {
 }
 
 impl Model {
-    pub fn new(parameters: &Parameters, set0: f64, load0: f64) -> Self {
+    /// Lags and dead times below `quick` [s] are taken to first order.
+    pub fn new(parameters: &Parameters, set0: f64, load0: f64, quick: f64) -> Self {
         let of = |place| parameters.of(place);
         let (tau, v, p, k_d) = (of(at::TAU_N), of(at::V), of(at::P), of(at::K_D));
-        let at_once = of(at::T_D) == 0.0 && of(at::TAU_ACT) == 0.0;
+        // A short lag acts as a dead time does.
+        let lag = of(at::TAU_ACT);
+        let (tau_act, late) = if lag < quick { (0.0, of(at::T_D) + lag) } else { (lag, of(at::T_D)) };
+        let (t_d, ahead) = if late < quick { (0.0, late) } else { (late, 0.0) };
+        let at_once = t_d == 0.0 && tau_act == 0.0;
+        let near_d = k_d - ahead * of(at::K_P);
         let mut weights = [[0.0; 8]; TERMS];
         for (k, weights) in weights.iter_mut().enumerate() {
             for j in 1..k {
@@ -180,16 +190,19 @@ impl Model {
             k_d,
             p,
             tau_prop: of(at::TAU_PROP),
-            tau_act: of(at::TAU_ACT),
+            tau_act,
             damping: of(at::DAMPING),
             load_gain: of(at::LOAD_GAIN),
             s_u: of(at::S_U),
             s_m: of(at::S_M),
-            t_d: of(at::T_D),
+            t_d,
             t_set: of(at::T_SET),
+            ahead,
+            near_p: of(at::K_P) - ahead * of(at::K_I),
+            near_d,
             n0,
             f0,
-            inertia: if at_once { tau + v * k_d } else { tau },
+            inertia: if at_once { tau + v * near_d } else { tau },
             rate0,
             base: f0 / v - of(at::K_P) * error0 + k_d * rate0,
             weights,
@@ -242,7 +255,7 @@ impl Model {
             }
             let mut fed = feed[K];
             if !delayed {
-                fed -= self.k_p * n[K] + self.k_i * q[K];
+                fed -= self.near_p * n[K] + self.k_i * q[K];
             }
             if !lag {
                 rack[K] = fed;
@@ -252,7 +265,7 @@ impl Model {
             let outside = self.v * rack[K] - loaded;
             n[K + 1] = pace * PER_ORDER[K] * (outside + (self.g - self.damping) * n[K] - drag);
             if !delayed {
-                let rate = self.k_d * (K + 1) as f64 * n[K + 1] * inverse;
+                let rate = self.near_d * (K + 1) as f64 * n[K + 1] * inverse;
                 fed -= rate;
                 if !lag {
                     rack[K] -= rate;
@@ -299,6 +312,24 @@ impl Model {
         let n = total(&jets.n, TERMS + 1);
         let power = state.power.moved(1.0 + n, self, binomial);
         State { n, q: total(&jets.q, TERMS + 1), rack: total(&jets.rack, TERMS + 1), power }
+    }
+
+    /// The state behind a jump of what the rack is fed, by so much less, which comes [`Self::ahead`] later than it is reckoned.
+    pub fn kicked(&self, state: &State, less: f64, binomial: &[f64; 8]) -> State {
+        let mut state = *state;
+        if self.tau_act > 0.0 {
+            state.rack += self.ahead * less / self.tau_act;
+        } else {
+            state.n += self.ahead * self.v * less / self.inertia;
+            state.power = state.power.moved(1.0 + state.n, self, binomial);
+        }
+        state
+    }
+
+    /// The gains of the speed and of its rate that act within a piece.
+    #[inline(always)]
+    pub const fn near(&self) -> [f64; 2] {
+        [self.near_p, self.near_d]
     }
 
     /// What goes back into the governor: `K_p n + K_i Q + K_d dn/dt`.

@@ -137,7 +137,7 @@ impl Sources {
     #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     pub fn lay(&mut self, model: &Model, jets: &Jets, on: &Circumstances<'_>) {
         let Jets { length, inverse, n, q, rack, by_exponent, .. } = jets;
-        let (s_u, k_p, k_i) = (model.s_u, model.k_p, model.k_i);
+        let (s_u, k_p, k_i, ahead) = (model.s_u, model.k_p, model.k_i, model.ahead);
         let constant = if on.open { &self.after } else { &self.before };
         for (feed, constant) in self.feed.iter_mut().zip(constant) {
             feed[0] = *constant;
@@ -178,20 +178,20 @@ impl Sources {
                 }
                 at::K_P => {
                     for k in 0..TERMS {
-                        back[k][lane] = n[k];
+                        back[k][lane] = n[k] - ahead * (k + 1) as f64 * inverse * n[k + 1];
                     }
                     if on.open {
-                        feed[0][lane] += on.error[0];
+                        feed[0][lane] += on.error[0] - ahead * inverse * on.error[1];
                         feed[1][lane] = on.error[1];
                     }
                 }
                 at::K_I => {
                     for k in 0..TERMS {
-                        back[k][lane] = q[k];
+                        back[k][lane] = q[k] - ahead * n[k];
                     }
                     if on.open {
-                        feed[0][lane] += on.summed[0];
-                        feed[1][lane] = on.summed[1];
+                        feed[0][lane] += on.summed[0] - ahead * on.error[0];
+                        feed[1][lane] = on.summed[1] - ahead * on.error[1];
                         feed[2][lane] = on.summed[2];
                     }
                 }
@@ -265,7 +265,7 @@ impl Sources {
                 let mut nowhere = [[0.0; LANES]; TERMS];
                 let returned =
                     if model.t_d > 0.0 { &mut history[place * packs + pack] } else { &mut nowhere };
-                match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0) {
+                match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
                     (true, false) => {
                         self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes)
                     }
@@ -326,7 +326,9 @@ impl Sources {
         let splat = |value: f64| simd.splat_f64s(value);
         let pace = jets.length / model.inertia;
         let acts = if lag { jets.length / model.tau_act } else { 0.0 };
-        let (k_p, k_i, v) = (splat(model.k_p), splat(model.k_i), splat(model.v));
+        // A dead time keeps its own gains; without one they are those that act at once.
+        let [k_p, k_d] = if DELAYED { [model.k_p, model.k_d] } else { model.near() };
+        let (k_p, k_i, v) = (splat(k_p), splat(model.k_i), splat(model.v));
         let mut own = [splat(0.0); TERMS];
         for j in 0..TERMS {
             own[j] = splat(-jets.slope[j]);
@@ -352,8 +354,8 @@ impl Sources {
                 torque = simd.mul_add_e_f64s(own[j], n[K - j], torque);
             }
             n[K + 1] = simd.mul_f64s(splat(pace * PER_ORDER[K]), torque);
-            if MORE && model.k_d != 0.0 {
-                let rate = simd.mul_f64s(splat(model.k_d * (K + 1) as f64 * jets.inverse), n[K + 1]);
+            if MORE && k_d != 0.0 {
+                let rate = simd.mul_f64s(splat(k_d * (K + 1) as f64 * jets.inverse), n[K + 1]);
                 goes_back = simd.add_f64s(goes_back, rate);
                 if !DELAYED {
                     fed[K] = simd.sub_f64s(fed[K], rate);
