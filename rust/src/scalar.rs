@@ -137,6 +137,17 @@ impl<S: Simd, const N: usize> Dual<S, N> {
         Tangent { value: self.value, slopes: self.slopes }
     }
 
+    /// A value whose derivative is 1 in one direction, if there is that one, and 0 in the others.
+    #[inline(always)]
+    #[must_use]
+    pub fn along(self, value: f64, direction: usize) -> Self {
+        let mut slopes = [0.0; N];
+        if let Some(slope) = slopes.get_mut(direction) {
+            *slope = 1.0;
+        }
+        Self { value, slopes, ..self }
+    }
+
     /// The same without derivatives that no sum would notice, which would slow down as they fade below the normal numbers.
     #[inline(always)]
     #[must_use]

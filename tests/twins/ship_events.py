@@ -41,6 +41,10 @@ class _Simulation:
         self.window = (0.0, 0.0)
         self.before = v["initial_F"] / v["v"]
         self.standing = self.before - v["K_p"] * (v["s_u"] * u[0] - v["initial_N"])
+        if v["K_d"]:
+            inertia = v["tau_n"] - (v["tau_prop"] if v["tau_twist"] > 0.0 else 0.0)
+            torque = 1.0 + v["g"] * (v["initial_N"] - 1.0) + v["initial_F"]
+            self.standing += v["K_d"] * (torque - self.resisting(v["initial_N"], 0.0, 1)) / inertia
         self.x = np.array(
             [
                 v["initial_N"],
@@ -318,7 +322,9 @@ class _Simulation:
         if self.sum_mode == "slides":
             on_ceiling = self.beyond(t, 1) < 1e-8
             self.sum_mode = self.sum_mode_at(t, 1)
-            if on_ceiling and self.sum_mode != "runs":
+            if on_ceiling:
+                if self.sum_mode == "runs":
+                    self.torque_side = self.rack_side = 0
                 return
         self.torque_side = self.rack_side = 0
         for _ in range(3):

@@ -101,24 +101,37 @@ struct Shaft<T> {
 }
 
 impl<T: Scalar> Equations<T> {
-    /// From parameters, elements, and the set point before the record.
+    /// From parameters, elements, and the first samples of the set point and the load.
     #[inline(always)]
-    pub fn new(terms: Terms<T>, elements: Elements, first_set: f64) -> Self {
-        let zero = terms.g.constant(0.0);
-        let standing = terms.initial_fuel / terms.v
-            - terms.k_p * (terms.s_u * first_set - terms.initial_speed);
-        let bias = if terms.k_i.value() == 0.0 { standing } else { zero };
-        Self { terms, elements, bias }
+    pub fn new(terms: Terms<T>, elements: Elements, first_set: f64, first_load: f64) -> Self {
+        let bias = terms.g.constant(0.0);
+        let equations = Self { terms, elements, bias };
+        let standing = equations.standing(first_set, first_load);
+        Self { bias: if terms.k_i.value() == 0.0 { standing } else { bias }, ..equations }
+    }
+
+    /// What the sum must add to the first command to make it the rack.
+    #[inline(always)]
+    fn standing(&self, first_set: f64, first_load: f64) -> T {
+        let t = &self.terms;
+        let (speed, load) = (t.initial_speed, t.load_gain * first_load);
+        let standing = t.initial_fuel / t.v - t.k_p * (t.s_u * first_set - speed);
+        if !self.elements.derivative {
+            return standing;
+        }
+        let inertia = if self.elements.flexible { t.tau_n - t.tau_prop } else { t.tau_n };
+        let torque = t.g * (speed + -1.0) + t.initial_fuel + 1.0;
+        standing + t.k_d * (torque - self.load_torque(speed, load)) / inertia
     }
 
     /// The state from which a record starts: the shaft's twist as if all had stood so for long.
     #[inline(always)]
-    pub fn start(&self, first_set: f64, load: T) -> State<T> {
+    pub fn start(&self, first_set: f64, first_load: f64) -> State<T> {
         let t = &self.terms;
-        let rack = t.initial_fuel / t.v;
-        let standing = rack - t.k_p * (t.s_u * first_set - t.initial_speed);
+        let standing = self.standing(first_set, first_load);
         let sum = if t.k_i.value() == 0.0 { t.k_i.constant(0.0) } else { standing / t.k_i };
-        let spring = self.load_torque(t.initial_speed, load);
+        let spring = self.load_torque(t.initial_speed, t.load_gain * first_load);
+        let rack = t.initial_fuel / t.v;
         State { engine: t.initial_speed, propeller: t.initial_speed, spring, sum, rack }
     }
 
@@ -260,11 +273,7 @@ impl<T: Scalar> Equations<T> {
             Integral::Runs if !elements.sampled => miss,
             _ => zero,
         };
-        let gauge = if elements.flexible {
-            shaft.opposing
-        } else {
-            shaft.load + t.tau_prop * engine_rate
-        };
+        let gauge = if elements.flexible { shaft.opposing } else { shaft.load + t.tau_prop * engine_rate };
         let rates = State {
             engine: engine_rate,
             propeller: shaft.propeller_rate,

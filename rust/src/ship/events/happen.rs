@@ -34,12 +34,8 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         let elements = self.equations.elements;
         let before = self.flow_before();
         match next {
-            Next::Sample => return self.take_sample(time, &before),
-            Next::Arrival => match self.arrivals.pop() {
-                Some((_, Arrival::Command(command))) => self.held = command,
-                Some((_, Arrival::Break(order))) if order < LAST_BREAK => self.push_break(order + 1),
-                _ => {}
-            },
+            Next::Sample => return self.order(time, self.state.engine, Some(before.rates.engine)),
+            Next::Arrival => self.arrive(),
             Next::Set => {
                 self.set_sample += 1;
                 self.push_break(u8::from(!self.set.jumps()));
@@ -72,22 +68,35 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         }
     }
 
-    /// The governor reads speed and set point, and orders.
+    /// What is next on its way reaches the actuator.
     #[inline(always)]
-    fn take_sample(&mut self, time: Dual<S, N>, before: &Flow<Dual<S, N>>) {
+    pub(super) fn arrive(&mut self) {
+        match self.arrivals.pop() {
+            Some((_, Arrival::Command(command))) => self.held = command,
+            Some((_, Arrival::Break(order))) if order < LAST_BREAK => self.push_break(order + 1),
+            _ => {}
+        }
+    }
+
+    /// The governor reads speed and set point, and orders; the rate of the speed is for its derivative gain.
+    #[inline(always)]
+    pub(super) fn order(&mut self, time: Dual<S, N>, speed: Dual<S, N>, rate: Option<Dual<S, N>>) {
         self.sample += 1.0;
         let (equations, elements) = (&self.equations, self.equations.elements);
         let t = &equations.terms;
         let piece = self.set.piece(time.value() - t.t_set.value());
-        let miss = t.s_u * piece.at(time - t.t_set) - self.state.engine;
+        let miss = t.s_u * piece.at(time - t.t_set) - speed;
         let added = self.state.sum + t.t_s * miss;
         let order = |sum: Dual<S, N>| {
             let command = t.k_p * miss + t.k_i * sum + equations.bias;
-            if elements.derivative { command - t.k_d * before.rates.engine } else { command }
+            match rate {
+                Some(rate) if elements.derivative => command - t.k_d * rate,
+                _ => command,
+            }
         };
         let command = order(if elements.before_use { added } else { self.state.sum });
         let held = elements.anti_windup && {
-            let ceiling = |side| equations.ceiling(side, self.state.engine).value();
+            let ceiling = |side| equations.ceiling(side, speed).value();
             (command.value() > ceiling(Side::High) && miss.value() > 0.0)
                 || (command.value() < ceiling(Side::Low) && miss.value() < 0.0)
         };

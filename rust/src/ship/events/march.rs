@@ -44,9 +44,9 @@ pub(super) enum Next {
 pub struct March<'a, S, const N: usize> {
     pub(super) equations: Equations<Dual<S, N>>,
     pub(super) plain: Equations<f64>,
-    outputs: &'a [Output],
-    run: &'a Run<'a>,
-    stop: &'a Stop,
+    pub(super) outputs: &'a [Output],
+    pub(super) run: &'a Run<'a>,
+    pub(super) stop: &'a Stop,
     pub(super) set: Held<'a>,
     pub(super) load: Held<'a>,
     longest: f64,
@@ -143,7 +143,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         let set = Held::new(run.set, run.dt, run.hold);
         let load = Held::new(run.load, run.dt, run.hold);
         let zero = equations.terms.g.constant(0.0);
-        let state = equations.start(set.first(), equations.terms.load_gain * load.first());
+        let state = equations.start(set.first(), load.first());
         let longest = longest_step(&plain, run)?;
         let period = plain.terms.t_s;
         let sample = if period > 0.0 { -(plain.terms.t_0 / period).floor() } else { f64::INFINITY };
@@ -178,7 +178,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
     /// # Errors
     /// What `consume` finds, or a request to stop.
     #[inline(always)]
-    pub fn through(mut self, directions: usize, consume: &mut Consume<'_>) -> Result<()> {
+    pub fn through(mut self, simd: S, directions: usize, consume: &mut Consume<'_>) -> Result<()> {
         let before = self.outputs.iter().map(|&output| self.before(output).tangent()).collect();
         let t = &self.equations.terms;
         let delays = [t.g.constant(0.0), t.t_n, t.t_m];
@@ -186,6 +186,9 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         let mut readings = Readings::<Dual<S, N>, N>::new(self.outputs, delays, before, sizes, self.run.dt);
         let rack = self.state.rack;
         self.settle(rack);
+        if self.is_simple() {
+            self.through_series(simd, &mut readings, consume)?;
+        }
         while let Some((channel, reading)) = readings.next() {
             let (next, time) = self.next(channel, reading);
             self.move_to(time)?;
@@ -217,8 +220,10 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
             Output::GaugeTorque => t.s_m * state.spring + -1.0,
             Output::EngineTorque => {
                 let limit = |side| self.equations.torque_limit(side, state.engine);
-                let torque = if torque.value() > limit(Side::High).value() { limit(Side::High) } else { torque };
-                let torque = if torque.value() < limit(Side::Low).value() { limit(Side::Low) } else { torque };
+                let torque =
+                    if torque.value() > limit(Side::High).value() { limit(Side::High) } else { torque };
+                let torque =
+                    if torque.value() < limit(Side::Low).value() { limit(Side::Low) } else { torque };
                 t.s_m * torque + -1.0
             }
         }

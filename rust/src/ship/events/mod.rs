@@ -16,8 +16,10 @@ mod locate;
 mod march;
 mod pace;
 mod readings;
+mod rise;
 mod switches;
 mod terms;
+mod tight;
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -72,6 +74,7 @@ impl<const N: usize> WithSimd for Through<'_, '_, N> {
     fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
         let Self { task, run, stop, consume } = self;
         let first = run.set.first().copied().unwrap_or(0.0);
+        let first_load = run.load.first().copied().unwrap_or(0.0);
         let plain = equations(task, run);
         let number = |place: usize| {
             let along = |direction: usize| task.wrt.get(direction) == Some(&place);
@@ -83,19 +86,22 @@ impl<const N: usize> WithSimd for Through<'_, '_, N> {
             // A lag that is off acts like a dead time, to first order.
             terms.t_d = terms.t_d + terms.tau_act;
         }
-        let numbers = Equations::new(terms, plain.elements, first);
-        March::new(task, run, numbers, plain, stop)?.through(task.wrt.len(), consume)
+        let numbers = Equations::new(terms, plain.elements, first, first_load);
+        March::new(task, run, numbers, plain, stop)?.through(simd, task.wrt.len(), consume)
     }
 }
 
 /// The equations without derivatives.
 fn equations(task: &Task<'_>, run: &Run<'_>) -> Equations<f64> {
     let first = run.set.first().copied().unwrap_or(0.0);
+    let first_load = run.load.first().copied().unwrap_or(0.0);
     let of = |place: usize| task.parameters.of(place);
     let terms = Terms::new(of);
-    let loaded = !run.load.is_empty();
-    let elements = Elements::of(&terms, of(at::ANTI_WINDUP) > 0.0, of(at::UPDATE) > 0.0, loaded, run.dt);
-    let mut plain = Equations::new(terms, elements, first);
+    // A gain of zero by which is differentiated acts on the derivatives.
+    let derivative = of(at::K_D) != 0.0 || task.wrt.contains(&at::K_D);
+    let switches = [of(at::ANTI_WINDUP) > 0.0, of(at::UPDATE) > 0.0, !run.load.is_empty(), derivative];
+    let elements = Elements::of(&terms, switches, run.dt);
+    let mut plain = Equations::new(terms, elements, first, first_load);
     if !elements.lag {
         plain.terms.t_d += terms.tau_act;
     }

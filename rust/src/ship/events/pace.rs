@@ -29,10 +29,13 @@ pub fn longest_step(equations: &Equations<f64>, run: &Run<'_>) -> Result<f64> {
         fastest += (t.v * t.k_p).abs() / engine;
     }
     let longest = if run.substeps > 0 { dt / run.substeps as f64 } else { SHARE / fastest };
-    for (what, each) in [("steps of the fastest time constant", longest), ("samples of the governor", t.t_s)] {
+    for (what, each) in [("steps of the fastest time constant", longest), ("samples of the governor", t.t_s)]
+    {
         let found = if each > 0.0 { dt / each } else { 0.0 };
         require(found <= MOST_STEPS && longest > 0.0, || {
-            format!("found {found:e} {what} in a sample of the record, expected at most {MOST_STEPS}; check the parameters")
+            format!(
+                "found {found:e} {what} in a sample of the record, expected at most {MOST_STEPS}; check the parameters"
+            )
         })?;
     }
     Ok(longest)

@@ -117,9 +117,11 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
     #[inline(always)]
     pub fn give(&mut self, consume: &mut Consume<'_>) -> Result<()> {
         while self.row < self.samples
-            && self.before.iter().zip(&self.queues).all(|((first, _), queue)| {
-                self.row < *first || !queue.is_empty()
-            })
+            && self
+                .before
+                .iter()
+                .zip(&self.queues)
+                .all(|((first, _), queue)| self.row < *first || !queue.is_empty())
         {
             let place = self.row - self.block.from;
             for (output, queue) in self.queues.iter_mut().enumerate() {

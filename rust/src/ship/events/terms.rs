@@ -102,14 +102,14 @@ pub struct Elements {
 const SHORTEST_LAG: f64 = 1e-6;
 
 impl Elements {
-    /// By the parameters' values, two switches, and the record's sample time [s].
-    pub fn of(terms: &Terms<f64>, anti_windup: bool, before_use: bool, loaded: bool, dt: f64) -> Self {
+    /// By the parameters' values, the switches, whether there are a load and a derivative gain, and the record's sample time [s].
+    pub fn of(terms: &Terms<f64>, [anti_windup, before_use, loaded, derivative]: [bool; 4], dt: f64) -> Self {
         let sampled = terms.t_s > 0.0;
         Self {
             sampled,
             before_use,
             delayed: !sampled && terms.t_d > 0.0,
-            derivative: terms.k_d != 0.0,
+            derivative,
             lag: terms.tau_act > SHORTEST_LAG * dt,
             rate_limit: terms.rate_up.min(terms.rate_down) < f64::INFINITY,
             rack_limit: terms.x_max < f64::INFINITY || terms.x_min > f64::NEG_INFINITY,
@@ -131,9 +131,7 @@ impl Elements {
     /// Whether anything may switch between known times.
     #[inline(always)]
     pub const fn watched(&self) -> bool {
-        self.torque_limit
-            || self.rate_limit
-            || (!self.sampled && (self.rack_limit || self.anti_windup))
+        self.torque_limit || self.rate_limit || (!self.sampled && (self.rack_limit || self.anti_windup))
     }
 }
 
