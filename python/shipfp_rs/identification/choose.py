@@ -301,7 +301,9 @@ def cost(fitted: Fitted | Minimum) -> float:
 def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
-    current, ladder = chooser.first(), list[Rung]()
+    ladder: list[Rung] = []
+    # Without what does not act, every later fit is cheaper.
+    current, _ = _backward(chooser, chooser.first(), level, ladder)
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
