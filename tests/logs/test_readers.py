@@ -44,7 +44,7 @@ class TestFamos:
             ("sampleA.raw", "pressure_Vacuum", "mbar", 200.0, 2402, "float32"),
             ("datasetA_1.raw", "ACC_long", "G", 200.0, 6000, "float32"),
             ("C1_180deg_strain.raw", "C1_180deg_strain", "µm/m", 100.0, 60_000, "float64"),
-            ("EngineSpeed.dat", "EngineSpeed", "RPM", 10.0, 116_888, "float64"),
+            ("EngineSpeed.dat", "EngineSpeed", "rpm", 10.0, 116_888, "float64"),
         ],
     )
     def test_known_facts(

@@ -40,6 +40,10 @@ class Header(Section):
     """One path or several; relative ones count from the folder of TRIAL.toml."""
     rate_hz: Positive | None = None
     """Sample rate of logs that tell none [Hz]."""
+    time_column: str | None = None
+    """Column of time of a table, where it is not found by itself: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
+    names: str | None = None
+    """File that names the channels: a DBC for a CAN log, a channel list for ISO 19848."""
 
 
 class Align(Section):
@@ -389,11 +393,17 @@ class Trial(Section):
         changes: dict[str, Any] = {"log": tuple(str(path.parent / log) for log in header.log)}
         if (path.parent / header.vessel).is_file():
             changes["vessel"] = str(path.parent / header.vessel)
+        if header.names is not None:
+            changes["names"] = str(path.parent / header.names)
         return read.model_copy(update={"trial": header.model_copy(update=changes)})
 
     def logs(self) -> list[Log]:
         """Open the recordings, in order; one log where loggers are aligned."""
-        logs = [Log.open(path, rate_hz=self.trial.rate_hz) for path in self.trial.log]
+        header = self.trial
+        logs = [
+            Log.open(path, rate_hz=header.rate_hz, time=header.time_column, names=header.names)
+            for path in header.log
+        ]
         if self.align is None:
             return logs
         from shipfp_rs.processing.alignment import merged  # SciPy takes long to load
@@ -419,6 +429,8 @@ name = "Bollard pull trial"
 vessel = "stan-tug-1205"        # built-in ship, or the path of a vessel file
 log = "run.parquet"             # Parquet, Feather, CSV, ...; a list where there are several
 # rate_hz = 2000.0              # only where the log tells neither rate nor time
+# time_column = "Zeit [s]"      # only where it is not found; also "Time [ms]", or "Date [d.m.y] + Clock"
+# names = "engine.dbc"          # DBC of a CAN log, or channel list of ISO 19848
 
 # [align]                       # where several loggers recorded the same trial, each with its own clock
 # reference = "run.parquet"     # whose clock counts
