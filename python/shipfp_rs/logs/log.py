@@ -200,6 +200,21 @@ class Log:
 
         return cls(name, channels, blocks)
 
+    @staticmethod
+    def merge(*logs: Log, name: str = "") -> Log:
+        """Merge logs that share one clock, by their time stamps; see `shipfp_rs.logs.joining.merge`.
+
+        Examples
+        --------
+        >>> one = Log.from_arrays({"u": [1.0, 2.0]}, rate_hz=1.0, name="one")
+        >>> two = Log.from_arrays({"n": [3.0, 4.0]}, rate_hz=1.0, name="two")
+        >>> list(Log.merge(one, two).channels)
+        ['u', 'n']
+        """
+        from shipfp_rs.logs.joining import merge
+
+        return merge(logs, name)
+
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
         if name not in self.channels:

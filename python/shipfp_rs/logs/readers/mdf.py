@@ -14,7 +14,7 @@ import numpy as np
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_base import time_base
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 
 @register_reader(".mf4", ".mdf")
@@ -33,13 +33,14 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
     names = Counter(channel.name for group in file.groups for channel in group.channels)
     channels: list[Channel] = []
     keys: dict[str, tuple[int, int, bool]] = {}
+    axis_of: dict[str, TimeAxis] = {}
     skipped: list[str] = []
     reasons: list[str] = []
     for number, group in enumerate(file.groups):
         count = group.channel_group.cycles_nr
         master = file.masters_db.get(number)
         try:
-            start_s, rate = _group_time(path, file, number, count, rate_hz)
+            axis = _group_axis(path, file, number, count, rate_hz)
         except InputError as error:
             skipped += [channel.name for index, channel in enumerate(group.channels) if index != master]
             reasons.append(str(error))
@@ -53,7 +54,9 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
                 skipped.append(name)
                 continue
             keys[name] = (number, index, raw)
-            channels.append(Channel(name, _unit(channel), rate, count, start_s))
+            axis_of[name] = axis
+            channels.append(Channel(name, _unit(channel), axis.rate_hz, axis.samples, axis.start_s))
+        axis.tell(path)
     if not channels and reasons:
         raise InputError(reasons[0])
     if skipped:
@@ -64,25 +67,32 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
             stacklevel=2,
         )
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+    def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         number, index, raw = keys[name]
         count = file.groups[number].channel_group.cycles_nr
         for start in range(first, count, size):
             yield _values(file, number, index, raw, start, min(size, count - start))
 
+    readers = {name: axis.on_grid(rows) for name, axis in axis_of.items()}
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return readers[name](name, first, size)
+
     return Log(str(path), channels, blocks, file.header.start_time.astimezone(UTC))
 
 
-def _group_time(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> tuple[float, float]:
-    """Start [s] and rate [Hz] of a channel group."""
+def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> TimeAxis:
+    """Return the grid of a channel group."""
     if file.masters_db.get(number) is None and rate_hz is None:
         raise InputError(f"{path}: group {number} has no time channel; give rate_hz (--rate)")
-    master = (
-        file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
-        for start in range(0, count, BLOCK)
-    )
-    start_s, rate = time_base(path, f"time of group {number}", master, check=rate_hz is None)
-    return start_s, rate_hz or rate
+
+    def times() -> Iterator[Any]:
+        return (
+            file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
+            for start in range(0, count, BLOCK)
+        )
+
+    return time_axis(path, f"time of group {number}", times, rate_hz=rate_hz)
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:

@@ -46,7 +46,7 @@ AMBIGUOUS = frozenset(
 )
 """Words of time that mean other things as well."""
 WORDS = {"d": "day first", "m": "month first", "y": "year first", "": ""}
-ORDERS = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
+ORDERS: dict[str, text_time.Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
 
 
 @dataclass(frozen=True)
