@@ -161,7 +161,7 @@ class Log:
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{path}: rate_hz is {rate_hz}, expected a positive number")
         reader = _reader_of(path)
-        wishes = {"time": time, "names": None if names is None else str(names)}
+        wishes = {"time": time, "names": None if names is None else str(Path(names).absolute())}
         options = {key: value for key, value in wishes.items() if value is not None}
         for key in options:
             if key not in _TAKES.get(reader, ()):
