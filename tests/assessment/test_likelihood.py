@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from shipfp_rs import profile_likelihood, signals
+from shipfp_rs import plot, profile_likelihood, signals
 from shipfp_rs.assessment.profile_likelihood import LEVEL
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
@@ -72,7 +72,7 @@ def test_it_is_json_and_words(tug):
 
 
 def test_the_picture_shows_the_level_and_the_unit(tug):
-    ax = tug["tau_prop"].plot()
+    ax = plot.likelihood(tug["tau_prop"])
     assert ax.get_xlabel() == "tau_prop [s]"
     assert ax.get_ylabel() == "deviance [-]"
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["bounded", "95 %"]

@@ -18,8 +18,8 @@ from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.logs import log
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.plausibility import require_sense
-from shipfp_rs.processing.trial import TRIAL_TEMPLATE
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.toml import template
 from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = (Path(fp.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(encoding="utf-8")
@@ -34,8 +34,8 @@ def ship(old: str, new: str) -> tuple[dict[str, str], list[str]]:
 
 def trial(old: str, new: str) -> tuple[dict[str, str], list[str]]:
     """Return the template of a trial with one slip in it, and the command that meets it."""
-    assert old in TRIAL_TEMPLATE
-    return {"TRIAL.toml": TRIAL_TEMPLATE.replace(old, new)}, ["run", "TRIAL.toml"]
+    assert old in template("TRIAL")
+    return {"TRIAL.toml": template("TRIAL").replace(old, new)}, ["run", "TRIAL.toml"]
 
 
 COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
@@ -136,7 +136,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
         "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz (--rate), or name the column of time (--time)",
     ),
     (
-        ({"TRIAL.toml": TRIAL_TEMPLATE}, ["inspect", "TRIAL.toml"]),
+        ({"TRIAL.toml": template("TRIAL")}, ["inspect", "TRIAL.toml"]),
         "TRIAL.toml: a TRIAL.toml, expected the log first: shipfp inspect LOG TRIAL.toml",
     ),
     (

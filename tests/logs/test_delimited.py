@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import delimited
 from tests.logger_files import WRITERS
 

@@ -12,6 +12,7 @@ import pytest
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs import log as log_module
 from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers import parquet
 
 RATE_HZ = 2000.0
 TIME = np.arange(5000) / RATE_HZ
@@ -100,7 +101,8 @@ def test_a_written_log_reads_back_with_units_rate_and_start(tmp_path: Path, path
 def test_channels_of_different_rates_share_one_parquet_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(log_module, "BLOCK", 64)
+    for module in (log_module, parquet):
+        monkeypatch.setattr(module, "BLOCK", 64)
     fast = Log.from_arrays({"u": np.arange(1000, dtype=np.int16)}, rate_hz=2000.0, units={"u": "mV"})
     slow = Log.from_arrays({"w": np.array([1.0, np.nan, 3.0])}, rate_hz=5.0, start_s=0.1)
     both = Log(
@@ -116,7 +118,8 @@ def test_channels_of_different_rates_share_one_parquet_file(
 
 
 def test_integers_with_gaps_survive_being_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(log_module, "BLOCK", 4)
+    for module in (log_module, parquet):
+        monkeypatch.setattr(module, "BLOCK", 4)
     counts = pa.array([1, 2, 3, 4, None, 6, 7], type=pa.int16())
     pa.parquet.write_table(pa.table({"counts": counts}), tmp_path / "run.parquet")
     log = Log.open(tmp_path / "run.parquet", rate_hz=1.0)

@@ -13,7 +13,8 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
 
 LOGS = Path(__file__).parents[1] / "data" / "logs"
 START = datetime(2026, 5, 1, 10, tzinfo=UTC)

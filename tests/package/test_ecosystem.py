@@ -263,7 +263,7 @@ trial: fp.Experiment = fp.simulate(launch, fp.signals.steps([13.0, -13.0], 10.0)
 response: fp.FrequencyResponse = fp.linearise(launch).frequency_response([0.1, 1.0])
 samples: float = float(trial.signals["n_e"][0])
 back: fp.Experiment = fp.Experiment.from_arrow(trial.to_arrow())
-print(fit([back], 1.51), response.plot(), samples)
+print(fit([back], 1.51), fp.plot.bode(response), samples)
 """
 
 

@@ -8,10 +8,11 @@ import pytest
 from shipfp_rs import cli, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_template import windows_toml
 from shipfp_rs.processing.windows import find_windows, longest_rest
-from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.sensors import EQUATION_6_7
+from shipfp_rs.support.toml import template
 
 RATE = 400.0
 NOISE_V = 0.004
@@ -85,7 +86,7 @@ def test_rests_are_at_the_level_of_the_pauses():
 
 def test_what_is_found_can_be_pasted_into_a_trial(tmp_path: Path):
     log, truth = schedule(2)
-    text = TRIAL_TEMPLATE[: TRIAL_TEMPLATE.index("[[windows]]")] + windows_toml(find_windows(log, "U"))
+    text = template("TRIAL")[: template("TRIAL").index("[[windows]]")] + windows_toml(find_windows(log, "U"))
     (tmp_path / "TRIAL.toml").write_text(text)
     trial = Trial.load(tmp_path / "TRIAL.toml")
     assert [window.kind for window in trial.windows] == [kind for kind, _, _ in truth]

@@ -20,9 +20,9 @@ from shipfp_rs import (
     validate,
 )
 from shipfp_rs.assessment.prediction import predict, structure_of
-from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses
-from shipfp_rs.support.toml import validated
+from shipfp_rs.support.toml import template, validated
 
 FREE = ["propeller_inertia", "Kp_abs", "Ki_abs", "torque_exponent"]
 LIMITED = Vessel.load("stan-launch-804").replace({"engine.torque_rate_Nm_s": 110.0})
@@ -112,7 +112,7 @@ def test_a_mistake_costs_one_line_and_status_2(folder, tmp_path, capsys, old, ne
 
 
 def test_the_template_s_table_is_one_that_can_be_uncommented():
-    head, table = TRIAL_TEMPLATE.split("# [structure]")
+    head, table = template("TRIAL").split("# [structure]")
     table = "[structure]" + table.replace("\n# ", "\n")
     trial = validated(tomllib.loads(head[: head.index("[identify]")] + table), Trial, "template")
     assert Structure.grey_box(Vessel.load(trial.trial.vessel), trial.structure.free, torque="gauge")

@@ -10,7 +10,8 @@ import pytest
 from shipfp_rs import Fingerprint, Vessel, cli, signals
 from shipfp_rs.assessment.ship_parameters import parameters_of
 from shipfp_rs.simulation.inflow import Inflow
-from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.support.toml import built_in
 
 SHIP = Vessel.load("stan-tug-1205").replace({"actuator.lag_s": 0.06})

@@ -11,9 +11,8 @@ from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.blocks import Data
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.verdict import ALARM
 from shipfp_rs.structures.structure import Structure
 
 LEVEL = 0.01

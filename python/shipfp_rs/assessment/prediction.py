@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Array, Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import LINEAR_OPTIONS, Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.toml import validated
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -61,7 +62,7 @@ def simulated_about(
     valid = np.isfinite(measured).all(axis=0)
     state = dict.fromkeys(equations.states, 0.0)
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
-    for _ in range(1 if set(state) <= set(getattr(equations, "linear_in", ())) else CURVED):
+    for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
         model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
         basis = np.concatenate([slopes, offsets])
         error = (measured - model)[:, valid]

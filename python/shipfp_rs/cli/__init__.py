@@ -1,4 +1,7 @@
-"""The command `shipfp`: its frame, its exit statuses, and errors of one line."""
+"""The command `shipfp`: its frame, its exit statuses, and errors of one line.
+
+A command imports what it computes with when it runs: help and a usage error must not wait for SciPy.
+"""
 
 from __future__ import annotations
 

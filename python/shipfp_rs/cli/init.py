@@ -28,17 +28,15 @@ def init(
     sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
     """Write a commented TRIAL.toml to fill in; with --log that log's channels, excitations and steady stretch are in it."""
+    from shipfp_rs.support.toml import template
+
     if sweep:
         if log is not None:
             raise InputError("--sweep: expected it without --log; a sweep has no log")
-        from shipfp_rs.sweeps.template import SWEEP_TEMPLATE
-
-        _write(folder / "SWEEP.toml", SWEEP_TEMPLATE, "sweep", "ship, factors and noise")
+        _write(folder / "SWEEP.toml", template("SWEEP"), "sweep", "ship, factors and noise")
         return
-    from shipfp_rs.processing.trial import TRIAL_TEMPLATE
-
     path = _new(folder / "TRIAL.toml")
-    text = TRIAL_TEMPLATE
+    text = template("TRIAL")
     if log is not None:
         from shipfp_rs.inspection.channels import pulse_rate
         from shipfp_rs.logs.channel_reader import Rows

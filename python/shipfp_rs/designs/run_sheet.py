@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.signals import Excitation, Segment
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 HEAD = ("start", "what", "set point ± rpm", "frequency Hz", "speed ± rpm", "torque ± Nm")
 TORQUES = ("M_g", "M_s", "M_b")

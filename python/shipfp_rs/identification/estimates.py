@@ -13,7 +13,6 @@ from scipy.stats import t as student
 from shipfp_rs.identification.blocks import Evaluation
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability, Status
 from shipfp_rs.identification.identifiability import (
-    COMBINATIONS,
     NULL_PART,
     Sensitivity,
     describe,
@@ -22,7 +21,9 @@ from shipfp_rs.identification.identifiability import (
 from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.identification.residual_tests import responds
 from shipfp_rs.identification.sandwich import score_covariance
-from shipfp_rs.identification.search import Minimum, Search
+from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.weighted_problem import Minimum
+from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import Ties
 

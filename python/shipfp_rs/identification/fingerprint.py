@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.html import shown
 
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
+ALARM = 0.01
+"""Probability of a false alarm of each residual test, all outputs together."""
+
+STATUS: Mapping[str, str] = {
+    "free": "estimated",
+    "fixed": "given",
+    "prior": "estimated, with prior",
+    "at_bound": "on its bound",
+    "unidentifiable": "not identifiable",
+}
 
 
 @dataclass(frozen=True)
@@ -125,8 +136,6 @@ class Fingerprint:
 
         A structure that suits the ship is called wrong in one fit of a hundred.
         """
-        from shipfp_rs.identification.verdict import ALARM
-
         p = self.fit.get("overall", {}).get("structure_p")
         return None if p is None else p >= ALARM
 
@@ -134,22 +143,19 @@ class Fingerprint:
         return [*self.parameters, *self.derived]
 
     def __repr__(self) -> str:
-        shown = ", ".join(
+        found = ", ".join(
             f"{name}={estimate.value:.4g}" if estimate.value is not None else f"{name}=?"
             for name, estimate in self.parameters.items()
         )
-        return f"Fingerprint({shown}; rank {self.identifiability.rank}/{self.identifiability.free})"
+        return f"Fingerprint({found}; rank {self.identifiability.rank}/{self.identifiability.free})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.identification import wording
-        from shipfp_rs.support.html import shown
-
         return shown(
             f"Fingerprint of {self.vessel or 'a ship not named'}",
             ["parameter", "estimate", "std", "95 % from", "to", "unit", "status"],
             [
                 [row.name, row.value, row.std, row.low, row.high, row.unit, row.status]
-                for row in wording.rows({**self.parameters, **self.derived})
+                for row in rounded_rows({**self.parameters, **self.derived})
             ],
             self.verdict,
         )
@@ -241,3 +247,55 @@ def _estimate(entry: dict[str, Any]) -> Estimate:
         status=status,
         reason=entry["reason"],
     )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
+
+    name: str
+    value: str
+    std: str
+    low: str
+    high: str
+    unit: str
+    status: str
+    reason: str
+    truth: str = ""
+    holds_truth: bool | None = None
+
+
+def rounded_rows(
+    estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
+) -> Iterator[Row]:
+    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
+    for name, estimate in estimates.items():
+        places = decimals(estimate.std)
+        real = (truth or {}).get(name)
+        low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
+        yield Row(
+            name=name,
+            value=rounded(estimate.value, places),
+            std=rounded(estimate.std, places),
+            low=rounded(low, places),
+            high=rounded(high, places),
+            unit=estimate.unit,
+            status=STATUS[estimate.status],
+            reason=estimate.reason,
+            truth=rounded(real, places),
+            holds_truth=None if real is None or low is None or high is None else low <= real <= high,
+        )
+
+
+def decimals(std: float | None) -> int | None:
+    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
+    if not std or not math.isfinite(std):
+        return None
+    return min(max(1 - math.floor(math.log10(std)), 0), 9)
+
+
+def rounded(value: float | None, places: int | None) -> str:
+    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
+    if value is None:
+        return ""
+    return f"{value:.4g}" if places is None else f"{value:.{places}f}"

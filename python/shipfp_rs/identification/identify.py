@@ -21,15 +21,9 @@ from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import fit_pct, information_criteria, nrmse_pct
 from shipfp_rs.identification.residual_tests import residual_tests
-from shipfp_rs.identification.search import (
-    Minimum,
-    Noise,
-    Search,
-    best_of_random,
-    mean_scatter,
-    start_vectors,
-)
+from shipfp_rs.identification.search import Search, best_of_random, start_vectors
 from shipfp_rs.identification.verdict import structure_test, verdict
+from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
 from shipfp_rs.structures.innovations import with_innovations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
@@ -250,8 +244,8 @@ def search_minima(
         blocks,
         weighting,
         noise,
-        options.max_evaluations,
-        options.tolerance,
+        max_evaluations=options.max_evaluations,
+        tolerance=options.tolerance,
         huber=options.huber,
         ridge=ridge,
         initial=given,

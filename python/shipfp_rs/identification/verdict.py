@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from shipfp_rs.identification.fingerprint import Estimate, Identifiability
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.structures.structure import Structure
-
-ALARM = 0.01
-"""Probability of a false alarm of each residual test, all outputs together."""
 
 
 def verdict(

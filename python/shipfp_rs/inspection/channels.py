@@ -9,17 +9,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, joined, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.tacho import pulse_times
-
-Array = npt.NDArray[np.float64]
 
 PROBE_S = 120.0
 """Stretch from which it is told whether a channel is a pulse train."""

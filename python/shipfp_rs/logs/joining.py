@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.clock import FILL
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Blocks, Channel, Log, Samples
+from shipfp_rs.logs.log import Log
 
 RATES_AGREE = 1e-4
 """Relative difference within which the rates of two pieces, each estimated from its own times, are one."""

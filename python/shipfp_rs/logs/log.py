@@ -7,63 +7,20 @@ import importlib
 import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.support import hints, units
 
-Samples = npt.NDArray[Any]
-Blocks = Callable[[str, int, int], Iterator[Samples]]
-"""(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
-
-Numbers that can't be NaN have their gaps in a masked array, so that none of their bits is lost."""
-
 LOGGER = logging.getLogger("shipfp_rs")
-
-BLOCK = 1 << 20
-"""Samples read or written at once where the caller has no wish."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One recorded channel.
-
-    Parameters
-    ----------
-    name
-        As the logger wrote it, without its unit.
-    unit
-        Unit as the logger wrote it; empty where it wrote none.
-    rate_hz
-        Sample rate [Hz].
-    samples
-        Number of samples.
-    start_s
-        Time of the first sample on the log's clock [s].
-    resolution
-        Step in which values are told, in the unit: a bit of a bus; 0 where it is not known. Its twelfth, squared, is the
-        variance of the rounding.
-    """
-
-    name: str
-    unit: str
-    rate_hz: float
-    samples: int
-    start_s: float = 0.0
-    resolution: float = 0.0
-
-    @property
-    def stop_s(self) -> float:
-        """Time just after the last sample [s]."""
-        return self.start_s + self.samples / self.rate_hz
 
 
 class Log:
@@ -275,9 +232,12 @@ class Log:
         Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
         shorter than the longest end in nulls, which cost next to nothing.
         """
-        from shipfp_rs.logs.readers.parquet import write_parquet
-
-        return write_parquet(self, Path(path))
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in _WRITTEN:
+            raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
+        importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
+        return _WRITERS[suffix](self, path)
 
 
 @contextlib.contextmanager
@@ -303,7 +263,10 @@ def _with_nan(block: Samples) -> Samples:
 
 Reader = Callable[..., Log]
 """(path, rate_hz) to a log; those that are registered to take more get it by keyword."""
+Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
+_WRITERS: dict[str, Writer] = {}
+_WRITTEN = (".parquet", ".pq")
 _TAKES: dict[Reader, tuple[str, ...]] = {}
 _MODULES = {
     ".parquet": "parquet",
@@ -414,5 +377,15 @@ def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Read
         _READERS.update(dict.fromkeys(suffixes, reader))
         _TAKES[reader] = tuple(takes)
         return reader
+
+    return register
+
+
+def register_writer(*suffixes: str) -> Callable[[Writer], Writer]:
+    """Make `Log.write` use the decorated function (log, path) for files of these suffixes."""
+
+    def register(writer: Writer) -> Writer:
+        _WRITERS.update(dict.fromkeys(suffixes, writer))
+        return writer
 
     return register

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.logs.channel import Blocks, Samples
 from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Blocks, Samples
 
 Array = npt.NDArray[np.float64]
 Times = Callable[[], Iterable[Array]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel_reader import Rows
@@ -12,12 +11,10 @@ from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial import Processing, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Processing, Rack, SetPoint, Torque
+from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 class Cleaner:

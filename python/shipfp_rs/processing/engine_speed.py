@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Channel
 from shipfp_rs.processing.low_pass import Source
 from shipfp_rs.processing.pulse_train import PulseTrain
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
-
-Array = npt.NDArray[np.float64]
 
 TRAINS_AGREE = 0.02
 """Relative difference in speed that no two pulse trains of one shaft line have."""

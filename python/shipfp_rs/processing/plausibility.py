@@ -6,15 +6,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial import Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Rack, SetPoint, Torque
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 CALIBRATED_WITHIN = 0.1
 """Relative difference between the means of set point and speed above which a calibration is wrong."""

@@ -14,27 +14,28 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
+from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
 from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
-from shipfp_rs.processing.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import Rack, SetPoint, Tacho, Torque, Window
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
 from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 STEADY_STRETCH = "operating_point.steady_s"
 STEADY = 0.02

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.processing.trial import Tacho
+from shipfp_rs.processing.trial_tables import Tacho
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.tacho import (
     IntervalSpeed,
@@ -21,8 +21,6 @@ from shipfp_rs.tacho import (
     reflector_angles,
     speed_from_pulses,
 )
-
-Array = npt.NDArray[np.float64]
 
 MARGIN_S = 2.0
 """Read before and after a stretch, so that it begins and ends within an interval."""

@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.windows import FoundWindow, longest_rest
 
 TORQUE = "torq|moment|koppel|torsion|strain"
@@ -62,7 +63,7 @@ def filled_in(
     Parameters
     ----------
     template
-        `TRIAL_TEMPLATE`, whose tables stand apart by an empty line each.
+        That of `support.toml.template`, whose tables stand apart by an empty line each.
     log, path
         The log and where it lies.
     set_point

@@ -144,7 +144,7 @@ def _signals(
             )
         else:
             still = pictures.draw(
-                len(plot.units(experiment)),
+                len(plot.signals.units(experiment)),
                 partial(plot.time_series, experiment),
                 f"{experiment.name}: signals; masked samples, marked at the bottom, are not fitted.",
             )

@@ -9,8 +9,7 @@ from typing import Any
 
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.verdict import ALARM
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint, Row, rounded_rows
 from shipfp_rs.report.markup import Cell, bullets, number, paragraph, table
 from shipfp_rs.report.pictures import Pictures
 
@@ -88,7 +87,7 @@ def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str
     truths = ["truth"] if truth else []
     head = ["parameter", "status", "estimate", "std", "95 % interval", "unit", *truths, "meaning or reason"]
     rows = []
-    for row in wording.rows(estimates, truth):
+    for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
         cells = [
             Cell(row.name, code=True),
@@ -106,7 +105,7 @@ def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str
     return table(about, head, rows)
 
 
-def _interval(row: wording.Row, estimate: Estimate) -> str:
+def _interval(row: Row, estimate: Estimate) -> str:
     """Write an interval; one that begins on a bound has one end only."""
     if estimate.ci95 is None:
         return ""

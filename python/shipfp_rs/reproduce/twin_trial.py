@@ -17,7 +17,8 @@ from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation, plan
 from shipfp_rs.simulation.inflow import Inflow
-from shipfp_rs.simulation.raw_log import Kind, Sensors, TrueWindow, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.sensors import Kind, Sensors, TrueWindow
 from shipfp_rs.vessel.vessel import Vessel
 
 LAST_HZ = 0.9

@@ -5,24 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures import grey_box
+from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.joint import JointEquations, PartEquations
+from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
+from shipfp_rs.structures.linear_sampled import SampledGovernor
 from shipfp_rs.structures.parameter import Parameter as Parameter
+from shipfp_rs.structures.pass_band import PassBand
+from shipfp_rs.structures.plant import PlantEquations, as_built
 from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.vessel.vessel import Vessel
 
-if TYPE_CHECKING:
-    from shipfp_rs.structures.custom import Matrices, Response, Simulate
-    from shipfp_rs.structures.linear_extended import Place
-    from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Torque = Literal["brake", "gauge"]
 
 OUTPUTS = ("dn", "dM", "dE", "dX")
@@ -71,27 +74,6 @@ LINEAR_OPTIONS = (
     "speed",
 )
 """Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
-
-
-class Equations(Protocol):
-    """What a structure computes. `response` is only needed for frequency data."""
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Initial states that may be estimated with an experiment, zero if not given; names start with "initial"."""
-
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
-        """Return the normalised outputs, shape (O, N)."""
-
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-
-    def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
 
 
 @dataclass(frozen=True)
@@ -177,10 +159,6 @@ class Structure:
         >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
-        from shipfp_rs.structures.linear import LinearEquations
-        from shipfp_rs.structures.linear_extended import ExtendedLinear
-        from shipfp_rs.structures.linear_sampled import SampledGovernor
-
         if torque not in ("brake", "gauge"):
             raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
         for output in outputs:
@@ -351,8 +329,6 @@ class Structure:
         dead_time_set_point
             Free the dead time T_set; otherwise it is the vessel's.
         """
-        from shipfp_rs.structures.plant import PlantEquations
-
         linear = cls.linear(
             torque=torque,
             products=products,
@@ -427,11 +403,7 @@ class Structure:
         >>> [parameter.name for parameter in Structure.grey_box(launch, ["inertia", "Kp_abs"]).free]
         ['inertia', 'Kp_abs']
         """
-        from shipfp_rs.structures.grey_box import parameters, require_modelled
-        from shipfp_rs.structures.pass_band import PassBand
-        from shipfp_rs.structures.plant import PlantEquations, as_built
-
-        require_modelled(vessel)
+        grey_box.require_modelled(vessel)
         if pass_hz is not None and not (math.isfinite(pass_hz) and pass_hz > 0.0):
             raise InputError(f"pass_hz is {pass_hz}, expected a positive frequency [Hz], or None")
         linear = cls.linear(torque=torque, outputs=outputs)
@@ -442,7 +414,7 @@ class Structure:
             equations = PassBand(equations, pass_hz)
         return cls(
             name=name or f"grey box of {vessel.name}",
-            parameters=parameters(vessel, free),
+            parameters=grey_box.parameters(vessel, free),
             signals=linear.signals,
             equations=equations,
             settings={
@@ -501,8 +473,6 @@ class Structure:
         >>> two_lags.equations.states
         ('initial x1', 'initial x2')
         """
-        from shipfp_rs.structures.custom import MatrixEquations
-
         signals = _own_signals(outputs)
         equations = MatrixEquations(matrices, tuple(parameters), tuple(signals))
         equations.states  # noqa: B018 the shapes are checked here, not in the middle of a fit
@@ -555,8 +525,6 @@ class Structure:
         >>> lag.outputs
         ('dM',)
         """
-        from shipfp_rs.structures.custom import FunctionEquations
-
         signals = _own_signals(outputs)
         equations = FunctionEquations(simulate, tuple(parameters), tuple(signals), response)
         return cls(name, tuple(parameters), signals, equations, {"kind": "function"})
@@ -589,8 +557,6 @@ class Structure:
         >>> [parameter.name for parameter in both.free][:3]
         ['tau_n (slow)', 'g (slow)', 'vK_p (slow)']
         """
-        from shipfp_rs.structures.joint import JointEquations, PartEquations
-
         if len(parts) < 2:
             raise InputError(f"joint structure: {len(parts)} parts, expected two or more")
         first = next(iter(parts.values()))
@@ -654,8 +620,7 @@ class Structure:
         """Return the measured outputs as the equations' are to be compared with them, normalised, shape (O, N)."""
         chosen = (self.signal_for(output, experiment.signals, experiment.name) for output in self.outputs)
         rows = np.array([experiment.normalised(name) for name in chosen])
-        passed = getattr(self.equations, "passed", None)
-        return rows if passed is None else np.asarray(passed(rows, experiment))
+        return self.equations.passed(rows, experiment)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -66,6 +66,11 @@ def built_in(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"), key=lambda path: path.stem)}
 
 
+def template(name: str) -> str:
+    """Return the text of a commented configuration file to fill in, "TRIAL" or "SWEEP"."""
+    return built_in("templates")[name].read_text(encoding="utf-8")
+
+
 def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str, what: str) -> Model:
     """Read what comes with the package, by its name, or a file of the user's own, by its path.
 

@@ -5,216 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import BeforeValidator, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import model_validator
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
-from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.html import shown
 from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
-from shipfp_rs.vessel.tables import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
-
-Array = npt.NDArray[np.float64]
-
-
-def _no_percentage(value: object) -> object:
-    if isinstance(value, int | float) and 2.0 <= value <= 100.0:
-        share = f"{value / 100.0:g}"
-        raise PydanticCustomError(
-            "percent", "a fraction of at most 1; percent? that is {share}", {"share": share}
-        )
-    return value
-
-
-Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(gt=0.0, le=1.0)]
-# A TOML array is a list; only the container may change its type, the numbers in it stay strict.
-Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
-
-
-class Water(Section):
-    """The water that the propeller works in."""
-
-    density_kg_m3: Positive
-
-
-class Envelope(Section):
-    """Highest brake torque over engine speed, straight between the points, constant outside (Fig. 3.3)."""
-
-    speed_rpm: Table
-    torque_Nm: Table
-
-    @model_validator(mode="after")
-    def _is_a_function_of_speed(self) -> Self:
-        if len(self.torque_Nm) != len(self.speed_rpm):
-            raise unexpected(
-                "torque_Nm", f"{len(self.torque_Nm)} values", f"{len(self.speed_rpm)} as in speed_rpm"
-            )
-        for lower, upper in zip(self.speed_rpm, self.speed_rpm[1:], strict=False):
-            if upper <= lower:
-                raise unexpected("speed_rpm", f"{upper:g} after {lower:g}", "ascending speeds")
-        return self
-
-
-class Engine(Section):
-    """Diesel engine: rating, torque limit, and what sets its torque ripple (cylinders, strokes)."""
-
-    model: str
-    cylinders: Annotated[int, Field(ge=1)]
-    strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)]
-    rated_power_kW: Positive
-    rated_speed_rpm: Positive
-    envelope: Envelope | None = None
-    """None: unlimited."""
-    minimum_torque_Nm: float | None = None
-    """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
-    torque_rate_Nm_s: Positive | None = None
-    """How fast the brake torque can change; None: at once."""
-    smoke_margin_mm: Positive | None = None
-    """By how much the rack may exceed what the charge air is good for; None: no smoke limiter."""
-    turbocharger_lag_s: Positive = 1.0
-    """Time constant with which the charge air follows the rack; acts with a smoke limiter only."""
-    firing: Firing | None = None
-    """None: the cylinders' mean torque."""
-
-    @model_validator(mode="after")
-    def _stays_within_its_rating(self) -> Self:
-        if self.envelope is None:
-            return self
-        for speed, torque in zip(self.envelope.speed_rpm, self.envelope.torque_Nm, strict=True):
-            power_kW = torque * speed * 2e-3 * math.pi / 60.0
-            if power_kW > 1.01 * self.rated_power_kW:
-                raise unexpected(
-                    "envelope.torque_Nm",
-                    f"{torque:g} Nm at {speed:g} rpm, {power_kW:.1f} kW",
-                    f"at most the rated {self.rated_power_kW:g} kW",
-                )
-        return self
-
-
-class Gearbox(Section):
-    """Reduction gear (eq. 3.6, 3.7)."""
-
-    ratio: Positive
-    efficiency: Fraction
-    drag_Nm: NotNegative = 0.0
-    """Torque lost beside the efficiency, at the shaft and the operating point."""
-    drag_exponent: NotNegative = 1.0
-    """With which power of the speed it grows."""
-
-
-class Shaft(Section):
-    """Moments of inertia, seen from the propeller (eq. 3.12, 3.13)."""
-
-    inertia_kg_m2: Positive
-    propeller_side_inertia_kg_m2: Positive
-    """Share on the propeller's side of the torque gauge."""
-    add_entrained_water: bool = False
-    """Whether the water that turns with the propeller is to be added to both; else they contain it."""
-    stiffness_Nm_rad: Positive | None = None
-    """Between the two inertias; None: rigid."""
-    damping_Nms_rad: NotNegative = 0.0
-
-    @model_validator(mode="after")
-    def _parts_do_not_exceed_the_whole(self) -> Self:
-        if self.propeller_side_inertia_kg_m2 > self.inertia_kg_m2:
-            raise unexpected(
-                "propeller_side_inertia_kg_m2",
-                f"{self.propeller_side_inertia_kg_m2:g}",
-                f"at most inertia_kg_m2, {self.inertia_kg_m2:g}",
-            )
-        return self
-
-
-class Propeller(Section):
-    """Fixed-pitch propeller at zero speed of advance (eq. 3.8-3.11)."""
-
-    diameter_m: Positive
-    pitch_ratio: Positive
-    area_ratio: Positive
-    blades: Annotated[int, Field(ge=2)]
-    nozzle: str = ""
-    torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
-    """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
-    thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
-    K_T: Positive
-    shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque at once a turn of the shaft, over the mean."""
-    blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque at blade passage, over the mean."""
-    four_quadrant: FourQuadrant | None = None
-    """None: bollard pull, the torque odd in the speed."""
-
-
-class Governor(Section):
-    """PI or PID governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s, K_d in s."""
-
-    K_p: Positive
-    K_i: Positive
-    K_d: NotNegative = 0.0
-    """Of the filtered speed alone: a step of the set point gives no kick."""
-    derivative_filter_s: Positive = 0.05
-    sample_rate_hz: Positive | None = None
-    """How often the governor computes; None: always."""
-    once_a_firing: bool = False
-    """Whether it computes at each firing instead."""
-    computation_delay_s: NotNegative = 0.0
-    set_point_dead_time_s: NotNegative = 0.0
-    """Of the set point's way to the governor, T_set."""
-    minimum_rack_mm: float | None = None
-    maximum_rack_mm: Positive | None = None
-    anti_windup: bool = False
-    """Whether the integral stands still while a limit of the rack or of the torque holds the command."""
-
-    @model_validator(mode="after")
-    def _computes_at_one_kind_of_time(self) -> Self:
-        if self.once_a_firing and self.sample_rate_hz is not None:
-            raise unexpected(
-                "sample_rate_hz", f"{self.sample_rate_hz:g}", "nothing beside once_a_firing = true"
-            )
-        return self
-
-
-class NominalPoint(Section):
-    """A known steady state, and the slopes of the engine map there (eq. 3.24, 3.25)."""
-
-    n_e_rpm: Positive
-    X_0_mm: Positive
-    M_b_Nm: Positive | None = None
-    M_s_Nm: Positive | None = None
-    """Give either the brake torque or the shaft torque."""
-    v: Positive
-    """Relative slope of brake torque over fuel rack at constant speed."""
-    g: float
-    """Relative slope of brake torque over speed at constant fuel rack."""
-
-    @model_validator(mode="after")
-    def _has_one_torque(self) -> Self:
-        if (self.M_b_Nm is None) == (self.M_s_Nm is None):
-            found = "neither M_b_Nm nor M_s_Nm" if self.M_b_Nm is None else "both M_b_Nm and M_s_Nm"
-            raise unexpected("M_b_Nm", found, "one of the two")
-        return self
-
-
-class SetPointLine(Section):
-    """What a voltage on the set-point line makes of the engine speed: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
-
-    rpm_per_V: float
-    rpm_at_0_V: float
-
-    @model_validator(mode="after")
-    def _can_be_inverted(self) -> Self:
-        if self.rpm_per_V == 0.0:
-            raise unexpected("rpm_per_V", "0", "a slope not zero")
-        return self
-
-    @property
-    def calibration(self) -> Calibration:
-        """The line, from volts to rpm."""
-        return Calibration(self.rpm_per_V, self.rpm_at_0_V, "rpm")
+from shipfp_rs.vessel.tables import (
+    Actuator,
+    Engine,
+    Gearbox,
+    Governor,
+    NominalPoint,
+    Propeller,
+    SetPointLine,
+    Shaft,
+    Ship,
+    Water,
+)
 
 
 class Vessel(Section):
@@ -379,8 +191,6 @@ class Vessel(Section):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.support.html import shown
-
         rows = []
         for section, content in self.model_dump().items():
             if isinstance(content, dict):

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Blocks, Channel, Log, Samples
+from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 SPECIAL = 0xFB
@@ -142,8 +143,8 @@ J1939 = (
     )),
     Message("IC1", 0x18FEF600, True, True, (Signal("EngIntakeManifold1Press", "kPa", 8, 8, 2.0),)),
 )  # fmt: skip
-"""SAE J1939-71: set point of speed and torque (TSC1, SPN 898, 518), speed and torque (EEC1, SPN 512, 513, 190, 2432), load (EEC2,
-SPN 91, 92), desired speed (EEC3, SPN 514, 515), fuel (LFE1, SPN 183, 51), boost (IC1, SPN 102)."""
+"""SAE J1939-71: set point (TSC1, SPN 898, 518), speed and torque (EEC1, SPN 512, 513, 190, 2432), load (EEC2, SPN 91,
+92), desired speed (EEC3, SPN 514, 515), fuel (LFE1, SPN 183, 51), boost (IC1, SPN 102)."""
 
 
 def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:

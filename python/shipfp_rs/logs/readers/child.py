@@ -17,7 +17,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Log, Samples
+from shipfp_rs.logs.channel import Samples
+from shipfp_rs.logs.log import Log
 
 SPARE_BYTES = 200_000_000
 """What a reader may use beside three times the file."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.log import Blocks
+from shipfp_rs.logs.channel import Blocks
 from shipfp_rs.logs.readers.time_base import stated_rate
 from shipfp_rs.logs.readers.time_column import Column, TimePlan, find_time
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed

@@ -80,7 +80,7 @@ def _of_json(path: Path, text: str) -> Values:
                 values, qualities = _items(row.get("Value")), _items(row.get("Quality"))
                 if len(values) != len(channels):
                     raise InputError(
-                        f"{path}: {len(values)} values at {row.get('TimeStamp')}, expected one for each of {len(channels)} channels"
+                        f"{path}: {len(values)} values at {row.get('TimeStamp')}, expected {len(channels)}, one a channel"
                     )
                 for k, (channel, value) in enumerate(zip(channels, values, strict=True)):
                     yield (

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Channel, Log, Reader, Samples
+from shipfp_rs.logs.log import Log, Reader
 from shipfp_rs.logs.readers.child_process import LOCK, Child, give_back, take
 
 LIMIT_S = 30.0

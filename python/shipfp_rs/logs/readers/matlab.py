@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import (
     VALUES,
     Row,

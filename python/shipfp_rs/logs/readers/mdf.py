@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis

@@ -61,7 +61,7 @@ def open_nmea2000(path: Path, rate_hz: float | None) -> Log:
     unread = 0
     for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1):
         text = line.strip()
-        if not text or text.startswith(("#", "{\"version\"")):
+        if not text or text.startswith(("#", '{"version"')):
             continue
         try:
             fields = list(_of_json(text) if text.startswith("{") else _of_plain(text, found))

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs import log as logs
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader, register_writer
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
 from shipfp_rs.support.files import replacing
 
@@ -53,10 +53,9 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
     return log_of_table(path, file.schema_arrow, file.metadata.num_rows, batches, rate_hz, Options(time))
 
 
+@register_writer(".parquet", ".pq")
 def write_parquet(log: Log, path: Path) -> Path:
     """Write a log as `Log.write` says."""
-    if path.suffix.lower() not in (".parquet", ".pq"):
-        raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
     if path.exists() and Path(log.name).exists() and path.samefile(log.name):
         raise InputError(f"{path}: is the log itself; choose another name")
     queues = {name: _Rows(log.raw_blocks(name)) for name in log.channels}
@@ -70,8 +69,8 @@ def write_parquet(log: Log, path: Path) -> Path:
         replacing(path) as temporary,
         pa.parquet.ParquetWriter(temporary, schema, compression="zstd", use_dictionary=False) as writer,
     ):
-        for first in range(0, length, logs.BLOCK):
-            rows = min(logs.BLOCK, length - first)
+        for first in range(0, length, BLOCK):
+            rows = min(BLOCK, length - first)
             columns = [queues[field.name].take(rows, field.type) for field in schema]
             writer.write_table(pa.Table.from_arrays(columns, schema=schema))
     return path

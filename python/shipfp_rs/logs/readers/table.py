@@ -15,7 +15,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, one_line_errors
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, one_line_errors
 from shipfp_rs.logs.readers.text_time import looks_like_time
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, TimePlan, Wish, find_time
 from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit

@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_column import Column, find_time
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Blocks, Channel, Log, Samples
+from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.time_axis import time_axis
 
 
