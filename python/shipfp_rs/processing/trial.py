@@ -101,7 +101,13 @@ class Trial(Section):
             changes["vessel"] = str(path.parent / header.vessel)
         if header.names is not None:
             changes["names"] = str(path.parent / header.names)
-        return read.model_copy(update={"trial": header.model_copy(update=changes)})
+        extra = {
+            name: tacho.model_copy(update={"file": str(path.parent / tacho.file)}) if tacho.file else tacho
+            for name, tacho in (read.channels.__pydantic_extra__ or {}).items()
+        }
+        channels = read.channels.model_copy()
+        channels.__pydantic_extra__.update(extra)
+        return read.model_copy(update={"trial": header.model_copy(update=changes), "channels": channels})
 
     def logs(self) -> list[Log]:
         """Open the recordings, in order; one log where loggers are aligned."""
