@@ -11,8 +11,8 @@ from shipfp_rs.processing.process import process
 from shipfp_rs.processing.speed_sources import with_missing
 from shipfp_rs.processing.trial import Trial
 
-RATE_HZ = 10_000.0
-LENGTH_S = 24.0
+RATE_HZ = 4000.0
+LENGTH_S = 14.0
 TIME = np.arange(round(LENGTH_S * RATE_HZ)) / RATE_HZ
 RPM = 1184.0 + 30.0 * np.sin(2 * np.pi * 0.4 * TIME)
 TURNED = 1184.0 / 60.0 * TIME + 0.5 / (2 * np.pi * 0.4) * (1.0 - np.cos(2 * np.pi * 0.4 * TIME))
@@ -80,7 +80,7 @@ def trial(folder: Path, *tables: str) -> Trial:
         '[channels.set_point]\ncolumn = "U_set"\nunit = "rpm"\ncalibration = { scale = 1.0 }\n'
         f"{sources}\n"
         "[operating_point]\nn_e_rpm = 1184.0\n[processing]\nspeed = 'fused'\nrate_hz = 20.0\n"
-        "[[windows]]\nname = 'W'\nstart_s = 3.0\nstop_s = 21.0\n"
+        "[[windows]]\nname = 'W'\nstart_s = 2.5\nstop_s = 11.0\n"
     )
     return Trial.load(path)
 
@@ -88,7 +88,7 @@ def trial(folder: Path, *tables: str) -> Trial:
 def error_and_std(log: Log, described: Trial) -> tuple[float, float]:
     (experiment,) = process(log, described)
     told = experiment.signals["n_e"]
-    time = 3.0 + np.arange(len(told)) / experiment.rate_hz
+    time = 2.5 + np.arange(len(told)) / experiment.rate_hz
     truth = 1184.0 + 30.0 * np.sin(2 * np.pi * 0.4 * time)
     known = np.isfinite(told)
     assert known.mean() > 0.98
@@ -99,7 +99,7 @@ def error_and_std(log: Log, described: Trial) -> tuple[float, float]:
 def test_every_source_tells_the_same_speed_within_its_deviation(kind: str, log: Log, tmp_path: Path) -> None:
     error, std = error_and_std(log, trial(tmp_path, TABLES[kind]))
     assert error < 1.5 * std + 0.02
-    assert std < 5.0
+    assert error < 0.001 * 1184.0  # the deviation is that before the low-pass of 20 Hz
 
 
 def test_sources_fuse_to_a_better_speed(log: Log, tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_shaft_that_turns_back_is_refused(tmp_path: Path) -> None:
     back = np.concatenate([CHANNELS["B"][:half], wheel(16, late=0.25)[half:]])
     odd = Log.from_arrays({**CHANNELS, "B": back}, rate_hz=RATE_HZ, units={"U_set": "rpm"})
     with pytest.raises(
-        InputError, match=r"window 'W': channels\.speed and its quadrature change order at 1[12]\."
+        InputError, match=r"window 'W': channels\.speed and its quadrature change order at [67]\."
     ):
         process(odd, trial(tmp_path, TABLES["quadrature"]))
 

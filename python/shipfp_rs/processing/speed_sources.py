@@ -213,7 +213,7 @@ class Encoder(PulseTrain):
         """After which angle it begins again [rev]; 0 for one that counts on."""
         span = float(np.ptp(values))
         largest = float(np.abs(np.diff(values)).max())
-        if span <= 1.0 + 1e-9 and largest > 0.5 * span:
+        if span <= 1.2 and largest > 0.5 * span:
             return 1.0
         for bits in (8, 12, 16, 24, 32):  # a counter that runs over
             if abs(largest / (2.0**bits * self._rev) - 1.0) < 0.1:
@@ -234,11 +234,8 @@ class Encoder(PulseTrain):
         rows.within(start_s, stop_s)
         time, angle, gaps = self._angle(rows, start_s, stop_s)
         noise = ROBUST_SIGMA * float(np.median(np.abs(np.diff(angle, 2)))) / np.sqrt(6.0)
-        steps = np.abs(np.diff(angle))
-        step = self._rev if self.tacho.counts_per_rev else float(steps[steps > 0.0].min())
+        step = self._rev if self.tacho.counts_per_rev else _step(np.abs(np.diff(angle)))
         step = max(step, rows.channel.resolution * self._rev)
-        # Of an angle in floating numbers the least difference is no step.
-        step = step if self.tacho.counts_per_rev or step > 0.2 * float(np.median(steps)) else 0.0
         std = self.tacho.std * self._rev if self.tacho.std else max(noise, step / np.sqrt(12.0), 1e-9)
         forward = np.maximum.accumulate(angle)
         keep = np.append(True, np.diff(forward) > 0.0)
@@ -258,6 +255,18 @@ class Encoder(PulseTrain):
     def _time_std_s(self, label: str) -> float:
         std, speed = self._std_rev[self._stretches[label]]
         return std / speed
+
+
+def _step(steps: Array) -> float:
+    """Step in which an angle is told, of which all its differences are multiples; 0 where there is none."""
+    levels = np.unique(np.round(steps, 12))
+    apart = np.diff(levels)
+    apart = apart[apart > 1e-10]
+    if not apart.size:
+        return 0.0
+    step = float(apart.min())
+    ratio = steps[:10_000] / step
+    return step if np.abs(ratio - np.rint(ratio)).max() < 1e-2 else 0.0
 
 
 class SpeedLevel(PulseTrain):
