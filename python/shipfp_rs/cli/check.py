@@ -11,7 +11,7 @@ from shipfp_rs.cli.options import Json
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 
 if TYPE_CHECKING:
-    from shipfp_rs.view.dry_run import Check
+    from shipfp_rs.runs.dry_run import Check
 
 
 def check(
@@ -19,7 +19,7 @@ def check(
     json: Json = False,
 ) -> None:
     """Read a trial as a run would and stop before the fit: what was read, what would be fitted, what is missing."""
-    from shipfp_rs.view.dry_run import check as dry_run
+    from shipfp_rs.runs.dry_run import check as dry_run
 
     with progress() as notify:
         found = dry_run(trial, notify=notify)

@@ -28,7 +28,7 @@ def view(
     The page is served by this command alone, on this machine alone, until Ctrl-C. Beside the log a file
     NAME.shipfp-pyramid is kept, so that it opens at once the next time; it may be deleted.
     """
-    from shipfp_rs.log import Log
+    from shipfp_rs.logs.log import Log
     from shipfp_rs.view.desk import Desk
     from shipfp_rs.view.pyramid import stored
     from shipfp_rs.view.server import serving, wait_for_the_end

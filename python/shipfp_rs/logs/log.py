@@ -253,6 +253,11 @@ _MODULES = {
 """Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
 
 
+def suffixes() -> tuple[str, ...]:
+    """Return the suffixes of all formats that `Log.open` reads."""
+    return tuple(dict.fromkeys([*_MODULES, *_READERS]))
+
+
 def _load(suffix: str) -> None:
     """Import the module of a format, which registers its reader and its writer."""
     if suffix in _MODULES:

@@ -39,13 +39,13 @@ def main(arguments: list[str]) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: tell(warning=str(message))
             if job == "check":
-                from shipfp_rs.view.dry_run import check
+                from shipfp_rs.runs.dry_run import check
 
                 tell(done=check(Path(path), notify=lambda text: tell(progress=text)).to_dict())
             else:
-                from shipfp_rs import pipeline
+                from shipfp_rs.runs.run import run
 
-                found = pipeline.run(path, rest[0], notify=lambda text: tell(progress=text))
+                found = run(path, rest[0], notify=lambda text: tell(progress=text))
                 tell(done={"folder": Path(rest[0]).name, "verdict": list(found.fingerprint.verdict)})
     except KeyboardInterrupt:
         tell(stopped=True)

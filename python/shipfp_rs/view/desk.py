@@ -6,16 +6,18 @@ import json
 import re
 import threading
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.files import write_text_atomically
-from shipfp_rs.log import _MODULES
-from shipfp_rs.toml_files import built_in, validated
-from shipfp_rs.trial import Trial
-from shipfp_rs.trial_windows import TO_NM, TO_RPM
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.logs.log import suffixes
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_template import TO_NM, TO_RPM
+from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.toml import built_in, validated
+from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
 from shipfp_rs.view.document import Document
 from shipfp_rs.view.draft import Draft
@@ -97,12 +99,20 @@ class Desk:
         wanted = _text(asked, "want").split(",")
         if len(wanted) > MOST_TILES:
             raise InputError(f"want: {len(wanted)} tiles, expected {MOST_TILES} at most")
-        parts = []
-        for want in wanted:
+        jobs: dict[int, list[tuple[int, int, int]]] = {}
+        for place, want in enumerate(wanted):
             found = re.fullmatch(r"(\d{1,6})\.(\d{1,2})\.(\d{1,9})", want, re.ASCII)
             if found is None or int(found[1]) >= len(series):
                 raise InputError(f"want: {want!r}, expected series.level.index")
-            parts.append(series[int(found[1])].tile(int(found[2]), int(found[3])))
+            jobs.setdefault(int(found[1]), []).append((place, int(found[2]), int(found[3])))
+        parts = [b""] * len(wanted)
+
+        def fill(index: int) -> None:
+            for place, level, tile in jobs[index]:
+                parts[place] = series[index].tile(level, tile)
+
+        # Samples come off the disk channel by channel, as many at once as there are processors.
+        side_by_side([partial(fill, index) for index in jobs], threading.Event())
         return b"".join(parts)
 
     def _document(self, asked: Mapping[str, Any]) -> Document:
@@ -117,7 +127,7 @@ class Desk:
         logs = [
             {"name": file.name, "doc": self.open(file), "bytes": file.stat().st_size}
             for file in files
-            if file.suffix.lower() in _MODULES and file.stat().st_size
+            if file.suffix.lower() in suffixes() and file.stat().st_size
         ]
         trials, broken = [], []
         for file in files:
@@ -201,7 +211,11 @@ class Desk:
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise InputError(f"file: found {name!r}, expected a name like TRIAL.toml, without a folder")
         path = self.folder / name
-        if path.is_symlink() or path.parent.resolve() != self.folder or (path.exists() and not path.is_file()):
+        if (
+            path.is_symlink()
+            or path.parent.resolve() != self.folder
+            or (path.exists() and not path.is_file())
+        ):
             raise InputError(f"{name}: is no ordinary file of the trial's folder; choose another name")
         return path
 

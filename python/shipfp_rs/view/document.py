@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import warnings
 from collections.abc import Iterator
@@ -13,14 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiment import UNITS
-from shipfp_rs.faults.record import KINDS
-from shipfp_rs.log import Channel, Log, Samples
-from shipfp_rs.trial import Trial
+from shipfp_rs.experiments.experiment import UNITS
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.faults.record import KINDS
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.background import Background, Progress
 from shipfp_rs.view.series import Series
-from shipfp_rs.windows import FoundWindow, find_windows, longest_rest
 
 SPECTRUM_S = 300.0
 """Longest stretch whose spectrum is made, about the middle of what is asked for."""
@@ -69,7 +71,14 @@ class Document:
         return found or pyramid.made(self.log(), self.path, self.rate_hz, tell)
 
     def _raw(self, _: Progress) -> list[Series]:
-        return [Series.of_channel(one, self.log) for one in self.pyramid.wait().channels]
+        channels = self.pyramid.wait().channels
+        # Opening a text log takes as long as reading it: begun before the first sample is asked for.
+        threading.Thread(target=self._opened_ahead, daemon=True).start()
+        return [Series.of_channel(one, self.log) for one in channels]
+
+    def _opened_ahead(self) -> None:
+        with contextlib.suppress(InputError, OSError):
+            self.log()
 
     def series(self) -> list[Series]:
         """Return everything that is drawn, channels before signals."""
@@ -77,7 +86,11 @@ class Document:
 
     def facts(self) -> dict[str, Any]:
         """Return what the page has to know before it draws."""
-        told = {"name": self.path.name, "trial": self.trial and self.trial.name, "layer": self.processed_version}
+        told = {
+            "name": self.path.name,
+            "trial": self.trial and self.trial.name,
+            "layer": self.processed_version,
+        }
         self.raw.begin()
         if not self.raw.done.is_set():
             self.raw.done.wait(0.05)
@@ -182,7 +195,7 @@ class Document:
         return self._processed.begin().state()
 
     def _process(self, trial: Trial) -> list[Series]:
-        from shipfp_rs.processing import process
+        from shipfp_rs.processing.process import process
 
         windows = trial.windows_of(self.path.name)
         made = process(self.log(), trial) if windows else []

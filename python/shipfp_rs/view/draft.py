@@ -1,8 +1,9 @@
-"""A trial as the page edits it, and TRIAL.toml: what the page knows is set, everything else in the file stays, comments too."""
+"""A trial as the page edits it, and TRIAL.toml: what the page knows is set, all else stays, comments too."""
 
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,9 +15,10 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import InlineTable, Table
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel
-from shipfp_rs.toml_files import Section, validated
-from shipfp_rs.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_template import TORQUE
+from shipfp_rs.support.toml import Section, template, validated
 
 ROLES = ("set_point", "torque", "rack", "train")
 TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
@@ -111,7 +113,7 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         Its rate, where the log tells none.
     """
     try:
-        document = tomlkit.parse(TRIAL_TEMPLATE if old is None else old)
+        document = tomlkit.parse(template("TRIAL") if old is None else old)
     except TOMLKitError as error:
         raise InputError(f"TRIAL.toml: not TOML: {error}") from error
     header = _sub_table(document, "trial")
@@ -164,7 +166,9 @@ def _put_channels(tables: Any, channels: Sequence[DraftChannel]) -> None:
         key = (channel.name or channel.column) if channel.role == "train" else channel.role
         if key in wanted:
             what = key.replace("_", " ") if channel.role != "train" else f"pulse train {key!r}"
-            raise InputError(f"{what}: found two channels, {wanted[key].column!r} and {channel.column!r}; choose one")
+            raise InputError(
+                f"{what}: found two channels, {wanted[key].column!r} and {channel.column!r}; choose one"
+            )
         if channel.role == "train" and key in ROLES[:3]:
             raise InputError(f"pulse train {key!r}: the name is taken; choose another one")
         wanted[key] = channel
@@ -250,10 +254,6 @@ def new_draft(name: str) -> Draft:
 
 def guessed_roles(channels: Sequence[Channel]) -> dict[str, str]:
     """Return the roles that names of channels tell, column to role."""
-    import re
-
-    from shipfp_rs.trial_windows import TORQUE
-
     named = {}
     for channel in channels:
         if re.search(r"set[ _-]?point|n[ _-]?set|soll", channel.name, re.IGNORECASE):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import os
 import tempfile
@@ -24,13 +25,14 @@ import numpy.typing as npt
 
 from shipfp_rs._core import Extremes, coarser_extremes
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel, Log, Samples
-from shipfp_rs.workers import side_by_side
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.threads import side_by_side
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
-BASE = 256
+BASE = 64
 """Samples in a block of the finest level that is stored; finer ones are made of the samples themselves."""
 FACTOR = 4
 """Blocks of a level that make one of the next."""
@@ -56,7 +58,7 @@ class Stored:
     gap_count
         Number of them in all.
     levels
-        Least and greatest of every 256, 1024, 4096, ... samples, each of shape (K, 2); NaN where none is finite.
+        Least and greatest of every 64, 256, 1024, ... samples, each of shape (K, 2); NaN where none is finite.
     """
 
     channel: Channel
@@ -87,7 +89,9 @@ def places(path: Path) -> Iterator[Path]:
     digest = hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:16]
     cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
     yield Path(cache) / "shipfp" / f"{digest}-{name}"
-    yield Path(tempfile.gettempdir()) / f"shipfp-{os.getuid() if hasattr(os, 'getuid') else 0}-{digest}{SUFFIX}"
+    yield (
+        Path(tempfile.gettempdir()) / f"shipfp-{os.getuid() if hasattr(os, 'getuid') else 0}-{digest}{SUFFIX}"
+    )
 
 
 def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
@@ -101,9 +105,7 @@ def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
     return None
 
 
-def made(
-    log: Log, path: Path, rate_hz: float | None = None, progress: Progress = lambda _: None
-) -> Pyramid:
+def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress = lambda _: None) -> Pyramid:
     """Read a log once and write its pyramid, whole or not at all.
 
     Raises
@@ -126,14 +128,16 @@ def made(
             return found
         reason = "it was changed while it was read"
         break
-    raise InputError(f"{path}: its overview can't be written ({reason}); make room beside it or in the cache folder")
+    raise InputError(
+        f"{path}: its overview can't be written ({reason}); make room beside it or in the cache folder"
+    )
 
 
 @contextlib.contextmanager
 def _appearing(place: Path) -> Iterator[IO[bytes]]:
     """Give a file without a name, which gets its name when it is complete; whoever is killed before leaves nothing."""
     if not hasattr(os, "O_TMPFILE") or not Path("/proc/self/fd").exists():
-        from shipfp_rs.files import replacing
+        from shipfp_rs.support.files import replacing
 
         with replacing(place) as temporary, temporary.open("w+b") as file:
             yield file
@@ -260,7 +264,7 @@ def _opened(place: Path, key: dict[str, Any]) -> Pyramid | None:
                 Channel(**{name: facts[name] for name in names}),
                 np.array(facts["gaps"], dtype=np.int64).reshape(-1, 2),
                 facts["gap_count"],
-                tuple(pairs[first:stop] for first, stop in zip(edges, edges[1:], strict=False)),
+                tuple(pairs[first:stop] for first, stop in itertools.pairwise(edges)),
             )
         )
     start = told["start_utc"]

@@ -45,7 +45,9 @@ class Results:
             key = hashlib.sha256(name.encode()).hexdigest()[:16]
             self._folders[key] = folder
             files = {file.name: file for file in sorted(folder.iterdir()) if _handed_out(file)}
-            found.append({"id": key, "name": name if name != "." else folder.name, "files": list(files), **told})
+            found.append(
+                {"id": key, "name": name if name != "." else folder.name, "files": list(files), **told}
+            )
             if len(found) >= MOST:
                 break
         return sorted(found, key=lambda one: -one["changed"])
@@ -113,6 +115,7 @@ def _sweep(folder: Path) -> dict[str, Any] | None:
     return {
         "kind": "sweep",
         "about": str(found.get("name", "")),
-        "verdict": ", ".join(f"{draws[key]} {key}" for key in ("total", "done", "failed") if key in draws) + " draws",
+        "verdict": ", ".join(f"{draws[key]} {key}" for key in ("total", "done", "failed") if key in draws)
+        + " draws",
         "changed": (folder / "summary.json").stat().st_mtime,
     }

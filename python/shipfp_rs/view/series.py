@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,15 +12,20 @@ import numpy.typing as npt
 
 from shipfp_rs._core import Extremes, coarser_extremes
 from shipfp_rs.errors import InputError
-from shipfp_rs.log import Channel, Log, Samples
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log
 from shipfp_rs.view.pyramid import BASE, FACTOR, Stored, as_fed, level_counts
 
 Array = npt.NDArray[np.float64]
 
 TILE = 1024
 """Blocks in a tile."""
-FINER = 4
-"""Levels below the first that is stored: of 1, 4, 16 and 64 samples a block."""
+FINER = 3
+"""Levels below the first that is stored: of 1, 4 and 16 samples a block."""
+PIECE = 1 << 16
+"""Samples that are read at once."""
+KEPT = 16
+"""Pieces of a channel that stay at hand: four megabytes of single precision."""
 HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
 """Before the float32 of a tile: what is to be added to them, number of rows, one column (samples) or two (extremes)."""
 
@@ -34,7 +41,7 @@ class Series:
     read
         Samples by first and stop.
     levels
-        Extremes of every 256, 1024, ... samples, each of shape (K, 2).
+        Extremes of every 64, 256, ... samples, each of shape (K, 2).
     gaps, gap_count
         The first stretches without samples, shape (G, 2), and how many there are.
     layer
@@ -52,12 +59,7 @@ class Series:
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
         """Return a channel of a log that is opened when its samples are asked for."""
         channel = stored.channel
-
-        def read(first: int, stop: int) -> Samples:
-            start_s, stop_s = (channel.start_s + row / channel.rate_hz for row in (first, stop))
-            return log().read(channel.name, start_s, stop_s)
-
-        return cls(channel, read, stored.levels, stored.gaps, stored.gap_count)
+        return cls(channel, _Pieces(log, channel).read, stored.levels, stored.gaps, stored.gap_count)
 
     @classmethod
     def of_array(cls, channel: Channel, samples: Array, layer: str) -> Series:
@@ -97,16 +99,49 @@ class Series:
 
     def tile(self, level: int, index: int) -> bytes:
         """Return a tile as the page reads it; `InputError` where there is none."""
-        if not 0 <= level < self.depth or not 0 <= index * TILE * FACTOR**level < max(self.channel.samples, 1):
+        if not 0 <= level < self.depth or not 0 <= index * TILE * FACTOR**level < max(
+            self.channel.samples, 1
+        ):
             raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
         return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
+
+
+class _Pieces:
+    """Samples of a channel, read in pieces of which the last ones stay at hand: whoever looks moves little by little."""
+
+    def __init__(self, log: Callable[[], Log], channel: Channel) -> None:
+        self._log, self._channel = log, channel
+        self._lock = threading.Lock()
+        self._held: OrderedDict[int, Samples] = OrderedDict()
+
+    def read(self, first: int, stop: int) -> Samples:
+        """Return samples, shape (stop - first,)."""
+        parts = []
+        for index in range(first // PIECE, -(-stop // PIECE)):
+            start = index * PIECE
+            parts.append(self._piece(index)[max(first - start, 0) : stop - start])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _piece(self, index: int) -> Samples:
+        channel = self._channel
+        with self._lock:
+            if index not in self._held:
+                rows = (index * PIECE, min((index + 1) * PIECE, channel.samples))
+                start_s, stop_s = (channel.start_s + row / channel.rate_hz for row in rows)
+                self._held[index] = self._log().read(channel.name, start_s, stop_s)
+            self._held.move_to_end(index)
+            while len(self._held) > KEPT:
+                self._held.popitem(last=False)
+            return self._held[index]
 
 
 def packed(blocks: Array) -> bytes:
     """Return blocks as single precision about an offset, which keeps the digits of what changes little about much."""
     offset, most = 0.0, float(np.finfo(np.float32).max)
     finite = blocks[np.isfinite(blocks)]
-    if finite.size and not np.array_equal(np.clip(finite, -most, most).astype(np.float32).astype(np.float64), finite):
+    if finite.size and not np.array_equal(
+        np.clip(finite, -most, most).astype(np.float32).astype(np.float64), finite
+    ):
         offset = 0.5 * float(finite.min()) + 0.5 * float(finite.max())
     # What single precision can't hold is as high as it can; an infinite sample is a missing one, as in the levels above.
     single = np.where(np.isfinite(blocks), np.clip(blocks - offset, -most, most), np.nan)

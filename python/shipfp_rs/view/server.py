@@ -22,7 +22,11 @@ from shipfp_rs.view.desk import Desk
 HOST = "127.0.0.1"
 LARGEST_BODY = 1 << 20
 IDLE_S = 60.0
-TYPES = {"html": "text/html; charset=utf-8", "js": "text/javascript; charset=utf-8", "css": "text/css; charset=utf-8"}
+TYPES = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -104,7 +108,12 @@ class _Handler(BaseHTTPRequestHandler):
         except Refused as refusal:
             # What was sent along is not read: the connection can't go on.
             self.close_connection = True
-            status, kind, body, policy = refusal.status, "text/plain; charset=utf-8", str(refusal).encode(), POLICY
+            status, kind, body, policy = (
+                refusal.status,
+                "text/plain; charset=utf-8",
+                str(refusal).encode(),
+                POLICY,
+            )
         except (InputError, ShipfpError, OSError) as error:
             told = {"error": " ".join(str(error).split()) or type(error).__name__}
             status, kind, body, policy = HTTPStatus.BAD_REQUEST, "application/json", _json(told), POLICY
@@ -208,7 +217,9 @@ def _finite(content: Any) -> Any:
 
 def _pages() -> dict[str, bytes]:
     folder = resources.files("shipfp_rs.view").joinpath("pages")
-    return {file.name: file.read_bytes() for file in folder.iterdir() if file.name.rpartition(".")[2] in TYPES}
+    return {
+        file.name: file.read_bytes() for file in folder.iterdir() if file.name.rpartition(".")[2] in TYPES
+    }
 
 
 PAGES = _pages()

@@ -73,18 +73,18 @@ impl Extremes {
     }
 
     /// Samples from the beginning of a block on.
-    fn whole<T: Sample>(&mut self, samples: &[T], found: &mut Vec<Pair>) {
-        let blocks = samples.chunks_exact(self.block);
-        let rest = blocks.remainder();
-        for block in blocks {
-            if let Some(pair) = of_finite(block) {
-                found.push(pair);
-                self.seen += block.len() as u64;
-            } else {
-                self.take(block, found);
+    fn whole<T: Sample>(&mut self, mut samples: &[T], found: &mut Vec<Pair>) {
+        loop {
+            let taken = self.block * finite_blocks(samples, self.block, found);
+            self.seen += taken as u64;
+            let rest = &samples[taken..];
+            let (odd, after) = rest.split_at(self.block.min(rest.len()));
+            self.take(odd, found);
+            if after.is_empty() {
+                break;
             }
+            samples = after;
         }
-        self.take(rest, found);
     }
 
     /// One sample after the other, each looked at for a gap.
@@ -106,34 +106,38 @@ impl Extremes {
     }
 }
 
-/// Extremes of a block whose samples are all finite; None where one is not.
-fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
-    let &first = block.first()?;
-    let (low, high) = bounds(block, first);
-    let (low, high): (f64, f64) = (low.into(), high.into());
-    // A NaN is lost in comparisons but not in these sums, an infinity shows in the bounds.
-    (low.is_finite() && high.is_finite() && !any_missing(block)).then_some([low, high])
+/// Extremes of whole blocks up to the first one with a sample that is not finite, and how many these are.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn finite_blocks<T: Sample>(samples: &[T], block: usize, found: &mut Vec<Pair>) -> usize {
+    let before = found.len();
+    for block in samples.chunks_exact(block) {
+        let Some(pair) = of_finite(block) else { break };
+        found.push(pair);
+    }
+    found.len() - before
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn bounds<T: Sample>(block: &[T], first: T) -> (T, T) {
-    let (mut low, mut high) = ([first; LANES], [first; LANES]);
+/// Extremes of a block whose samples are all finite; None where one is not.
+#[inline(always)]
+fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
+    let &first = block.first()?;
+    let (mut low, mut high, mut missing) = ([first; LANES], [first; LANES], [false; LANES]);
     let (lanes, rest) = block.as_chunks::<LANES>();
     for lane in lanes {
         for k in 0..LANES {
             low[k] = if lane[k] < low[k] { lane[k] } else { low[k] };
             high[k] = if lane[k] > high[k] { lane[k] } else { high[k] };
+            missing[k] |= lane[k].is_gap();
         }
     }
     let ends = low.iter().chain(&high).chain(rest);
-    ends.fold((first, first), |(low, high), &x| {
+    let (low, high) = ends.fold((first, first), |(low, high), &x| {
         (if x < low { x } else { low }, if x > high { x } else { high })
-    })
-}
-
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn any_missing<T: Sample>(block: &[T]) -> bool {
-    block.iter().fold(false, |any, x| any | x.is_gap())
+    });
+    let missing = missing.iter().fold(rest.iter().any(|x| x.is_gap()), |any, &lane| any | lane);
+    let (low, high): (f64, f64) = (low.into(), high.into());
+    // A NaN is lost in comparisons, an infinity shows in the bounds.
+    (!missing && low.is_finite() && high.is_finite()).then_some([low, high])
 }
 
 /// Extremes of every `factor` pairs, the last of what is left.

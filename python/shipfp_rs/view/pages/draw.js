@@ -115,7 +115,7 @@ export class Row {
 
   grid(context, view, y, wide, tall) {
     const { colours } = view, [least, most] = this.range;
-    const step = nice((most - least) / Math.max(Math.floor(tall / 36), 1));
+    const step = nice((most - least) / Math.max(Math.floor(tall / 26), 1));
     context.font = "11px system-ui, sans-serif";
     context.textAlign = "right";
     context.textBaseline = "middle";

@@ -130,7 +130,7 @@ const start = async () => {
   });
   window.shipfp = { view, draft, faults }; // for the tests and the benchmark
   await view.whenSettled();
-  say(`${facts.series.length} channels, ${clock(view.last - view.first, 1)} h:mm:ss, ${facts.series.reduce((sum, one) => sum + one.samples, 0).toLocaleString("en")} samples`);
+  say(`${facts.series.length} channels, ${clock(view.last - view.first, 1)} long, ${facts.series.reduce((sum, one) => sum + one.samples, 0).toLocaleString("en")} samples`);
   document.body.dataset.ready = "true";
   await draft.load();
   faults.load();

@@ -26,7 +26,7 @@ export class View extends EventTarget {
     this.hair = this.overlay("hair");
     this.pin = this.overlay("hair pinned");
     this.rubber = this.overlay("rubber");
-    new ResizeObserver(() => this.later()).observe(this.stage);
+    new ResizeObserver(() => this.arrange()).observe(this.stage);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this.colours = null; this.later(); });
     this.stage.addEventListener("scroll", () => this.later());
     this.listen();
@@ -72,6 +72,11 @@ export class View extends EventTarget {
   }
 
   arrange() {
+    const shown = this.rows.filter((row) => !row.hidden && this.layers[row.layer]).length || 1;
+    // Few rows share the height there is, many scroll.
+    const room = (this.stage.clientHeight - this.axis.clientHeight) / shown - 24;
+    const high = Math.round(Math.min(Math.max(room, innerWidth > 800 ? 84 : 72), 260));
+    this.rowBox.style.setProperty("--high", `${high}px`);
     for (const row of this.rows) {
       row.element.hidden = row.hidden || !this.layers[row.layer];
       row.unit.textContent = row.calibration && this.layers.calibrated ? row.calibration.unit : row.recorded;

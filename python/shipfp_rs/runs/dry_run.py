@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.experiment import Experiment
-from shipfp_rs.log import Log
-from shipfp_rs.pipeline import structure_of
-from shipfp_rs.processing import process
-from shipfp_rs.structure import Structure
-from shipfp_rs.trial import Trial
-from shipfp_rs.vessel import Vessel
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.runs.fit import structure_of
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.vessel.vessel import Vessel
 
 Notify = Callable[[str], None]
 
@@ -160,7 +160,9 @@ def _parameter(structure: Structure, index: int) -> dict[str, Any]:
 def _missing(trial: Trial, structure: Structure, experiments: Sequence[Experiment]) -> list[str]:
     lines, channels = [], trial.channels
     if channels.torque is None:
-        lines.append("no torque channel: the speed alone is fitted, and tau_n, g and the gains are known as ratios only")
+        lines.append(
+            "no torque channel: the speed alone is fitted, and tau_n, g and the gains are known as ratios only"
+        )
         if trial.identify.torque is not None:
             lines.append(f'identify.torque = "{trial.identify.torque}" says nothing without a torque channel')
     if len(channels.tachos) == 1:
@@ -168,14 +170,23 @@ def _missing(trial: Trial, structure: Structure, experiments: Sequence[Experimen
     if channels.rack is None:
         lines.append("no fuel rack: v and the governor's gains are known as products only")
     known = {*trial.identify.fixed, *trial.identify.priors}
-    if trial.structure is None and channels.torque is not None and channels.torque.location == "gauge" and "tau_n" not in known:
-        lines.append("a gauge between the inertias and no tau_n known beforehand: the whole of tau_n stays unknown")
+    if (
+        trial.structure is None
+        and channels.torque is not None
+        and channels.torque.location == "gauge"
+        and "tau_n" not in known
+    ):
+        lines.append(
+            "a gauge between the inertias and no tau_n known beforehand: the whole of tau_n stays unknown"
+        )
     for experiment in experiments:
         for name, values in experiment.signals.items():
             usable = float(np.isfinite(values).mean())
             if usable < LITTLE:
                 lines.append(f"{experiment.name}: {usable:.0%} of {name} is usable")
-    spread = [float(np.nanstd(one.signals["n_set"]) / abs(np.nanmean(one.signals["n_set"]))) for one in experiments]
+    spread = [
+        float(np.nanstd(one.signals["n_set"]) / abs(np.nanmean(one.signals["n_set"]))) for one in experiments
+    ]
     if max(spread) < 1e-4:
         lines.append("the set point moves in no window: there is nothing to identify")
     return lines
