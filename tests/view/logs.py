@@ -1,4 +1,4 @@
-"""A small trial of the tug as a logger of engine speed and torque would have written it: a CSV whose units need no calibration."""
+"""A small trial of the tug as a logger of speed and torque would have written it: a CSV that needs no calibration."""
 
 from pathlib import Path
 
@@ -11,14 +11,14 @@ from shipfp_rs.vessel.vessel import Vessel
 
 RATE_HZ = 500.0
 STEADY_S = 40.0
-CHIRP_S = 80.0
+CHIRP_S = 50.0
 COLUMNS = ("n_set", "shaft torque", "PTM_e")
 
 
 def write_csv(path: Path, seed: int = 0) -> Path:
     """Set point [rpm], torque [Nm] and one pulse a turn of the engine [V], with relay jumps and radio spikes."""
     sensors = Sensors(rate_hz=RATE_HZ)
-    chirp = signals.chirp(0.03, 1.5, CHIRP_S, 40.0, rate_hz=RATE_HZ, name="chirp")
+    chirp = signals.chirp(0.04, 1.5, CHIRP_S, 40.0, rate_hz=RATE_HZ, name="chirp")
     log, _ = simulate_raw_log(
         Vessel.load("stan-tug-1205"), chirp, sensors=sensors, faults=("C", "D1"), steady_s=STEADY_S, seed=seed
     )

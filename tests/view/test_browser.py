@@ -17,7 +17,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from tests.view.logs import CHIRP_S, STEADY_S, write_csv
 from tests.view.serving import served
-from tests.view.test_jobs import TRIAL, begin_server
+from tests.view.test_jobs import TRIAL, begun_server
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-ge
 
 HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
 DESKTOP, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
-SLOW_MS = 120_000
+SLOW_MS = 30_000
 TOP, BOTTOM = 6, 6
 """Of a row's canvas, as `draw.js` has them."""
 
@@ -102,12 +102,8 @@ def test_every_spike_is_on_the_screen_at_every_zoom(browser, spiky):
             start = 0.0 if wide == 1000.0 else places[places.size // 2] / 1000.0 - 0.4 * wide
             visit.show(start, start + wide)
             picture = imread(BytesIO(page.screenshot()))[..., :3]
-            colour = np.array(
-                [
-                    int(part, 16) / 255
-                    for part in re.findall("..", page.evaluate("shipfp.view.palette().raw")[1:])
-                ]
-            )
+            raw = page.evaluate("shipfp.view.palette().raw")
+            colour = np.array([int(part, 16) / 255 for part in re.findall("..", raw[1:])])
             drawn = np.abs(picture - colour).sum(axis=2) < 0.35
             box = page.locator(".row canvas").first.bounding_box()
             low, high = page.evaluate("shipfp.view.rows[0].range")
@@ -200,7 +196,7 @@ def test_names_are_text_and_nothing_else(visits):
     assert "<img src=x onerror=alert(1)>" in page.locator(".row .name").nth(1).inner_text()
     other = visits()
     other.page.get_by_role("tab", name="Results").click()
-    other.page.get_by_text(HOSTILE).first.wait_for()
+    other.page.locator("#results").get_by_text(HOSTILE).first.wait_for()
     for one in (page, other.page):
         assert one.locator("img").count() == 0
         assert one.evaluate("window.broken") is None
@@ -208,10 +204,7 @@ def test_names_are_text_and_nothing_else(visits):
     frame = other.page.frame_locator("iframe")
     assert frame.locator("p").inner_text() == "a report"
     assert other.page.evaluate("window.broken") is None  # the report's script runs apart
-    assert any(
-        "refused" in text.lower() or "blocked" in text.lower() or "security" in text.lower()
-        for text in other.complaints
-    )
+    assert any(re.search("refused|blocked|security", text, re.IGNORECASE) for text in other.complaints)
 
 
 def test_it_obeys_keys_wheel_and_drag(visits):
@@ -292,9 +285,8 @@ def test_two_points_calibrate_at_once(visits):
 def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, tmp_path):
     """Three menus, one drag, run, report; and the file that was written says the same on the command line."""
     write_csv(tmp_path / "my.csv")
-    process, address = begin_server(tmp_path / "my.csv")
-    try:
-        visit = Visit(browser, address)
+    with begun_server(tmp_path / "my.csv") as (_, origin, token):
+        visit = Visit(browser, f"{origin}/{token}/look.html?doc=0")
         page = visit.page
         page.get_by_label("role of n_set").select_option("set_point")
         page.get_by_label("role of shaft torque").select_option("torque")
@@ -303,10 +295,10 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
         page.get_by_label("end of steady").wait_for()  # found in the set point
         page.get_by_role("button", name="mark a window").click()
         visit.drag(STEADY_S, STEADY_S + CHIRP_S)
-        page.get_by_text(re.compile(r"found in it: chirp 0\.0\d+ to 1\.\d+ Hz")).wait_for()
+        page.get_by_text(re.compile(r"found in it: chirp [\d.]+ to 1\.\d+ Hz")).wait_for()
         page.get_by_text("Complete; not saved yet.").wait_for()
         page.get_by_role("button", name="run").click()
-        page.wait_for_selector(".job[data-state]")
+        page.wait_for_selector(".job[data-state]", timeout=300_000)
         assert page.locator(".job").get_attribute("data-state") == "done", page.locator(".job").inner_text()
         page.get_by_role("button", name="open the report beside").click()
         report = page.frame_locator("iframe")
@@ -317,9 +309,6 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
             page.wait_for_timeout(500)
             page.screenshot(path=Path(folder) / "view-newcomer.png")
         page.close()
-    finally:
-        process.terminate()
-        process.wait(20)
     assert {"TRIAL.toml", "shipfp-run"} <= {path.name for path in tmp_path.iterdir()}
     command = [
         sys.executable,

@@ -57,7 +57,7 @@ def test_windows_and_the_steady_stretch_are_found(folder):
 def test_a_stretch_tells_what_it_holds(folder):
     main_window = Document(folder / "log.parquet").within("U_setpoint", 40.0, 175.0)["main"]
     assert main_window["kind"] == "chirp"
-    assert main_window["frequency_hz"][0] < 0.1
+    assert main_window["frequency_hz"][0] < 0.2
     assert main_window["frequency_hz"][1] == pytest.approx(1.5, rel=0.15)
 
 
@@ -101,11 +101,10 @@ def test_a_sine_shows_with_its_amplitude_in_the_spectrum(tmp_path):
     assert [round(peak["frequency_hz"], 1) for peak in found["peaks"]] == [12.5]
 
 
-def test_a_channel_without_samples_is_told_and_not_drawn(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("time [s],full,empty\n" + "".join(f"{k / 100},{k % 5},\n" for k in range(5000)))
-    facts = Document(path).facts()
-    while facts["state"] == "working":
-        facts = Document(path).facts()
-    assert facts["state"] == "done"
-    assert [one["gap_count"] for one in facts["series"]] == [0, 1]
+def test_a_channel_without_a_number_is_one_gap(tmp_path):
+    channels = {"full": np.arange(5000.0) % 5, "empty": np.full(5000, np.nan)}
+    Log.from_arrays(channels, rate_hz=100.0).write(tmp_path / "log.parquet")
+    document = Document(tmp_path / "log.parquet")
+    document.raw.wait()
+    full, empty = document.facts()["series"]
+    assert (full["gaps"], empty["gaps"]) == ([], [[0.0, 50.0]])

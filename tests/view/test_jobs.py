@@ -1,5 +1,6 @@
 """Checks and runs that a page begins: what they tell, and what is left when they are stopped or their server is killed."""
 
+import contextlib
 import json
 import os
 import signal
@@ -7,11 +8,16 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
+from shipfp_rs.view.pyramid import stored
 from tests.view.logs import write_csv
 from tests.view.serving import served
 
@@ -23,7 +29,7 @@ TRIAL = {
         {"column": "PTM_e", "role": "train"},
     ],
     "steady_s": [2.0, 38.0],
-    "windows": [{"name": "C1", "kind": "chirp", "start_s": 40.0, "stop_s": 120.0}],
+    "windows": [{"name": "C1", "kind": "chirp", "start_s": 40.0, "stop_s": 90.0}],
 }
 
 
@@ -86,47 +92,47 @@ def test_two_jobs_at_once_are_all_there_are(folder):
             caller.post("stop", {"id": job["id"]})
 
 
-def begin_server(folder: Path, *arguments: str) -> tuple[subprocess.Popen, str]:
-    """`shipfp view` as a user begins it, and the address that it prints."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "shipfp_rs.cli", "view", str(folder), "--no-browser", *arguments],
+@contextlib.contextmanager
+def begun_server(path: Path) -> Iterator[tuple[subprocess.Popen, str, str]]:
+    """`shipfp view` as a user begins it, its origin and its secret; killed in the end."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "shipfp_rs.cli", "view", str(path), "--no-browser"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    words = process.stdout.readline().split()
-    return process, next(word for word in words if word.startswith("http"))
+    ) as process:  # fmt: skip
+        address = next(word for word in process.stdout.readline().split() if word.startswith("http"))
+        try:
+            yield process, *address.rsplit("/", 2)[:2]
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_after_ctrl_c_nothing_listens(folder, number):
-    process, address = begin_server(folder)
-    port = int(address.split(":")[2].split("/")[0])
-    socket.create_connection(("127.0.0.1", port), 5).close()
-    process.send_signal(number)
-    assert process.wait(20) == 0
-    assert process.stderr.read() == ""
+    with begun_server(folder) as (process, origin, _):
+        port = int(origin.split(":")[2])
+        socket.create_connection(("127.0.0.1", port), 5).close()
+        process.send_signal(number)
+        assert process.wait(20) == 0
+        assert process.stderr.read() == ""
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), 5)
 
 
 def test_a_killed_server_leaves_no_half_file_and_no_process(folder):
     """Killed in the middle of a run: the child sees that nobody wants it any more."""
-    process, address = begin_server(folder)
-    base, token, _ = address.rsplit("/", 2)
-    import urllib.request
-
-    request = urllib.request.Request(
-        f"{base}/{token}/api/job",
-        json.dumps({"kind": "run", "file": "TRIAL.toml"}).encode(),
-        {"Origin": base, "Content-Type": "application/json"},
-    )
-    with urllib.request.urlopen(request) as answer:
-        assert json.load(answer)["state"] == "working"
-    end = time.monotonic() + 60
-    while not any(folder.glob(".shipfp-run.*")):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    with begun_server(folder) as (process, origin, token):
+        request = urllib.request.Request(
+            f"{origin}/{token}/api/job",
+            json.dumps({"kind": "run", "file": "TRIAL.toml"}).encode(),
+            {"Origin": origin, "Content-Type": "application/json"},
+        )
+        with urllib.request.urlopen(request) as answer:
+            assert json.load(answer)["state"] == "working"
+        end = time.monotonic() + 60
+        while not any(folder.glob(".shipfp-run.*")):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        os.kill(process.pid, signal.SIGKILL)
     end = time.monotonic() + 30
     while any(folder.glob(".*")):
         assert time.monotonic() < end, [path.name for path in folder.iterdir()]
@@ -134,26 +140,14 @@ def test_a_killed_server_leaves_no_half_file_and_no_process(folder):
     assert sorted(path.name for path in folder.iterdir()) == ["TRIAL.toml", "my.csv"]
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("wait_s", [0.0, 0.1, 0.3])
 def test_killed_while_it_reads_a_log_it_leaves_no_half_overview(tmp_path, wait_s):
-    import numpy as np
-
-    from shipfp_rs.logs.log import Log
-
-    Log.from_arrays({f"c{k}": np.zeros(2_000_000, np.float32) for k in range(4)}, rate_hz=1e3).write(
-        tmp_path / "l.parquet"
-    )
-    process, address = begin_server(tmp_path / "l.parquet")
-    base, token, _ = address.rsplit("/", 2)
-    import urllib.request
-
-    urllib.request.urlopen(f"{base}/{token}/api/document?doc=0").close()
-    time.sleep(wait_s)
-    process.kill()
-    process.wait()
+    channels = {f"c{k}": np.zeros(2_000_000, np.float32) for k in range(4)}
+    Log.from_arrays(channels, rate_hz=1e3).write(tmp_path / "l.parquet")
+    with begun_server(tmp_path / "l.parquet") as (process, origin, token):
+        urllib.request.urlopen(f"{origin}/{token}/api/document?doc=0").close()
+        time.sleep(wait_s)
+        process.kill()
     left = {path.name for path in tmp_path.iterdir()} - {"l.parquet"}
     assert left <= {"l.parquet.shipfp-pyramid"}
-    if left:
-        from shipfp_rs.view.pyramid import stored
-
-        assert stored(tmp_path / "l.parquet") is not None
+    assert not left or stored(tmp_path / "l.parquet") is not None

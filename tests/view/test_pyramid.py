@@ -48,7 +48,7 @@ def series_of(path: Path) -> list[Series]:
 def test_every_spike_of_a_thousand_is_in_its_tile_at_every_zoom(tmp_path, kind):
     path, samples, places = write_log(tmp_path, kind)
     torque = series_of(path)[0]
-    assert torque.depth == FINER + 5
+    assert torque.depth == FINER + 4
     for level in range(torque.depth):
         block = 4**level
         wanted = np.unique(places // block // TILE)

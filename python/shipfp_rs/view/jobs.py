@@ -142,6 +142,7 @@ class Jobs:
                 job.done = message.get("done", job.done)
                 if "warning" in message and len(job.warnings) < KEPT_LINES:
                     job.warnings.append(message["warning"])
+        stream.close()
         job.process.wait()
         job.ended = time.monotonic()
         if job.done is not None:

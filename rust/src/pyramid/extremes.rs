@@ -130,11 +130,20 @@ fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
             missing[k] |= lane[k].is_gap();
         }
     }
-    let ends = low.iter().chain(&high).chain(rest);
-    let (low, high) = ends.fold((first, first), |(low, high), &x| {
+    // Half of the lanes with the other half, in vectors again: one after the other they would take as long as the block.
+    let mut half = LANES;
+    while half > 1 {
+        half /= 2;
+        for k in 0..half {
+            low[k] = if low[k + half] < low[k] { low[k + half] } else { low[k] };
+            high[k] = if high[k + half] > high[k] { high[k + half] } else { high[k] };
+            missing[k] |= missing[k + half];
+        }
+    }
+    let (low, high) = rest.iter().fold((low[0], high[0]), |(low, high), &x| {
         (if x < low { x } else { low }, if x > high { x } else { high })
     });
-    let missing = missing.iter().fold(rest.iter().any(|x| x.is_gap()), |any, &lane| any | lane);
+    let missing = missing[0] || rest.iter().any(|x| x.is_gap());
     let (low, high): (f64, f64) = (low.into(), high.into());
     // A NaN is lost in comparisons, an infinity shows in the bounds.
     (!missing && low.is_finite() && high.is_finite()).then_some([low, high])
