@@ -338,12 +338,6 @@ def suffixes() -> tuple[str, ...]:
     return tuple(dict.fromkeys([*_MODULES, *_READERS]))
 
 
-def _load(suffix: str) -> None:
-    """Import the module of a format, which registers its reader and its writer."""
-    if suffix in _MODULES:
-        importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
-
-
 def _require_known(path: Path) -> None:
     """Refuse a suffix that no reader has."""
     suffix = path.suffix.lower()
