@@ -11,6 +11,7 @@ pub mod linear;
 pub mod plant;
 pub mod pool;
 pub mod pulse;
+pub mod pyramid;
 pub mod repeats;
 pub mod scalar;
 pub mod sensitivity;

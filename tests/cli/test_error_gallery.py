@@ -97,7 +97,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         trial('log = "run.parquet"', 'log = "run.prquet"'),
-        "run.prquet: unknown log format '.prquet', expected one of .parquet, .pq, .feather, .arrow, .arrows, .csv, .txt, .asc, .raw, .dat, .tdms, .d7d, .dxd, .mf4, .mdf, .h5, .hdf5, .mat; did you mean '.parquet'?",
+        "run.prquet: unknown log format '.prquet', expected one of .parquet, .pq, .feather, .arrow, .arrows, .csv, .txt, .tsv, .tab, .prn, .lvm, .log, .asc, .raw, .dat, .tdms, .d7d, .dxd, .mf4, .mdf, .h5, .hdf5, .mat, .blf, .trc, .json, .jsonl, .xml; did you mean '.parquet'?",
     ),
     (
         trial("[trial]", "[trial"),
@@ -133,7 +133,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({"log.csv": "torque\n1\n2\n3\n"}, ["convert", "log.csv", "out.parquet"]),
-        "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz (--rate)",
+        "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz (--rate), or name the column of time (--time)",
     ),
     (
         ({"TRIAL.toml": template("TRIAL")}, ["inspect", "TRIAL.toml"]),

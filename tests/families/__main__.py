@@ -22,6 +22,7 @@ from pathlib import Path
 
 from tests.families.draw import FAMILIES
 from tests.families.score import is_known, score, summary, table
+from tests.families.wrong import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -71,18 +72,22 @@ def answered(family, seed, options) -> dict:
         command += ["--structure", options.structure, "--load", options.load]
         command += ["--no-matters"] if options.no_matters else []
         command += ["--longest", str(options.longest)] if options.longest else []
+        problem = ""
         try:
             done = subprocess.run(
                 command, cwd=ROOT, capture_output=True, text=True, timeout=options.limit, check=False
             )
-            problem = f"process ended with {done.returncode}: {done.stderr[-400:]}"
+            if done.returncode:
+                problem = f"process ended with {done.returncode}: {done.stderr[-400:]}"
         except subprocess.TimeoutExpired:
             problem = f"no end within {options.limit:g} s"
+        result = {"family": family, "seed": seed, "mode": options.mode, "answer": None, "error": None}
+        if family == "wrong":
+            result |= {"kind": KINDS[seed % len(KINDS)], "harm": []}
         if file.is_file():
             result = json.loads(file.read_text(encoding="utf-8"))
-        else:
-            error = {"type": "process", "text": problem, "refused": False}
-            result = {"family": family, "seed": seed, "mode": options.mode, "answer": None, "error": error}
+        if problem:
+            result["error"] = {"type": "process", "text": problem, "refused": False}
     if family != "wrong" and result["answer"]:
         result["score"] = score(result["answer"], result["truth"], result["matters"])
     told = result["error"]["type"] if result["error"] else f"{result.get('seconds', 0.0):.1f} s"
@@ -120,8 +125,8 @@ def named(result) -> list[str]:
 def wrong_table(results) -> str:
     """Return a line a kind of wrong data: refused, answered with nothing known, answered with something known."""
     lines = [f"{'wrong data':38}{'refused':>9}{'nothing known':>15}{'KNOWN':>7}{'failed':>8}"]
-    for kind in dict.fromkeys(one.get("kind", "(no process)") for one in results):
-        mine = [one for one in results if one.get("kind", "(no process)") == kind]
+    for kind in dict.fromkeys(one["kind"] for one in results):
+        mine = [one for one in results if one["kind"] == kind]
         refused = sum(bool(one["error"] and one["error"]["refused"]) for one in mine)
         failed = sum(bool(one["error"] and not one["error"]["refused"]) for one in mine)
         known = sum(bool(one["answer"] and named(one)) for one in mine)

@@ -216,6 +216,8 @@ class _Run:
             rtol=RTOL,
             atol=ATOL,
             max_step=0.1,
+            # Saves the search for one; too long a first step is rejected.
+            first_step=min(0.02, stop - t),
         )
         if not found.success:
             raise RuntimeError(f"solve_ivp at {t} s: {found.message}")

@@ -43,8 +43,11 @@ def main() -> None:
         drawn = draw(options.family, options.seed, load=bool(options.load), longest_s=options.longest)
         result["truth"] = drawn.truth()
         result["matters"] = None if options.no_matters else judged(drawn)
+        # For the case that no answer comes: the truth is there.
+        options.out.write_text(json.dumps(result | {"answer": None, "error": None}), encoding="utf-8")
         if options.mode == "raw":
             result |= run(drawn, options.load)
+            result["truth"]["parameters"]["T_M"] = result["sensors"]["T_M"]
         else:
             experiment = drawn.experiment()
             for part in ("signals", "operating_point"):
@@ -76,9 +79,9 @@ def identified(experiment, truth) -> dict:
 
 
 def true_structure(fp, truth):
-    """Return a structure with the elements that are on; what today's linear structure cannot hold (M_max) is left out."""
+    """Return a structure with the elements that are on; without what the linear structure cannot hold: M_max, and a
+    twist where the torque is the engine's."""
     on = truth["on"]
-    exact = {}
     return fp.Structure.linear(
         torque=truth["place"],
         products=True,
@@ -87,9 +90,8 @@ def true_structure(fp, truth):
         dead_time_set_point="T_set" in on,
         actuator_lag="tau_act" in on,
         sampling="T_s" in on,
-        twist="tau_twist" in on,
+        twist="tau_twist" in on and truth["place"] == "gauge",
         curvature=True,
-        **exact,
     )
 
 

@@ -45,6 +45,8 @@ NAMES = {
 }
 """Other names that a fingerprint may give its elements."""
 DELAYS = ("T_d", "T_s", "tau_act")
+_UNSCORED = ("T_0", "k_L")
+"""The first sample's instant counts from a window's begin, which the fit chooses; the load's factor is a unit."""
 _OFF = ("absent", "fixed", None)
 
 
@@ -62,7 +64,11 @@ def score(
     verdicts
         As `matters.judged` returns them; None: every element that is on is taken to matter.
     """
-    true = {name: value for name, value in truth["parameters"].items() if value is not None}
+    true = {
+        name: value
+        for name, value in truth["parameters"].items()
+        if value is not None and name not in _UNSCORED
+    }
     told = as_told(answer, true)
     rows = {}
     for name, estimate in answer.get("parameters", {}).items():

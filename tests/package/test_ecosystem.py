@@ -9,12 +9,14 @@ import os
 import pickle
 import subprocess
 import sys
+from functools import partial
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 import shipfp_rs as fp
+from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 
@@ -184,10 +186,10 @@ class TestNotebooks:
         from matplotlib.axes import Axes
 
         monkeypatch.setattr(pyplot, "show", lambda *_: pytest.fail("show was called"))
-        for thing, panels in ((chirp, 2), (response, 2)):
-            axes = thing.plot()
+        for draw, panels in ((partial(plot.time_series, chirp), 2), (partial(plot.bode, response), 2)):
+            axes = draw()
             assert [isinstance(ax, Axes) for ax in axes] == [True] * panels
-            assert list(thing.plot(ax=axes)) == list(axes)  # drawn into those given
+            assert list(draw(axes=axes)) == list(axes)  # drawn into those given
             pyplot.close(axes[0].figure)
 
 

@@ -117,7 +117,7 @@ def test_a_trial_of_two_loggers_gives_the_experiment_of_one(tmp_path: Path) -> N
     chirp = signals.chirp(0.1, 2.0, 40.0, 76.0, rate_hz=500.0)
     whole, truth = simulate_raw_log(tug, chirp, faults=(), steady_s=30.0, pause_s=10.0, seed=3)
     text = trial_toml("stan-tug-1205", "a.parquet", Sensors(), truth)
-    text = re.sub(r"steady_s = .*", "steady_s = [5.0, 30.0]", text)
+    text = re.sub(r"steady_s = \[.*?\]", "steady_s = [5.0, 30.0]", text, flags=re.DOTALL)
     (tmp_path / "TRIAL.toml").write_text(text)
     (one,) = process(whole, Trial.load(tmp_path / "TRIAL.toml"))
 

@@ -33,6 +33,9 @@ class Channel:
         Number of samples.
     start_s
         Time of the first sample on the log's clock [s].
+    resolution
+        Step in which values are told, in the unit: a bit of a bus; 0 where it is not known. Its square over twelve is
+        the variance of the rounding.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Channel:
     rate_hz: float
     samples: int
     start_s: float = 0.0
+    resolution: float = 0.0
 
     @property
     def stop_s(self) -> float:

@@ -28,6 +28,7 @@ from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
 from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
+from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_tables import Rack, SetPoint, Tacho, Torque, Window
 from shipfp_rs.support.arrays import Array
@@ -144,7 +145,8 @@ class _Recording:
         # In the order of time, in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
         self._base = self._rows(channels.set_point)
-        sensors = (channels.set_point, *channels.levels.values(), *channels.tachos.values())
+        recorded = [tacho for tacho in channels.tachos.values() if tacho.kind != "edges"]
+        sensors = (channels.set_point, *channels.levels.values(), *recorded)
         self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
         self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
         self.grids = {label: self._grid(label) for label in self.stretches}
@@ -189,6 +191,10 @@ class _Recording:
             zip(channels.levels, found[1 : len(levels)], strict=True)
         )
         self.trains: list[PulseTrain] = found[len(levels) :]
+        by_name = {train.name: train for train in self.trains}
+        for name, tacho in channels.tachos.items():
+            if tacho.quadrature is not None:
+                require_one_direction(by_name[name], by_name[f"{name}, second"])
         speeds = side_by_side(
             [partial(self._engine_speed, grid) for grid in self.grids.values()], self._stopped
         )
@@ -205,7 +211,8 @@ class _Recording:
         return found
 
     def _train(self, name: str, tacho: Tacho) -> PulseTrain:
-        return PulseTrain(self._rows(tacho), name, tacho, self.vessel.gearbox.ratio, self.stretches)
+        rows = None if tacho.kind == "edges" else self._rows(tacho)
+        return source_of(rows, name, tacho, self.vessel.gearbox.ratio, self.stretches)
 
     def operating_point(self) -> dict[str, float]:
         """Values given, or means over the steady stretch."""
@@ -291,7 +298,8 @@ class _Recording:
         channels = self.trial.channels
         sensors: list[tuple[SetPoint | Torque | Rack | Tacho, str]] = [(channels.set_point, "n_set")]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
-        sensors += [(tacho, "n_e" if name == train else "") for name, tacho in channels.tachos.items()]
+        tachos = {name: tacho for name, tacho in channels.tachos.items() if tacho.kind != "edges"}
+        sensors += [(tacho, "n_e" if name == train else "") for name, tacho in tachos.items()]
         told = {}
         for sensor, signal in sensors:
             rows = self._rows(sensor)
@@ -310,6 +318,8 @@ class _Recording:
         """Mask the signals that a channel tells of where it was repaired."""
         grid = self.grids[label]
         for channel, names in told_by.items():
+            if channel not in self._channels:
+                continue  # a list of edges has no samples
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz

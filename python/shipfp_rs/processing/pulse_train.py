@@ -17,6 +17,7 @@ from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,
     PulseTimes,
+    ReflectorAngles,
     pulse_times,
     reflector_angles,
     speed_from_pulses,
@@ -60,8 +61,16 @@ class PulseTrain:
         self.rpm_per_rps = 60.0 * (gear_ratio if tacho.shaft == "propeller" else 1.0)
         """Engine rpm per rev/s of the train's own shaft."""
         self.pulses = {label: self._pulses(rows, *stretch) for label, stretch in stretches.items()}
-        longest = self.pulses[max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])]
-        self.angles = reflector_angles(longest.times_s, tacho.pulses_per_rev, gaps=longest.gaps_s)
+        longest = max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])
+        self.angles = self._angles(self.pulses[longest])
+
+    def _angles(self, longest: PulseTimes) -> ReflectorAngles:
+        """Angles of the reflectors, from the pulses of the longest stretch."""
+        return reflector_angles(longest.times_s, self.tacho.pulses_per_rev, gaps=longest.gaps_s)
+
+    def _time_std_s(self, label: str) -> float:
+        """Standard deviation of a pulse's time in a stretch [s]."""
+        return self.pulses[label].time_std_s
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         """Pulses of a stretch and a margin on either side, on the log's clock."""
@@ -89,7 +98,7 @@ class PulseTrain:
             self.tacho.pulses_per_rev,
             gaps=pulses.gaps_s,
             angles=self.angles if self.angles.ok else None,
-            time_std_s=pulses.time_std_s,
+            time_std_s=self._time_std_s(label),
         )
 
     @staticmethod

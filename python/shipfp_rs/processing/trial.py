@@ -104,11 +104,23 @@ class Trial(Section):
         changes: dict[str, Any] = {"log": tuple(str(path.parent / log) for log in header.log)}
         if (path.parent / header.vessel).is_file():
             changes["vessel"] = str(path.parent / header.vessel)
-        return read.model_copy(update={"trial": header.model_copy(update=changes)})
+        if header.names is not None:
+            changes["names"] = str(path.parent / header.names)
+        extra = {
+            name: tacho.model_copy(update={"file": str(path.parent / tacho.file)}) if tacho.file else tacho
+            for name, tacho in (read.channels.__pydantic_extra__ or {}).items()
+        }
+        channels = read.channels.model_copy()
+        channels.__pydantic_extra__.update(extra)
+        return read.model_copy(update={"trial": header.model_copy(update=changes), "channels": channels})
 
     def logs(self) -> list[Log]:
         """Open the recordings, in order; one log where loggers are aligned."""
-        logs = [Log.open(path, rate_hz=self.trial.rate_hz) for path in self.trial.log]
+        header = self.trial
+        logs = [
+            Log.open(path, rate_hz=header.rate_hz, time=header.time_column, names=header.names)
+            for path in header.log
+        ]
         if self.align is None:
             return logs
         from shipfp_rs.processing.alignment import merged  # SciPy takes long to load

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.toml import Section, unexpected
+from shipfp_rs.support.units import TO_REV, TO_RPM, told
 
 Positive = Annotated[float, Field(gt=0.0)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -38,6 +39,10 @@ class Header(Section):
     """One path or several; relative ones count from the folder of TRIAL.toml."""
     rate_hz: Positive | None = None
     """Sample rate of logs that tell none [Hz]."""
+    time_column: str | None = None
+    """Column of time of a table, where it is not found by itself: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
+    names: str | None = None
+    """File that names the channels: a DBC for a CAN log, a channel list for ISO 19848."""
 
 
 class Align(Section):
@@ -113,23 +118,85 @@ class Rack(Section):
 
 
 class Tacho(Section):
-    """A pulse train."""
+    """A source of speed: a pulse train, a list of its edges, an encoder's angle, or a speed recorded as such.
 
-    column: str
-    pulses_per_rev: Annotated[int, Field(ge=1)]
-    shaft: Literal["engine", "propeller"]
+    The kind follows from the keys: `counts_per_rev`, or a unit of angle, make an encoder; a unit of speed makes a speed;
+    `file` makes a list of edges; anything else is a pulse train.
+    """
+
+    kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
+    column: str = ""
+    """Of the log; in a list of edges that of the times, the first one by default."""
+    pulses_per_rev: Annotated[int, Field(ge=1)] = 1
+    """Of a wheel with missing teeth as many as it would have: 60 for 60-2."""
+    missing: Annotated[int, Field(ge=0, le=4)] = 0
+    """Teeth that a wheel lacks side by side, for its mark: 2 for 60-2."""
+    quadrature: str | None = None
+    """Column of the second train of a pair that is a quarter of a pulse apart."""
+    shaft: Literal["engine", "propeller"] = "engine"
     threshold: float | None = None
     """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
     hysteresis: Positive | None = None
     """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
     delay_s: float = 0.0
     """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+    file: str | None = None
+    """A list of edges: a file with a column of times on the log's clock [s]."""
+    level: str | None = None
+    """Its column of levels: of such a list only edges up to a level above the middle count."""
+    time_std_s: Positive | None = None
+    """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
+    unit: str = ""
+    """Of an angle deg, rad, rev or counts; of a speed rpm, rad/s, rev/s or Hz: turns a second."""
+    counts_per_rev: Positive | None = None
+    calibration: Line | None = None
+    """Of an analogue speed or angle: what its volts make in `unit`."""
+    std: Positive | None = None
+    """Standard deviation of a sample, in `unit`; from the samples themselves where it isn't given."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kind_from_keys(cls, content: Any) -> Any:
+        if not isinstance(content, dict) or "kind" in content:
+            return content
+        unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
+        if "file" in content:
+            kind = "edges"
+        elif "counts_per_rev" in content or unit in TO_REV or unit == "counts":
+            kind = "angle"
+        elif unit in TO_RPM and "pulses_per_rev" not in content:
+            kind = "speed"
+        else:
+            return content
+        return {**content, "kind": kind}
+
+    @model_validator(mode="after")
+    def _has_what_its_kind_needs(self) -> Self:
+        given = self.model_fields_set
+        needs = {
+            "pulses": ("column", "pulses_per_rev", "shaft"),
+            "edges": ("file", "pulses_per_rev", "shaft"),
+            "angle": ("column", "unit", "shaft"),
+            "speed": ("column", "unit"),
+        }[self.kind]
+        lacking = [key for key in needs if key not in given]
+        if lacking:
+            raise unexpected(lacking[0], "nothing", f"{' and '.join(lacking)} to be given")
+        if self.kind == "angle" and told(self.unit) not in TO_REV and self.counts_per_rev is None:
+            raise unexpected("counts_per_rev", "nothing", f"it beside unit = {self.unit!r}")
+        if self.kind == "speed" and told(self.unit) not in TO_RPM:
+            raise unexpected("unit", repr(self.unit), f"one of {', '.join(TO_RPM)}")
+        if self.missing and self.pulses_per_rev < 4 * self.missing:
+            raise unexpected(
+                "missing", self.missing, f"less than a quarter of pulses_per_rev, {self.pulses_per_rev}"
+            )
+        return self
 
 
 class Channels(Section):
-    """Set point, torque, fuel rack, and any number of pulse trains under names of their own."""
+    """Set point, torque, actuator, load, and any number of sources of speed under names of their own."""
 
-    # pydantic checks the extra tables as pulse trains.
+    # pydantic checks the extra tables as sources of speed.
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Tacho]
 
@@ -141,7 +208,9 @@ class Channels(Section):
     def _has_a_pulse_train(self) -> Self:
         if not self.tachos:
             raise unexpected(
-                "PTM", "no pulse train", "at least one table like [channels.PTM_4] with pulses_per_rev"
+                "PTM",
+                "no pulse train",
+                "at least one table like [channels.PTM_4] with pulses_per_rev, or [channels.speed] with unit = 'rpm'",
             )
         return self
 
@@ -153,8 +222,15 @@ class Channels(Section):
 
     @property
     def tachos(self) -> dict[str, Tacho]:
-        """The pulse trains by name."""
-        return self.__pydantic_extra__
+        """The sources of speed by name; a pair of trains in quadrature is two."""
+        found: dict[str, Tacho] = {}
+        for name, tacho in self.__pydantic_extra__.items():
+            found[name] = tacho
+            if tacho.quadrature is not None:
+                found[f"{name}, second"] = tacho.model_copy(
+                    update={"column": tacho.quadrature, "quadrature": None}
+                )
+        return found
 
 
 class OperatingPoint(Section):

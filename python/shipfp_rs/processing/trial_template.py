@@ -6,6 +6,9 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import tomlkit
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
@@ -34,19 +37,19 @@ def set_point_of(log: Log) -> str:
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
     """Return the [[windows]] tables of a TRIAL.toml, rests left out; frequencies as comments."""
-    lines = []
+    tables = tomlkit.aot()
     for window in windows:
         if window.kind == "steady":
             continue
-        note = ""
+        kind = tomlkit.string(window.kind)
         if window.frequency_hz is not None:
             first, last = window.frequency_hz
-            note = f" # {first:.4g} Hz" if window.kind == "sine" else f" # {first:.4g} to {last:.4g} Hz"
-        lines.append(
-            f'[[windows]]\nname = "{window.name}"\nkind = "{window.kind}"{note}\n'
-            f"start_s = {window.start_s:.1f}\nstop_s = {window.stop_s:.1f}\n"
-        )
-    return "\n".join(lines)
+            kind.comment(f"{first:.4g} Hz" if window.kind == "sine" else f"{first:.4g} to {last:.4g} Hz")
+        start_s, stop_s = round(window.start_s, 1), round(window.stop_s, 1)
+        table = tomlkit.table()
+        table.update({"name": window.name, "kind": kind, "start_s": start_s, "stop_s": stop_s})
+        tables.append(table)
+    return tomlkit.dumps({"windows": tables}) if tables else ""
 
 
 def filled_in(
@@ -75,59 +78,46 @@ def filled_in(
     rate_hz
         Sample rate, where the log told none.
     """
-    tables = {_header(table): table for table in template.split("\n\n")}
-    tables["trial"] = _with(tables["trial"], "log", json.dumps(str(path)))
     if rate_hz is not None:
-        tables["trial"] = re.sub(
-            "^# rate_hz = .*", f"rate_hz = {rate_hz!r}", tables["trial"], flags=re.MULTILINE
-        )
+        template = re.sub("^# rate_hz = .*", f"rate_hz = {rate_hz!r}", template, flags=re.MULTILINE)
+    blocks = {_header(block): block for block in template.split("\n\n")}
     there = (f"{one.name}{f' [{one.unit}]' if one.unit else ''}" for one in log.channels.values())
-    about = f"# The log has {', '.join(there)}.\n"
-    tables["channels.set_point"] = about + _of(log.channel(set_point), tables["channels.set_point"], TO_RPM)
+    blocks["channels.set_point"] = f"# The log has {', '.join(there)}.\n" + blocks["channels.set_point"]
     torques = [
         name
         for name in log.channels
         if name != set_point and name not in trains and re.search(TORQUE, name, re.IGNORECASE)
     ]
-    if len(torques) == 1:
-        tables["channels.torque"] = _of(log.channel(torques[0]), tables["channels.torque"], TO_NM)
-    else:
-        tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
+    if len(torques) != 1:
+        blocks["channels.torque"] = re.sub("^", "# ", blocks["channels.torque"], flags=re.MULTILINE)
     if trains:
-        del tables["channels.PTM_e"]
-        tables["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
-    rest = longest_rest(windows)
-    if rest is not None:
-        stretch = f"[{rest.start_s:.1f}, {rest.stop_s:.1f}]"
-        tables["operating_point"] = _with(tables["operating_point"], "steady_s", stretch)
-    tables["windows"] = windows_toml(windows).rstrip() or tables["windows"]
-    return "\n\n".join(tables.values())
+        del blocks["channels.PTM_e"]
+        blocks["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
+    blocks["windows"] = windows_toml(windows).rstrip() or blocks["windows"]
+    filled: Any = tomlkit.parse("\n\n".join(blocks.values()))
+    filled["trial"]["log"] = str(path)
+    _fill(filled["channels"]["set_point"], log.channel(set_point), TO_RPM)
+    if len(torques) == 1:
+        _fill(filled["channels"]["torque"], log.channel(torques[0]), TO_NM)
+    if (rest := longest_rest(windows)) is not None:
+        filled["operating_point"]["steady_s"] = [round(rest.start_s, 1), round(rest.stop_s, 1)]
+    return tomlkit.dumps(filled)
 
 
-def _header(table: str) -> str:
-    found = re.search(r"^(?:# )?\[+([\w.]+)", table, re.MULTILINE)
+def _header(block: str) -> str:
+    found = re.search(r"^(?:# )?\[+([\w.]+)", block, re.MULTILINE)
     return found[1] if found else ""
 
 
-def _with(table: str, key: str, value: str) -> str:
-    """Return a table with another value of one key, the comment behind it where it was if there is room."""
-
-    def line(old: re.Match[str]) -> str:
-        new = f"{key} = {value}"
-        return new.ljust(max(len(old[0]), len(new) + 1)) if old[1] else new
-
-    return re.sub(
-        rf"^{key} = (?:\"[^\"]*\"|\[[^\]]*\]|\{{[^}}]*\}}|\S+)( *)", line, table, count=1, flags=re.MULTILINE
-    )
-
-
-def _of(channel: Channel, table: str, factors: Mapping[str, float]) -> str:
-    """Return a table for a channel; one of a known unit needs no calibration but that unit's factor."""
-    table = _with(table, "column", json.dumps(channel.name))
+def _fill(table: Any, channel: Channel, factors: Mapping[str, float]) -> None:
+    """Put a channel into its table; one of a known unit needs no calibration but that unit's factor."""
+    table["column"] = channel.name
     if channel.unit:
-        table = _with(table, "unit", json.dumps(channel.unit))
+        table["unit"] = channel.unit
     factor = factors.get(channel.unit.replace(" ", ""))
-    return table if factor is None else _with(table, "calibration", f"{{ scale = {factor} }}")
+    if factor is not None:
+        table["calibration"] = tomlkit.inline_table()
+        table["calibration"]["scale"] = factor
 
 
 def _train(name: str, pulses_hz: float) -> str:

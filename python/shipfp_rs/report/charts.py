@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.plot import style
 from shipfp_rs.report.fate import Fault, faults
+from shipfp_rs.report.markup import piece
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 
@@ -75,18 +74,13 @@ def _chart(experiment: Experiment, model: Mapping[str, Any], width: int) -> str:
             marks = [_mark(fault, experiment) for fault in _masked(experiment, unit)]
         panels += [_panel(style.QUANTITIES[unit], series, marks), *left]
     content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
-    # Within a script element only "<" could end it.
-    packed = json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     about = f"{experiment.name}: signals, model, and what the model leaves over, against time"
     detail = (
         "every sample is in the page"
         if width == 1
         else f"smallest and largest of every {width} samples ({1e3 * width / experiment.rate_hz:.3g} ms) are in the page"
     )
-    return (
-        f'<figure class="chart" data-about="{escape(about)}"><script type="application/json">{packed}</script>'
-        f'<figcaption>{escape(about)}; {escape(detail)}. <span class="help">{HELP}</span></figcaption></figure>'
-    )
+    return piece("chart", about, content, detail, HELP)
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:

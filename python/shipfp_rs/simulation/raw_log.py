@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
+import tomlkit
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
@@ -17,6 +18,7 @@ from shipfp_rs.simulation.inflow import Inflow, disturbed
 from shipfp_rs.simulation.sensors import Kind, Recorder, Sensors, TrueWindow, without_own_ripple
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -176,58 +178,34 @@ def _at_rate(moving: Experiment, rate_hz: float) -> dict[str, Array]:
     return {name: np.interp(at, np.arange(len(moving)), row) for name, row in rows.items()}
 
 
+def trial_tables(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth) -> dict[str, Any]:
+    """Return the tables of the TRIAL.toml that goes with a simulated log."""
+
+    def volts(column: str, line: Calibration) -> dict[str, Any]:
+        return {"column": column, "unit": "V", "calibration": {"scale": line.scale, "offset": line.offset}}
+
+    def train(column: str, pulses_per_rev: int, shaft: str) -> dict[str, Any]:
+        return {"column": column, "pulses_per_rev": pulses_per_rev, "shaft": shaft}
+
+    return {
+        "trial": {"name": "Simulated trial", "vessel": vessel_name, "log": log_name},
+        "channels": {
+            "set_point": volts("U_setpoint", sensors.set_point),
+            "torque": {**volts("U_torque", sensors.torque), "location": "gauge"},
+            "PTM_1": train("PTM_1", 1, "propeller"),
+            "PTM_4": train("PTM_4", 4, "propeller"),
+            "PTM_e": train("PTM_e", 1, "engine"),
+        },
+        "operating_point": {"n_e_rpm": "auto", "M_Nm": "auto", "steady_s": list(truth.steady_s)},
+        "processing": {"rate_hz": 50.0},
+        "windows": [dataclasses.asdict(window) for window in truth.windows],
+        "identify": {"torque": "gauge", "products": True, "free_exponent": True},
+    }
+
+
 def trial_toml(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth) -> str:
     """Return the TRIAL.toml that goes with a simulated log."""
-    windows = "".join(
-        f'\n[[windows]]\nname = "{w.name}"\nkind = "{w.kind}"\nstart_s = {w.start_s}\nstop_s = {w.stop_s}\n'
-        for w in truth.windows
-    )
-    start, stop = truth.steady_s
-    return f"""\
-[trial]
-name = "Simulated trial"
-vessel = "{vessel_name}"
-log = "{log_name}"
-
-[channels.set_point]
-column = "U_setpoint"
-unit = "V"
-calibration = {{ scale = {sensors.set_point.scale}, offset = {sensors.set_point.offset} }}
-
-[channels.torque]
-column = "U_torque"
-unit = "V"
-calibration = {{ scale = {sensors.torque.scale}, offset = {sensors.torque.offset} }}
-location = "gauge"
-
-[channels.PTM_1]
-column = "PTM_1"
-pulses_per_rev = 1
-shaft = "propeller"
-
-[channels.PTM_4]
-column = "PTM_4"
-pulses_per_rev = 4
-shaft = "propeller"
-
-[channels.PTM_e]
-column = "PTM_e"
-pulses_per_rev = 1
-shaft = "engine"
-
-[operating_point]
-n_e_rpm = "auto"
-M_Nm = "auto"
-steady_s = [{start}, {stop}]
-
-[processing]
-rate_hz = 50.0
-{windows}
-[identify]
-torque = "gauge"
-products = true
-free_exponent = true
-"""
+    return tomlkit.dumps(trial_tables(vessel_name, log_name, sensors, truth))
 
 
 def _joined(

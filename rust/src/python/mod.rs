@@ -12,6 +12,7 @@ mod leftover;
 mod linear;
 mod plant;
 mod pulse;
+mod pyramid;
 mod repeats;
 mod sensitivity;
 mod ship;
@@ -30,6 +31,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     linear::register(module)?;
     plant::register(module)?;
     pulse::register(module)?;
+    pyramid::register(module)?;
     repeats::register(module)?;
     sensitivity::register(module)?;
     ship::register(module)?;
