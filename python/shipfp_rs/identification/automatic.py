@@ -13,6 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, Chooser, Fitted, State
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.verdict import ALARM, shown
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Torque
@@ -21,6 +22,8 @@ SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 LARGE_MISS_PCT = 10.0
 """Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
+SMALL_MISS_PCT = 0.5
+"""Part of an output's spread that a model may miss and still stand: torque gauges are calibrated no better."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -134,43 +137,45 @@ def _limit(choice: Choice, name: str, state: State) -> dict[str, Any] | None:
 def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
     """Return whether the model stands, what it misses of each output, and what that can do to each parameter.
 
-    The part of an output that the set point still explains after the fit is the square root of its share of the
-    residual's variance, in per cent of the output's spread. Were all of it to lie along one parameter, it would move
-    that parameter by the missed deviance's root in standard deviations: a bound on the bias, as large as the fit's
-    blindness allows.
+    What the set point still explains of an output's whitened residual, less what chance explains, is its miss: the root
+    of that share of the residual, in per cent of the output's spread. The test's statistic over its degrees of freedom
+    is the residual's power along what the set point drives over that of noise, and estimates follow the residual along
+    nothing else: a dispersion, by whose root their deviations grow (McCullagh and Nelder 1989, section 4.5).
     """
-    rows = {name: row for name, row in fingerprint.fit.items() if name != "overall"}
-    misses, lost = {}, 0.0
-    for block in choice.search.blocks[:1]:
-        for name, row in rows.items():
-            share = max(float(row.get("input_explained_pct") or 0.0), 0.0) / 100.0
-            rest = 1.0 - float(row["nrmse_pct"] or 0.0) / 100.0
-            misses[name] = 100.0 * float(np.sqrt(share)) * max(rest, 0.0)
-            lost = max(lost, share * block.count)
+    freedom = float(INPUT_LAGS + 1)
+    samples = sum(block.count for block in choice.search.blocks)
+    misses, dispersion = {}, 1.0
+    for name, row in fingerprint.fit.items():
+        if name == "overall":
+            continue
+        share = float(row.get("input_explained_pct") or 0.0) / 100.0
+        rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
+        misses[name] = 100.0 * float(np.sqrt(max(share - freedom / samples, 0.0))) * rest
+        dispersion = max(dispersion, share * samples / freedom)
     p = fingerprint.fit.get("overall", {}).get("structure_p")
-    stands = p is None or p >= ALARM
-    # What chance alone explains is no miss.
-    lost = 0.0 if stands else lost
+    unchallenged = p is None or p >= ALARM
+    dispersion = 1.0 if unchallenged else dispersion
     bias = {
-        name: estimate.std * float(np.sqrt(lost))
+        name: estimate.std * float(np.sqrt(dispersion - 1.0))
         for name, estimate in fingerprint.parameters.items()
         if estimate.status in KNOWN and estimate.std is not None
     }
-    return {"stands": bool(stands), "misses_pct": misses, "bias": bias}
+    stands = unchallenged or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
+    return {"stands": bool(stands), "misses_pct": misses, "bias": bias, "dispersion": dispersion}
 
 
 def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fingerprint:
-    """Return the fingerprint with the bounds on the bias added to the intervals, in quadrature with their halves."""
+    """Return the fingerprint with what a misfit can do added to the intervals, in quadrature with their halves."""
     parameters = dict(fingerprint.parameters)
     for name, bound in bias.items():
         estimate = parameters[name]
         if bound == 0.0 or estimate.ci95 is None or estimate.value is None:
             continue
         low, high = (
-            estimate.value + sign * float(np.hypot(end - estimate.value, bound))
+            estimate.value + sign * float(np.hypot(end - estimate.value, 1.96 * bound))
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
-        std = None if estimate.std is None else float(np.hypot(estimate.std, bound / 1.96))
+        std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
         parameters[name] = replace(estimate, ci95=(low, high), std=std)
     return replace(fingerprint, parameters=parameters)
 
@@ -217,7 +222,7 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
             + ", ".join(undecided)
             + "; the intervals hold for both."
         )
-    if not adequate["stands"]:
+    if adequate["dispersion"] > 1.0:
         missed = ", ".join(f"{value:.2g} % of {name}" for name, value in adequate["misses_pct"].items())
         lines.append(
             f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."

@@ -28,7 +28,15 @@ FALSE_ALARM = 0.01
 """Probability that any element is taken on that does not act, if the model is right otherwise."""
 REJECTED = 0.05
 """Probability below which an alternative structure is rejected: its intervals then do not count."""
-CANDIDATES = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "torque_limit", "twist")
+CANDIDATES = (
+    "dead_time_loop",
+    "dead_time_set_point",
+    "actuator_lag",
+    "torque_limit",
+    "twist",
+    "late_torque",
+    "late_speed",
+)
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
@@ -251,6 +259,8 @@ STARTS: Mapping[str, tuple[float, ...]] = {
     "T_set": (0.05,),
     "tau_act": (0.03, 0.12),
     "tau_twist": (1e-3,),
+    "T_M": (2e-3,),
+    "T_n": (2e-3,),
 }
 """Where the search for a new element's parameter starts."""
 

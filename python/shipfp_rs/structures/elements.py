@@ -55,6 +55,8 @@ ELEMENTS: dict[str, Element] = {
         Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
         Element("twist", "twisting shaft", (Parameter("tau_twist", "s", 1e-3, 1e-5, 0.1),), "gauge"),
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
+        Element("late_torque", "torque channel that tells late", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
+        Element("late_speed", "speed channel that tells late", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
         Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.1, 10.0, fixed=True),), "load"),
     )
 }
