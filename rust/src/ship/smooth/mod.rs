@@ -110,6 +110,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let mut state = model.start();
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
+        let opening = grid::Time::new(dead_time);
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
@@ -128,14 +129,17 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 Some(window) => past_value(window, &backs),
                 None => [0.0; 8],
             };
-            let since = piece.start.since(grid::Time::new(dead_time)) * run.dt;
+            let since = piece.start.since(opening) * run.dt;
             let integral = set.integral + model.t_set * (set0 - 1.0) + since;
             let (error, summed) = errors(&model, &set, length, integral, since);
             let mut feed: Series = [0.0; 8];
             if piece.open {
-                for k in 0..TERMS {
-                    feed[k] = model.k_p * error[k] + model.k_i * summed[k] - back[k];
+                for k in 3..TERMS {
+                    feed[k] = -back[k];
                 }
+                feed[2] = model.k_i * summed[2] - back[2];
+                feed[1] = model.k_p * error[1] + model.k_i * summed[1] - back[1];
+                feed[0] = model.k_p * error[0] + model.k_i * summed[0] - back[0];
                 feed[0] += model.base - model.ahead * (model.k_p * error[1] / length + model.k_i * error[0]);
                 feed[1] -= model.ahead * model.k_i * error[1];
             } else {

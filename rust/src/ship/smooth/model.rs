@@ -72,6 +72,7 @@ pub struct Model {
     pub f0: f64,
     /// The time constant that the shaft has where the governor's derivative term acts at once [s].
     pub inertia: f64,
+    per_inertia: f64,
     /// The rate of the speed at the start [1/s].
     pub rate0: f64,
     /// What raises the command so that it starts as the rack stands.
@@ -129,14 +130,12 @@ impl Power {
         if x.abs() < Self::NEAR && self.inverse != 0.0 {
             let square = x * x;
             let b = binomial;
-            let low = (1.0 + b[1] * x) + square * (b[2] + b[3] * x);
-            let high = (b[4] + b[5] * x) + square * (b[6] + b[7] * x);
-            let value = self.value * (low + square * square * high);
-            let logarithm = self.logarithm
-                + x * ((1.0 - 0.5 * x)
-                    + square
-                        * ((1.0 / 3.0 - 0.25 * x)
-                            + square * ((0.2 - x / 6.0) + square * (1.0 / 7.0 - 0.125 * x))));
+            let low = fma(square, fma(b[3], x, b[2]), fma(b[1], x, 1.0));
+            let high = fma(square, fma(b[7], x, b[6]), fma(b[5], x, b[4]));
+            let value = self.value * fma(square * square, high, low);
+            let low = fma(square, fma(-0.25, x, 1.0 / 3.0), fma(-0.5, x, 1.0));
+            let high = fma(square, fma(-0.125, x, 1.0 / 7.0), fma(-1.0 / 6.0, x, 0.2));
+            let logarithm = fma(x, fma(square * square, high, low), self.logarithm);
             Self { speed, value, inverse: 1.0 / speed, logarithm }
         } else {
             Self::at(speed, model.p)
@@ -171,6 +170,7 @@ impl Model {
         let (t_d, ahead) = if late < quick { (0.0, late) } else { (late, 0.0) };
         let at_once = t_d == 0.0 && tau_act == 0.0;
         let near_d = k_d - ahead * of(at::K_P);
+        let inertia = if at_once { tau + v * near_d } else { tau };
         let mut weights = [[0.0; 8]; TERMS];
         for (k, weights) in weights.iter_mut().enumerate() {
             for j in 1..k {
@@ -202,7 +202,8 @@ impl Model {
             near_d,
             n0,
             f0,
-            inertia: if at_once { tau + v * near_d } else { tau },
+            inertia,
+            per_inertia: 1.0 / inertia,
             rate0,
             base: f0 / v - of(at::K_P) * error0 + k_d * rate0,
             weights,
@@ -237,50 +238,49 @@ impl Model {
         let inverse = 1.0 / length;
         let Power { value, inverse: per_speed, logarithm, .. } = state.power;
         let (delayed, lag) = (self.t_d > 0.0, self.tau_act > 0.0);
-        let first = self.p * value * per_speed;
+        let first = (self.p * per_speed) * value;
         let (mut n, mut q, mut rack) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         let (mut power, mut slope, mut share) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         (n[0], q[0], rack[0]) = (state.n, state.q, state.rack);
         power[0] = value;
-        let pace = length / self.inertia;
+        let pace = length * self.per_inertia;
         let acts = if lag { length / self.tau_act } else { 0.0 };
+        // What a term adds to the next by itself; the rest of the next is known a term earlier, so that the chain is short.
+        let at_once = if !delayed && !lag { self.v * self.near_p } else { 0.0 };
+        let linear = pace * (self.g - self.damping - at_once - first);
+        let drawn = if delayed { 0.0 } else { self.k_i };
         for_terms!(K => {
+            let mut rest = if K == 0 { value - 1.0 - first * state.n } else { 0.0 };
+            for j in 1..K {
+                rest = fma(self.weights[K][j] * share[j], power[K - j], rest);
+            }
+            let outside = fma(-drawn, q[K], feed[K]);
+            if K < 2 {
+                rest = fma(self.load_gain, load[K], rest);
+            }
+            let torque = if lag { rack[K] } else { outside };
+            let known = pace * PER_ORDER[K] * fma(self.v, torque, -rest);
+            n[K + 1] = fma(linear * PER_ORDER[K], n[K], known);
             if K > 0 {
-                let mut rest = 0.0;
-                for j in 1..K {
-                    rest += self.weights[K][j] * share[j] * power[K - j];
-                }
                 share[K] = n[K] * per_speed;
-                power[K] = rest + first * n[K];
+                power[K] = fma(first, n[K], rest - if K < 2 { self.load_gain * load[K] } else { 0.0 });
             }
-            let mut fed = feed[K];
+            let mut fed = outside;
             if !delayed {
-                fed -= self.near_p * n[K] + self.k_i * q[K];
-            }
-            if !lag {
-                rack[K] = fed;
-            }
-            let drag = power[K] - if K == 0 { 1.0 } else { 0.0 };
-            let loaded = if K < 2 { self.load_gain * load[K] } else { 0.0 };
-            let outside = self.v * rack[K] - loaded;
-            n[K + 1] = pace * PER_ORDER[K] * (outside + (self.g - self.damping) * n[K] - drag);
-            if !delayed {
-                let rate = self.near_d * (K + 1) as f64 * n[K + 1] * inverse;
-                fed -= rate;
-                if !lag {
-                    rack[K] -= rate;
-                }
+                fed -= fma(self.near_p, n[K], self.near_d * (K + 1) as f64 * n[K + 1] * inverse);
             }
             if lag {
                 rack[K + 1] = acts * PER_ORDER[K] * (fed - rack[K]);
+            } else {
+                rack[K] = fed;
             }
             q[K + 1] = length * PER_ORDER[K] * n[K];
         });
         // The slope of the power, from N J = p N^p.
         for_terms!(K => {
-            let mut term = self.p * power[K] * per_speed;
+            let mut term = (self.p * per_speed) * power[K];
             for j in 1..=K {
-                term -= share[j] * slope[K - j];
+                term = fma(-share[j], slope[K - j], term);
             }
             slope[K] = term;
         });
@@ -291,13 +291,13 @@ impl Model {
                 if K > 0 {
                     let mut term = K as f64 * share[K];
                     for j in 1..K {
-                        term -= j as f64 * log[j] * share[K - j];
+                        term = fma(-(j as f64) * log[j], share[K - j], term);
                     }
                     log[K] = term * PER_ORDER[if K > 0 { K - 1 } else { 0 }];
                 }
                 let mut term = 0.0;
                 for j in 0..=K {
-                    term += log[j] * power[K - j];
+                    term = fma(log[j], power[K - j], term);
                 }
                 jets.by_exponent[K] = term;
             });
@@ -345,14 +345,23 @@ impl Model {
     }
 }
 
+/// A multiply-add in one instruction, where the machine has it; what calls it is compiled for the machine's vectors.
+#[inline(always)]
+fn fma(a: f64, b: f64, c: f64) -> f64 {
+    a.mul_add(b, c)
+}
+
 /// A series at the end of its piece.
 #[inline(always)]
 pub fn total(series: &Series, terms: usize) -> f64 {
+    // Small terms first, two by two.
     let mut sum = 0.0;
-    for k in (0..terms).rev() {
-        sum += series[k];
+    let mut k = terms;
+    while k >= 2 {
+        sum += series[k - 1] + series[k - 2];
+        k -= 2;
     }
-    sum
+    if k == 1 { sum + series[0] } else { sum }
 }
 
 /// A series at a part of its piece.
