@@ -106,7 +106,6 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let mut slopes = Slopes::start(&model, task.wrt);
         let mut sources = Sources::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
-        let binomial = model.binomial();
         let mut state = model.start();
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
@@ -149,9 +148,9 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             let less =
                 if delayed { fed_at_end - feed[0] } else { model.k_p * model.s_u * (set_at_end - set.value) };
             if broken.is_some() && model.ahead > 0.0 {
-                state = model.kicked(&state, less, &binomial);
+                state = model.kicked(&state, less);
             }
-            model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
+            let end = model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
             let place = if delayed { history.push(&piece) } else { 0 };
             let returned = model.fed_back(&jets);
             if delayed {
@@ -180,7 +179,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             emit.flush(consume)?;
             fed_at_end = total(&feed, TERMS);
             set_at_end = set.value + set.slope;
-            state = model.end(&state, &jets, &binomial);
+            state = end;
         }
         Ok(())
     }
