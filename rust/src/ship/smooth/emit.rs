@@ -1,5 +1,6 @@
 //! Outputs at the samples, out of the pieces they lie in, and their way into blocks.
 
+use multiversion::multiversion;
 use pulp::Simd;
 
 use crate::error::Result;
@@ -10,7 +11,7 @@ use crate::ship::run::Run;
 
 use super::feed::Feed;
 use super::grid::{Piece, Time};
-use super::model::{Jets, Model, TERMS, value};
+use super::model::{Jets, Model, Series, TERMS, value};
 use super::slopes::{LANES, Pack, Slopes, get, put};
 
 /// A sample that lies within rounding of a piece's end is the next one's.
@@ -31,6 +32,15 @@ struct Reading {
     /// Of the speed, the rack, the rate of the speed and the integrated speed.
     factors: [f64; 4],
     constant: f64,
+    /// Whether a parameter counts by itself, and whether the channel's delay does.
+    own: bool,
+    late: bool,
+    /// Where in which piece it was last read, and what the terms of the speed, the rack and the integrated speed weigh there.
+    part: f64,
+    inverse: f64,
+    speeds: Series,
+    racks: Option<Series>,
+    sums: Option<Series>,
 }
 
 /// Outputs on their way: for each, a row of lanes a sample, and its values.
@@ -81,7 +91,7 @@ impl<'a> Emit<'a> {
             run: *run,
             wrt: task.wrt,
             channels,
-            readings: task.outputs.iter().map(|&output| Reading::new(output, model)).collect(),
+            readings: task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt)).collect(),
             room,
             packs,
             slopes: vec![[0.0; LANES]; outputs * room * packs],
@@ -138,50 +148,58 @@ impl<'a> Emit<'a> {
         series: &[Slopes],
     ) {
         let slot = output * self.room + sample - self.block.from;
-        let reading = &self.readings[output];
-        let [of_speed, of_rack, of_rate, of_sum] = reading.factors;
-        let by = simd.splat_f64s(part);
+        let reading = &mut self.readings[output];
+        if (reading.part, reading.inverse) != (part, jets.inverse) {
+            reading.aim(part, jets.inverse);
+        }
+        let (weights, racks, sums) = (&reading.speeds, reading.racks.as_ref(), reading.sums.as_ref());
         let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
         for (slopes, series) in slopes.iter_mut().zip(series) {
             for part in 0..LANES / S::F64_LANES {
-                let mut total = simd.splat_f64s(0.0);
-                for (terms, factor) in [(&series.n, of_speed), (&series.rack, of_rack), (&series.q, of_sum)] {
-                    if factor != 0.0 {
-                        let sum = at_part(simd, terms, by, part);
-                        total = simd.mul_add_e_f64s(simd.splat_f64s(factor), sum, total);
-                    }
+                let mut total = weighed(simd, weights, &series.n, part);
+                if let Some(racks) = racks {
+                    total = simd.add_f64s(total, weighed(simd, racks, &series.rack, part));
                 }
-                if of_rate != 0.0 {
-                    let times = |k: usize| {
-                        simd.mul_f64s(simd.splat_f64s((k + 1) as f64), get::<S>(&series.n[k + 1], part))
-                    };
-                    let mut sum = times(TERMS - 1);
-                    for k in (0..TERMS - 1).rev() {
-                        sum = simd.mul_add_e_f64s(sum, by, times(k));
-                    }
-                    total = simd.mul_add_e_f64s(simd.splat_f64s(of_rate * jets.inverse), sum, total);
+                if let Some(sums) = sums {
+                    total = simd.add_f64s(total, weighed(simd, sums, &series.q, part));
                 }
                 put::<S>(slopes, part, total);
             }
         }
-        let n = value(&jets.n, TERMS + 1, part);
-        let rack = value(&jets.rack, TERMS + 1, part);
-        let rate = jets.inverse * rate(&jets.n, part);
-        let sum = value(&jets.q, TERMS + 1, part);
-        let simulated = of_speed * n + of_rack * rack + of_rate * rate + of_sum * sum + reading.constant;
+        let scalar = |weights: &Series, series: &Series| {
+            let mut sum = 0.0;
+            for k in 0..=TERMS {
+                sum += weights[k] * series[k];
+            }
+            sum
+        };
+        let mut simulated = reading.constant + scalar(weights, &jets.n);
+        if let Some(racks) = racks {
+            simulated += scalar(racks, &jets.rack);
+        }
+        if let Some(sums) = sums {
+            simulated += scalar(sums, &jets.q);
+        }
         self.values[slot] = simulated;
+        let own = reading.own;
         match reading.output {
-            Output::Speed | Output::PropellerSpeed => self.own_speed(slot, rate),
+            _ if !own => {}
+            Output::Speed | Output::PropellerSpeed => {
+                let rate = jets.inverse * rate(&jets.n, part);
+                self.own_speed(slot, rate);
+            }
             Output::EngineTorque | Output::GaugeTorque => {
-                let second = jets.inverse * jets.inverse * second(&jets.n, part);
-                let faster = jets.inverse * self::rate(&jets.rack, part);
-                self.own_torque(
-                    output,
-                    slot,
-                    [n, rack, rate],
-                    simulated,
-                    of_speed * rate + of_rack * faster + of_rate * second,
-                );
+                let [of_speed, of_rack, of_rate, _] = reading.factors;
+                let n = value(&jets.n, TERMS + 1, part);
+                let rack = value(&jets.rack, TERMS + 1, part);
+                let rate = jets.inverse * rate(&jets.n, part);
+                let mut changes = 0.0;
+                if reading.late {
+                    let second = jets.inverse * jets.inverse * second(&jets.n, part);
+                    let faster = jets.inverse * self::rate(&jets.rack, part);
+                    changes = of_speed * rate + of_rack * faster + of_rate * second;
+                }
+                self.own_torque(output, slot, [n, rack, rate], simulated, changes);
             }
             Output::Rack => {}
             Output::Sum => self.add_sum(slot, sample),
@@ -299,13 +317,9 @@ impl<'a> Emit<'a> {
             self.block.row_mut(output, directions)[..count]
                 .copy_from_slice(&self.values[first..first + count]);
             for pack in 0..packs {
-                let slopes = self.slopes[first * packs + pack..].iter().step_by(packs);
-                for lane in 0..LANES.min(directions - pack * LANES) {
-                    let row = self.block.row_mut(output, pack * LANES + lane);
-                    for (value, slope) in row[..count].iter_mut().zip(slopes.clone()) {
-                        *value = slope[lane];
-                    }
-                }
+                let lanes = LANES.min(directions - pack * LANES);
+                let rows = self.block.rows_of(output, pack * LANES, lanes);
+                lay_out(&self.slopes[first * packs + pack..], packs, count, rows);
             }
             self.values.copy_within(first + count..first + self.room, first);
             self.slopes.copy_within((first + count) * packs..(first + self.room) * packs, first * packs);
@@ -317,7 +331,7 @@ impl<'a> Emit<'a> {
 }
 
 impl Reading {
-    fn new(output: Output, model: &Model) -> Self {
+    fn new(output: Output, model: &Model, wrt: &[usize]) -> Self {
         let Model { g, v, s_m, tau, tau_prop, .. } = *model;
         let (factors, constant) = match output {
             Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
@@ -327,18 +341,53 @@ impl Reading {
             Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
             Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
         };
-        Self { output, factors, constant }
+        let torque = matches!(output, Output::EngineTorque | Output::GaugeTorque);
+        let own = |place: &usize| match *place {
+            at::G | at::V | at::TAU_N | at::TAU_PROP | at::S_M | at::T_M => torque,
+            at::T_N => matches!(output, Output::Speed | Output::PropellerSpeed),
+            _ => false,
+        };
+        Self {
+            output,
+            factors,
+            constant,
+            own: output == Output::Sum || wrt.iter().any(own),
+            late: wrt.contains(&at::T_M),
+            part: f64::NAN,
+            inverse: f64::NAN,
+            speeds: [0.0; 8],
+            racks: (factors[1] != 0.0).then_some([0.0; 8]),
+            sums: (factors[3] != 0.0).then_some([0.0; 8]),
+        }
+    }
+
+    /// Weigh the terms for a part of a piece.
+    fn aim(&mut self, part: f64, inverse: f64) {
+        let [of_speed, of_rack, of_rate, of_sum] = self.factors;
+        (self.part, self.inverse) = (part, inverse);
+        let (mut power, mut before) = (1.0, 0.0);
+        for k in 0..=TERMS {
+            self.speeds[k] = of_speed * power + of_rate * inverse * k as f64 * before;
+            if let Some(racks) = &mut self.racks {
+                racks[k] = of_rack * power;
+            }
+            if let Some(sums) = &mut self.sums {
+                sums[k] = of_sum * power;
+            }
+            (before, power) = (power, power * part);
+        }
     }
 }
 
-/// A series of derivatives at a part of its piece, of one register.
+/// The terms of derivatives by their weights, of one register.
 #[inline(always)]
-fn at_part<S: Simd>(simd: S, terms: &[Pack; TERMS + 1], by: S::f64s, part: usize) -> S::f64s {
-    let mut sum = get::<S>(&terms[TERMS], part);
-    for k in (0..TERMS).rev() {
-        sum = simd.mul_add_e_f64s(sum, by, get::<S>(&terms[k], part));
+fn weighed<S: Simd>(simd: S, weights: &Series, terms: &[Pack; TERMS + 1], part: usize) -> S::f64s {
+    let mut sums = [simd.splat_f64s(0.0); 2];
+    for k in 0..=TERMS {
+        sums[k % 2] =
+            simd.mul_add_e_f64s(simd.splat_f64s(weights[k]), get::<S>(&terms[k], part), sums[k % 2]);
     }
-    sum
+    simd.add_f64s(sums[0], sums[1])
 }
 
 #[inline(always)]
@@ -357,4 +406,22 @@ fn second(series: &[f64; 8], part: f64) -> f64 {
         sum = sum * part + ((k + 1) * (k + 2)) as f64 * series[k + 2];
     }
     sum
+}
+
+/// Lay packs, so many apart, into a row of a block for each lane.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2"))]
+fn lay_out(packs: &[Pack], apart: usize, count: usize, rows: &mut [f64]) {
+    for first in (0..count).step_by(LANES) {
+        let mut tile = [[0.0; LANES]; LANES];
+        for (k, pack) in
+            packs[first * apart..].iter().step_by(apart).take(LANES.min(count - first)).enumerate()
+        {
+            for lane in 0..LANES {
+                tile[lane][k] = pack[lane];
+            }
+        }
+        for (row, lane) in rows.chunks_exact_mut(BLOCK).zip(&tile) {
+            row[first..first + LANES].copy_from_slice(lane);
+        }
+    }
 }

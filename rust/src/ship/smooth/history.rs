@@ -146,19 +146,14 @@ pub fn past_value(window: &Window, backs: &[Series]) -> Series {
 }
 
 /// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is
-/// the polynomial that has both ends' value, slope and curvature.
+/// the polynomial that has both ends' value and slope, and the curvature of the start.
 #[inline(always)]
 fn joined<S: Simd>(simd: S, mut series: [S::f64s; TERMS], end: [S::f64s; TERMS]) -> [S::f64s; TERMS] {
-    let [p0, p1, p2] = [series[0], series[1], series[2]];
+    let [p0, p1, p2, ..] = series;
     let times = |factor: f64, of: S::f64s| simd.mul_f64s(simd.splat_f64s(factor), of);
     let value = simd.sub_f64s(end[0], simd.add_f64s(simd.add_f64s(p0, p1), p2));
     let slope = simd.sub_f64s(end[1], simd.add_f64s(p1, times(2.0, p2)));
-    let bend = simd.sub_f64s(end[2], p2);
-    for (k, [of_value, of_slope, of_bend]) in
-        [[10.0, -4.0, 1.0], [-15.0, 7.0, -2.0], [6.0, -3.0, 1.0]].into_iter().enumerate()
-    {
-        series[3 + k] = simd
-            .add_f64s(simd.add_f64s(times(of_value, value), times(of_slope, slope)), times(of_bend, bend));
-    }
+    series[3] = simd.sub_f64s(times(4.0, value), slope);
+    series[4] = simd.sub_f64s(slope, times(3.0, value));
     series
 }

@@ -106,10 +106,10 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let mut slopes = Slopes::start(&model, task.wrt);
         let mut sources = Sources::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
-        let binomial = model.binomial();
         let mut state = model.start();
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
+        let opening = grid::Time::new(dead_time);
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
@@ -128,14 +128,17 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 Some(window) => past_value(window, &backs),
                 None => [0.0; 8],
             };
-            let since = piece.start.since(grid::Time::new(dead_time)) * run.dt;
+            let since = piece.start.since(opening) * run.dt;
             let integral = set.integral + model.t_set * (set0 - 1.0) + since;
             let (error, summed) = errors(&model, &set, length, integral, since);
             let mut feed: Series = [0.0; 8];
             if piece.open {
-                for k in 0..TERMS {
-                    feed[k] = model.k_p * error[k] + model.k_i * summed[k] - back[k];
+                for k in 3..TERMS {
+                    feed[k] = -back[k];
                 }
+                feed[2] = model.k_i * summed[2] - back[2];
+                feed[1] = model.k_p * error[1] + model.k_i * summed[1] - back[1];
+                feed[0] = model.k_p * error[0] + model.k_i * summed[0] - back[0];
                 feed[0] += model.base - model.ahead * (model.k_p * error[1] / length + model.k_i * error[0]);
                 feed[1] -= model.ahead * model.k_i * error[1];
             } else {
@@ -145,9 +148,9 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             let less =
                 if delayed { fed_at_end - feed[0] } else { model.k_p * model.s_u * (set_at_end - set.value) };
             if broken.is_some() && model.ahead > 0.0 {
-                state = model.kicked(&state, less, &binomial);
+                state = model.kicked(&state, less);
             }
-            model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
+            let end = model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
             let place = if delayed { history.push(&piece) } else { 0 };
             let returned = model.fed_back(&jets);
             if delayed {
@@ -176,7 +179,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             emit.flush(consume)?;
             fed_at_end = total(&feed, TERMS);
             set_at_end = set.value + set.slope;
-            state = model.end(&state, &jets, &binomial);
+            state = end;
         }
         Ok(())
     }

@@ -7,7 +7,7 @@
 use crate::ship::parameters::{Parameters, at};
 
 /// Terms of the rates. The speed has one more.
-pub const TERMS: usize = 6;
+pub const TERMS: usize = 5;
 
 /// Do something for every term. Written out, since a loop of that size is not, and its terms would then live in memory.
 macro_rules! for_terms {
@@ -32,16 +32,12 @@ macro_rules! for_terms {
             const $k: usize = 4;
             $body
         }
-        {
-            const $k: usize = 5;
-            $body
-        }
     }};
 }
 pub(super) use for_terms;
 
 /// One over the number of a term and one.
-pub const PER_ORDER: [f64; TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0];
+pub const PER_ORDER: [f64; TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2];
 
 /// Terms of a signal, and room.
 pub type Series = [f64; 8];
@@ -72,12 +68,14 @@ pub struct Model {
     pub f0: f64,
     /// The time constant that the shaft has where the governor's derivative term acts at once [s].
     pub inertia: f64,
+    per_inertia: f64,
     /// The rate of the speed at the start [1/s].
     pub rate0: f64,
     /// What raises the command so that it starts as the rack stands.
     pub base: f64,
-    /// Factors of the products in the terms of a power.
-    weights: [Series; TERMS],
+    /// Coefficients of `(1 + x)^p`, and their derivatives by `p`.
+    binomial: Series,
+    binomial_by_exponent: Series,
 }
 
 /// The state at the start of a piece, and its power law.
@@ -107,8 +105,7 @@ pub struct Jets {
     pub n: Series,
     pub q: Series,
     pub rack: Series,
-    /// `N^p`, its slope by `N` and its derivative by `p`.
-    pub power: Series,
+    /// The slope of `N^p` by `N` and its derivative by `p`.
     pub slope: Series,
     pub by_exponent: Series,
 }
@@ -124,19 +121,17 @@ impl Power {
 
     /// At a speed nearby: about the old one `(1 + x)^p` is a series, which is off by less than 1e-16 below [`Self::NEAR`].
     #[inline(always)]
-    fn moved(&self, speed: f64, model: &Model, binomial: &[f64; 8]) -> Self {
+    fn moved(&self, speed: f64, model: &Model) -> Self {
         let x = (speed - self.speed) * self.inverse;
         if x.abs() < Self::NEAR && self.inverse != 0.0 {
             let square = x * x;
-            let b = binomial;
-            let low = (1.0 + b[1] * x) + square * (b[2] + b[3] * x);
-            let high = (b[4] + b[5] * x) + square * (b[6] + b[7] * x);
-            let value = self.value * (low + square * square * high);
-            let logarithm = self.logarithm
-                + x * ((1.0 - 0.5 * x)
-                    + square
-                        * ((1.0 / 3.0 - 0.25 * x)
-                            + square * ((0.2 - x / 6.0) + square * (1.0 / 7.0 - 0.125 * x))));
+            let b = &model.binomial;
+            let low = fma(square, fma(b[3], x, b[2]), fma(b[1], x, 1.0));
+            let high = fma(square, fma(b[7], x, b[6]), fma(b[5], x, b[4]));
+            let value = self.value * fma(square * square, high, low);
+            let low = fma(square, fma(-0.25, x, 1.0 / 3.0), fma(-0.5, x, 1.0));
+            let high = fma(square, fma(-0.125, x, 1.0 / 7.0), fma(-1.0 / 6.0, x, 0.2));
+            let logarithm = fma(x, fma(square * square, high, low), self.logarithm);
             Self { speed, value, inverse: 1.0 / speed, logarithm }
         } else {
             Self::at(speed, model.p)
@@ -171,11 +166,12 @@ impl Model {
         let (t_d, ahead) = if late < quick { (0.0, late) } else { (late, 0.0) };
         let at_once = t_d == 0.0 && tau_act == 0.0;
         let near_d = k_d - ahead * of(at::K_P);
-        let mut weights = [[0.0; 8]; TERMS];
-        for (k, weights) in weights.iter_mut().enumerate() {
-            for j in 1..k {
-                weights[j] = (p + 1.0) * j as f64 / k as f64 - 1.0;
-            }
+        let inertia = if at_once { tau + v * near_d } else { tau };
+        let (mut binomial, mut by_exponent) = ([1.0; 8], [0.0; 8]);
+        for m in 1..8 {
+            let factor = (p - (m - 1) as f64) / m as f64;
+            by_exponent[m] = by_exponent[m - 1] * factor + binomial[m - 1] / m as f64;
+            binomial[m] = binomial[m - 1] * factor;
         }
         let (n0, f0) = (of(at::INITIAL_N) - 1.0, of(at::INITIAL_F));
         let drag = Power::at(1.0 + n0, p).value - 1.0 + of(at::DAMPING) * n0 + of(at::LOAD_GAIN) * load0;
@@ -202,20 +198,13 @@ impl Model {
             near_d,
             n0,
             f0,
-            inertia: if at_once { tau + v * near_d } else { tau },
+            inertia,
+            per_inertia: 1.0 / inertia,
             rate0,
             base: f0 / v - of(at::K_P) * error0 + k_d * rate0,
-            weights,
+            binomial,
+            binomial_by_exponent: by_exponent,
         }
-    }
-
-    /// Coefficients of `(1 + x)^p`.
-    pub fn binomial(&self) -> [f64; 8] {
-        let mut terms = [1.0; 8];
-        for m in 1..8 {
-            terms[m] = terms[m - 1] * (self.p - (m - 1) as f64) / m as f64;
-        }
-        terms
     }
 
     pub fn start(&self) -> State {
@@ -223,7 +212,7 @@ impl Model {
     }
 
     /// The signals over a piece of so many seconds, from a state on; `feed` is what the rack is fed from outside the piece, `load`
-    /// the measured load.
+    /// the measured load. Gives the state at its end.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     pub fn jets<const EXPONENT: bool>(
@@ -233,95 +222,112 @@ impl Model {
         feed: &Series,
         load: [f64; 2],
         jets: &mut Jets,
-    ) {
+    ) -> State {
+        // The two that most ships are, without a branch in the chain of terms.
+        match (self.t_d > 0.0, self.tau_act > 0.0) {
+            (true, false) => self.jets_of::<EXPONENT, true, false>(state, length, feed, load, jets),
+            (false, false) => self.jets_of::<EXPONENT, false, false>(state, length, feed, load, jets),
+            (true, true) => self.jets_of::<EXPONENT, true, true>(state, length, feed, load, jets),
+            (false, true) => self.jets_of::<EXPONENT, false, true>(state, length, feed, load, jets),
+        }
+    }
+
+    #[inline(always)]
+    fn jets_of<const EXPONENT: bool, const DELAYED: bool, const LAG: bool>(
+        &self,
+        state: &State,
+        length: f64,
+        feed: &Series,
+        load: [f64; 2],
+        jets: &mut Jets,
+    ) -> State {
         let inverse = 1.0 / length;
         let Power { value, inverse: per_speed, logarithm, .. } = state.power;
-        let (delayed, lag) = (self.t_d > 0.0, self.tau_act > 0.0);
-        let first = self.p * value * per_speed;
+        // Coefficients of the power about the piece's start.
+        let (per_2, value_1) = (per_speed * per_speed, value * per_speed);
+        let value_3 = value_1 * per_2;
+        let [_, b1, b2, b3, b4, b5, ..] = self.binomial;
+        let (b1, b2) = (b1 * value_1, b2 * (value * per_2));
+        let (b3, b4, b5) = (b3 * value_3, b4 * (value_3 * per_speed), b5 * (value_3 * per_2));
         let (mut n, mut q, mut rack) = ([0.0; 8], [0.0; 8], [0.0; 8]);
-        let (mut power, mut slope, mut share) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         (n[0], q[0], rack[0]) = (state.n, state.q, state.rack);
-        power[0] = value;
-        let pace = length / self.inertia;
-        let acts = if lag { length / self.tau_act } else { 0.0 };
+        let pace = length * self.per_inertia;
+        let acts = if LAG { length / self.tau_act } else { 0.0 };
+        // What a term adds to the next by itself; the rest of the next is known a term earlier, so that the chain is short.
+        let at_once = if !DELAYED && !LAG { self.v * self.near_p } else { 0.0 };
+        let outside = self.g - self.damping - at_once;
+        let linear = pace * (outside - b1);
+        let drawn = if DELAYED { 0.0 } else { self.k_i };
+        let (mut square, mut cube) = (0.0, 0.0);
         for_terms!(K => {
-            if K > 0 {
-                let mut rest = 0.0;
-                for j in 1..K {
-                    rest += self.weights[K][j] * share[j] * power[K - j];
-                }
-                share[K] = n[K] * per_speed;
-                power[K] = rest + first * n[K];
+            let fed = fma(-drawn, q[K], feed[K]);
+            let torque = if LAG { rack[K] } else { fed };
+            // What the terms before the last one add to the power's.
+            let bent = match K {
+                2 => b2 * square,
+                3 => fma(b3, cube, (2.0 * b2) * (n[1] * n[2])),
+                4 => fma(3.0 * b3, square * n[2], fma(b4, square * square, b2 * fma(2.0 * n[1], n[3], n[2] * n[2]))),
+                _ => 0.0,
+            };
+            let mut known = fma(self.v, torque, -bent);
+            if K < 2 {
+                known = fma(-self.load_gain, load[K], known);
             }
-            let mut fed = feed[K];
-            if !delayed {
-                fed -= self.near_p * n[K] + self.k_i * q[K];
+            n[K + 1] = if K == 0 {
+                pace * (fma(outside, n[0], known) - (value - 1.0))
+            } else {
+                fma(linear * PER_ORDER[K], n[K], pace * PER_ORDER[K] * known)
+            };
+            if K == 0 {
+                square = n[1] * n[1];
+                cube = square * n[1];
             }
-            if !lag {
-                rack[K] = fed;
+            let mut fed = fed;
+            if !DELAYED {
+                fed -= fma(self.near_p, n[K], self.near_d * (K + 1) as f64 * n[K + 1] * inverse);
             }
-            let drag = power[K] - if K == 0 { 1.0 } else { 0.0 };
-            let loaded = if K < 2 { self.load_gain * load[K] } else { 0.0 };
-            let outside = self.v * rack[K] - loaded;
-            n[K + 1] = pace * PER_ORDER[K] * (outside + (self.g - self.damping) * n[K] - drag);
-            if !delayed {
-                let rate = self.near_d * (K + 1) as f64 * n[K + 1] * inverse;
-                fed -= rate;
-                if !lag {
-                    rack[K] -= rate;
-                }
-            }
-            if lag {
+            if LAG {
                 rack[K + 1] = acts * PER_ORDER[K] * (fed - rack[K]);
+            } else {
+                rack[K] = fed;
             }
             q[K + 1] = length * PER_ORDER[K] * n[K];
         });
-        // The slope of the power, from N J = p N^p.
-        for_terms!(K => {
-            let mut term = self.p * power[K] * per_speed;
-            for j in 1..=K {
-                term -= share[j] * slope[K - j];
-            }
-            slope[K] = term;
-        });
+        let ends = [sum(&n), sum(&q), if LAG { sum(&rack) } else { 0.0 }];
+        let (cross, fourth) = (n[1] * n[2], square * square);
+        let bend = fma(2.0 * n[1], n[3], n[2] * n[2]);
+        let mut slope = [0.0; 8];
+        slope[0] = b1;
+        slope[1] = 2.0 * b2 * n[1];
+        slope[2] = fma(2.0 * b2, n[2], 3.0 * b3 * square);
+        slope[3] = fma(2.0 * b2, n[3], fma(6.0 * b3, cross, 4.0 * b4 * cube));
+        slope[4] = fma(2.0 * b2, n[4], fma(3.0 * b3, bend, fma(12.0 * b4, square * n[2], 5.0 * b5 * fourth)));
         if EXPONENT {
-            let mut log = [0.0; 8];
-            log[0] = logarithm;
-            for_terms!(K => {
-                if K > 0 {
-                    let mut term = K as f64 * share[K];
-                    for j in 1..K {
-                        term -= j as f64 * log[j] * share[K - j];
-                    }
-                    log[K] = term * PER_ORDER[if K > 0 { K - 1 } else { 0 }];
-                }
-                let mut term = 0.0;
-                for j in 0..=K {
-                    term += log[j] * power[K - j];
-                }
-                jets.by_exponent[K] = term;
-            });
+            // The same with what the exponent makes of the coefficients.
+            let [_, c1, c2, c3, c4, ..] = self.binomial_by_exponent;
+            let c1 = fma(c1, value_1, b1 * logarithm);
+            let c2 = fma(c2, value * per_2, b2 * logarithm);
+            let c3 = fma(c3, value_3, b3 * logarithm);
+            let c4 = fma(c4, value_3 * per_speed, b4 * logarithm);
+            jets.by_exponent[0] = value * logarithm;
+            jets.by_exponent[1] = c1 * n[1];
+            jets.by_exponent[2] = fma(c1, n[2], c2 * square);
+            jets.by_exponent[3] = fma(c1, n[3], fma(2.0 * c2, cross, c3 * cube));
+            jets.by_exponent[4] = fma(c1, n[4], fma(c2, bend, fma(3.0 * c3, square * n[2], c4 * fourth)));
         }
         (jets.length, jets.inverse) = (length, inverse);
-        (jets.n, jets.q, jets.rack, jets.power, jets.slope) = (n, q, rack, power, slope);
-    }
-
-    /// The state at the end of a piece.
-    #[inline(always)]
-    pub fn end(&self, state: &State, jets: &Jets, binomial: &[f64; 8]) -> State {
-        let n = total(&jets.n, TERMS + 1);
-        let power = state.power.moved(1.0 + n, self, binomial);
-        State { n, q: total(&jets.q, TERMS + 1), rack: total(&jets.rack, TERMS + 1), power }
+        (jets.n, jets.q, jets.rack, jets.slope) = (n, q, rack, slope);
+        State { n: ends[0], q: ends[1], rack: ends[2], power: state.power.moved(1.0 + ends[0], self) }
     }
 
     /// The state behind a jump of what the rack is fed, by so much less, which comes [`Self::ahead`] later than it is reckoned.
-    pub fn kicked(&self, state: &State, less: f64, binomial: &[f64; 8]) -> State {
+    pub fn kicked(&self, state: &State, less: f64) -> State {
         let mut state = *state;
         if self.tau_act > 0.0 {
             state.rack += self.ahead * less / self.tau_act;
         } else {
             state.n += self.ahead * self.v * less / self.inertia;
-            state.power = state.power.moved(1.0 + state.n, self, binomial);
+            state.power = state.power.moved(1.0 + state.n, self);
         }
         state
     }
@@ -345,14 +351,29 @@ impl Model {
     }
 }
 
+/// A multiply-add in one instruction, where the machine has it; what calls it is compiled for the machine's vectors.
+#[inline(always)]
+fn fma(a: f64, b: f64, c: f64) -> f64 {
+    a.mul_add(b, c)
+}
+
+/// The same of a state's.
+#[inline(always)]
+fn sum(series: &Series) -> f64 {
+    series[0] + (series[1] + (series[2] + ((series[3] + series[4]) + series[5])))
+}
+
 /// A series at the end of its piece.
 #[inline(always)]
 pub fn total(series: &Series, terms: usize) -> f64 {
+    // Small terms first, two by two.
     let mut sum = 0.0;
-    for k in (0..terms).rev() {
-        sum += series[k];
+    let mut k = terms;
+    while k >= 2 {
+        sum += series[k - 1] + series[k - 2];
+        k -= 2;
     }
-    sum
+    if k == 1 { sum + series[0] } else { sum }
 }
 
 /// A series at a part of its piece.

@@ -262,9 +262,7 @@ impl Sources {
         for (pack, slopes) in slopes.iter_mut().enumerate() {
             for part in 0..LANES / S::F64_LANES {
                 let fed = self.fed(simd, pack, part, window, history, packs);
-                let mut nowhere = [[0.0; LANES]; TERMS];
-                let returned =
-                    if model.t_d > 0.0 { &mut history[place * packs + pack] } else { &mut nowhere };
+                let returned = history.get_mut(place * packs + pack);
                 match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
                     (true, false) => {
                         self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes)
@@ -319,7 +317,7 @@ impl Sources {
         mut fed: [S::f64s; TERMS],
         pack: usize,
         part: usize,
-        returned: &mut Rate,
+        mut returned: Option<&mut Rate>,
         slopes: &mut Slopes,
     ) {
         let lag = MORE && model.tau_act > 0.0;
@@ -369,7 +367,7 @@ impl Sources {
                 rack[K + 1] = simd.mul_f64s(splat(acts * PER_ORDER[K]), rate);
             }
             q[K + 1] = simd.mul_f64s(splat(jets.length * PER_ORDER[K]), n[K]);
-            if DELAYED {
+            if DELAYED && let Some(returned) = &mut returned {
                 put::<S>(&mut returned[K], part, goes_back);
             }
         });
