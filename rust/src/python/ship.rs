@@ -1,6 +1,8 @@
 //! Bindings of the ship model.
 
-use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArray4, PyArray5, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -85,6 +87,82 @@ fn ship_products<'py>(
     Ok((hand_back(py, sums.values, [rows, sums.columns, rows, sums.columns])?, sums.count))
 }
 
+type OfMany<'py> = (Bound<'py, PyArray5<f64>>, Bound<'py, PyArray1<i64>>);
+
+/// The same of many ships [M, 32] on so many threads, 0 for all cores: ([M, O, W + 2, O, W + 2], samples counted [M]). The sums of
+/// one that diverges are infinite, and it counts no sample.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn ship_products_batch<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    load: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    outputs: Vec<usize>,
+    measured: &Bound<'py, PyAny>,
+    offsets: &Bound<'py, PyAny>,
+    filters: &Bound<'py, PyAny>,
+    wrt: Vec<usize>,
+    threads: usize,
+) -> PyResult<OfMany<'py>> {
+    let vectors: PyReadonlyArray2<'_, f64> = borrow("parameters", parameters)?;
+    let members = vectors.shape()[0];
+    expect_shape("parameters", vectors.shape(), [members, PARAMETERS.len()], "members, parameters")?;
+    let ships = vectors
+        .as_slice()?
+        .chunks_exact(PARAMETERS.len())
+        .enumerate()
+        .map(|(member, vector)| Parameters::new(vector, &format!("parameters[{member}]")))
+        .collect::<Result<Vec<_>, _>>()?;
+    let inputs = Inputs::borrow(u, load)?;
+    let run = inputs.run(dt, substeps, hold)?;
+    let (rows, columns) = (outputs.len(), wrt.len() + 2);
+    let targets = Targets::borrow(measured, offsets, filters, rows, run.samples())?;
+    let record = targets.record(run, &outputs, wrt)?;
+    let work = record.work().saturating_mul(members);
+    let sums = guard::run(py, work, |stop| record.batch(&ships, threads, stop))?;
+    let counts = sums.iter().map(|sums| i64::try_from(sums.count).unwrap_or(i64::MAX)).collect();
+    let values = sums.into_iter().flat_map(|sums| sums.values).collect();
+    Ok((hand_back(py, values, [members, rows, columns, rows, columns])?, hand_back(py, counts, [members])?))
+}
+
+/// The same without derivatives: ([M, O, 2, O, 2], samples counted [M]).
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn ship_scatter_batch<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    load: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    outputs: Vec<usize>,
+    measured: &Bound<'py, PyAny>,
+    offsets: &Bound<'py, PyAny>,
+    filters: &Bound<'py, PyAny>,
+    threads: usize,
+) -> PyResult<OfMany<'py>> {
+    ship_products_batch(
+        py,
+        parameters,
+        u,
+        load,
+        dt,
+        substeps,
+        hold,
+        outputs,
+        measured,
+        offsets,
+        filters,
+        vec![],
+        threads,
+    )
+}
+
 fn vector(parameters: &Bound<'_, PyAny>) -> PyResult<Parameters> {
     let vector: Vector<'_> = borrow("parameters", parameters)?;
     Ok(Parameters::new(vector.as_slice()?, "parameters")?)
@@ -150,5 +228,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
     module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;
     module.add_function(wrap_pyfunction!(ship_products, module)?)?;
+    module.add_function(wrap_pyfunction!(ship_products_batch, module)?)?;
+    module.add_function(wrap_pyfunction!(ship_scatter_batch, module)?)?;
     Ok(())
 }

@@ -51,9 +51,9 @@ impl Block {
         &mut self.rows[(output * self.columns + column) * BLOCK..][..BLOCK]
     }
 
-    /// All rows one after the other.
-    pub fn rows_mut(&mut self) -> &mut [f64] {
-        &mut self.rows
+    /// So many rows of an output from one on, one after the other.
+    pub fn rows_of(&mut self, output: usize, column: usize, count: usize) -> &mut [f64] {
+        &mut self.rows[(output * self.columns + column) * BLOCK..][..count * BLOCK]
     }
 
     /// An output's values.

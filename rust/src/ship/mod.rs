@@ -12,8 +12,11 @@
 //! Before the record the set point stands at its first sample, the rack at `initial_F / v`, the speed at `initial_N`; the sum
 //! starts where the command is the rack (at 0 where `K_i` is 0, and the command is then raised by a constant).
 //! Outputs: `dn = N - 1`, `dM_b = s_M M_b - 1`, `dM_g = s_M (L + tau_prop dN/dt) - 1`, `dX = A`, `dE = I`, `dn_prop`; a
-//! channel's delay makes speeds late by `T_n`, torques by `T_M`.
+//! channel's delay makes speeds late by `T_n`, torques by `T_M`. In the smooth path a dead time in the loop or a lag below 1/256 of
+//! a sample interval is taken to first order: signals are then off by half the square of its part of the loop's time constant,
+//! derivatives by that part.
 
+mod batch;
 mod events;
 mod march;
 mod output;

@@ -41,6 +41,18 @@ impl<'a> Record<'a> {
         Ok(Self { run, outputs, wrt, measured })
     }
 
+    /// Number of outputs.
+    #[must_use]
+    pub const fn outputs(&self) -> usize {
+        self.outputs.len()
+    }
+
+    /// Number of parameters that it is differentiated by.
+    #[must_use]
+    pub const fn directions(&self) -> usize {
+        self.wrt.len()
+    }
+
     /// Steps of one evaluation, each with its derivatives.
     #[must_use]
     pub fn work(&self) -> usize {

@@ -1,5 +1,6 @@
 //! Outputs at the samples, out of the pieces they lie in, and their way into blocks.
 
+use multiversion::multiversion;
 use pulp::Simd;
 
 use crate::error::Result;
@@ -10,8 +11,8 @@ use crate::ship::run::Run;
 
 use super::feed::Feed;
 use super::grid::{Piece, Time};
-use super::model::{Jets, Model, TERMS, value};
-use super::slopes::{LANES, SlopeJets};
+use super::model::{Jets, Model, Series, TERMS, value};
+use super::slopes::{LANES, Pack, Slopes, get, put};
 
 /// A sample that lies within rounding of a piece's end is the next one's.
 const SAME: f64 = 1e-9;
@@ -31,6 +32,15 @@ struct Reading {
     /// Of the speed, the rack, the rate of the speed and the integrated speed.
     factors: [f64; 4],
     constant: f64,
+    /// Whether a parameter counts by itself, and whether the channel's delay does.
+    own: bool,
+    late: bool,
+    /// Where in which piece it was last read, and what the terms of the speed, the rack and the integrated speed weigh there.
+    part: f64,
+    inverse: f64,
+    speeds: Series,
+    racks: Option<Series>,
+    sums: Option<Series>,
 }
 
 /// Outputs on their way: for each, a row of lanes a sample, and its values.
@@ -42,8 +52,8 @@ pub struct Emit<'a> {
     readings: Vec<Reading>,
     /// Samples of room.
     room: usize,
-    width: usize,
-    slopes: Vec<f64>,
+    packs: usize,
+    slopes: Vec<Pack>,
     values: Vec<f64>,
     sum: Option<Feed<'a>>,
     /// Of the command's constant part.
@@ -52,7 +62,7 @@ pub struct Emit<'a> {
 }
 
 impl<'a> Emit<'a> {
-    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>, width: usize) -> Self {
+    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>) -> Self {
         let samples = run.samples();
         let late = |output: Output| match output {
             Output::Speed | Output::PropellerSpeed => task.parameters.of(at::T_N),
@@ -75,16 +85,16 @@ impl<'a> Emit<'a> {
         let room = BLOCK + ahead + 2;
         let set0 = run.set[0];
         let load0 = run.load.first().copied().unwrap_or(0.0);
-        let outputs = task.outputs.len();
+        let (outputs, packs) = (task.outputs.len(), task.wrt.len().div_ceil(LANES));
         Self {
             model: *model,
             run: *run,
             wrt: task.wrt,
             channels,
-            readings: task.outputs.iter().map(|&output| Reading::new(output, model)).collect(),
+            readings: task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt)).collect(),
             room,
-            width,
-            slopes: vec![0.0; outputs * room * width],
+            packs,
+            slopes: vec![[0.0; LANES]; outputs * room * packs],
             values: vec![0.0; outputs * room],
             sum: task
                 .outputs
@@ -102,7 +112,7 @@ impl<'a> Emit<'a> {
 
     /// Read all samples that lie in a piece.
     #[inline(always)]
-    pub fn read<S: Simd>(&mut self, simd: S, piece: &Piece, jets: &Jets, series: &SlopeJets) {
+    pub fn read<S: Simd>(&mut self, simd: S, piece: &Piece, jets: &Jets, series: &[Slopes]) {
         for channel in 0..self.channels.len() {
             loop {
                 let Channel { late, next, .. } = self.channels[channel];
@@ -135,54 +145,61 @@ impl<'a> Emit<'a> {
         sample: usize,
         part: f64,
         jets: &Jets,
-        series: &SlopeJets,
+        series: &[Slopes],
     ) {
         let slot = output * self.room + sample - self.block.from;
-        let reading = &self.readings[output];
-        let [of_speed, of_rack, of_rate, of_sum] = reading.factors;
-        let width = self.width;
-        let slopes = &mut self.slopes[slot * width..][..width];
-        let by = simd.splat_f64s(part);
-        for r in 0..width / S::F64_LANES {
-            let row = |rows: &[f64], k: usize| S::as_simd_f64s(&rows[k * width..][..width]).0[r];
-            let mut total = simd.splat_f64s(0.0);
-            for (rows, factor) in [(&series.n, of_speed), (&series.rack, of_rack), (&series.q, of_sum)] {
-                if factor != 0.0 {
-                    let mut sum = row(rows, TERMS);
-                    for k in (0..TERMS).rev() {
-                        sum = simd.mul_add_e_f64s(sum, by, row(rows, k));
-                    }
-                    total = simd.mul_add_e_f64s(simd.splat_f64s(factor), sum, total);
-                }
-            }
-            if of_rate != 0.0 {
-                let times = |k: usize| simd.mul_f64s(simd.splat_f64s((k + 1) as f64), row(&series.n, k + 1));
-                let mut sum = times(TERMS - 1);
-                for k in (0..TERMS - 1).rev() {
-                    sum = simd.mul_add_e_f64s(sum, by, times(k));
-                }
-                total = simd.mul_add_e_f64s(simd.splat_f64s(of_rate * jets.inverse), sum, total);
-            }
-            S::as_mut_simd_f64s(slopes).0[r] = total;
+        let reading = &mut self.readings[output];
+        if (reading.part, reading.inverse) != (part, jets.inverse) {
+            reading.aim(part, jets.inverse);
         }
-        let n = value(&jets.n, TERMS + 1, part);
-        let rack = value(&jets.rack, TERMS + 1, part);
-        let rate = jets.inverse * rate(&jets.n, part);
-        let sum = value(&jets.q, TERMS + 1, part);
-        let simulated = of_speed * n + of_rack * rack + of_rate * rate + of_sum * sum + reading.constant;
+        let (weights, racks, sums) = (&reading.speeds, reading.racks.as_ref(), reading.sums.as_ref());
+        let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
+        for (slopes, series) in slopes.iter_mut().zip(series) {
+            for part in 0..LANES / S::F64_LANES {
+                let mut total = weighed(simd, weights, &series.n, part);
+                if let Some(racks) = racks {
+                    total = simd.add_f64s(total, weighed(simd, racks, &series.rack, part));
+                }
+                if let Some(sums) = sums {
+                    total = simd.add_f64s(total, weighed(simd, sums, &series.q, part));
+                }
+                put::<S>(slopes, part, total);
+            }
+        }
+        let scalar = |weights: &Series, series: &Series| {
+            let mut sum = 0.0;
+            for k in 0..=TERMS {
+                sum += weights[k] * series[k];
+            }
+            sum
+        };
+        let mut simulated = reading.constant + scalar(weights, &jets.n);
+        if let Some(racks) = racks {
+            simulated += scalar(racks, &jets.rack);
+        }
+        if let Some(sums) = sums {
+            simulated += scalar(sums, &jets.q);
+        }
         self.values[slot] = simulated;
+        let own = reading.own;
         match reading.output {
-            Output::Speed | Output::PropellerSpeed => self.own_speed(slot, rate),
+            _ if !own => {}
+            Output::Speed | Output::PropellerSpeed => {
+                let rate = jets.inverse * rate(&jets.n, part);
+                self.own_speed(slot, rate);
+            }
             Output::EngineTorque | Output::GaugeTorque => {
-                let second = jets.inverse * jets.inverse * second(&jets.n, part);
-                let faster = jets.inverse * self::rate(&jets.rack, part);
-                self.own_torque(
-                    output,
-                    slot,
-                    [n, rack, rate],
-                    simulated,
-                    of_speed * rate + of_rack * faster + of_rate * second,
-                );
+                let [of_speed, of_rack, of_rate, _] = reading.factors;
+                let n = value(&jets.n, TERMS + 1, part);
+                let rack = value(&jets.rack, TERMS + 1, part);
+                let rate = jets.inverse * rate(&jets.n, part);
+                let mut changes = 0.0;
+                if reading.late {
+                    let second = jets.inverse * jets.inverse * second(&jets.n, part);
+                    let faster = jets.inverse * self::rate(&jets.rack, part);
+                    changes = of_speed * rate + of_rack * faster + of_rate * second;
+                }
+                self.own_torque(output, slot, [n, rack, rate], simulated, changes);
             }
             Output::Rack => {}
             Output::Sum => self.add_sum(slot, sample),
@@ -193,7 +210,7 @@ impl<'a> Emit<'a> {
     fn own_speed(&mut self, slot: usize, rate: f64) {
         for (lane, &place) in self.wrt.iter().enumerate() {
             if place == at::T_N {
-                self.slopes[slot * self.width + lane] -= rate;
+                self.slopes[slot * self.packs + lane / LANES][lane % LANES] -= rate;
             }
         }
     }
@@ -219,7 +236,7 @@ impl<'a> Emit<'a> {
                 at::T_M => -changes,
                 _ => continue,
             };
-            self.slopes[slot * self.width + lane] += own;
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
         }
     }
 
@@ -243,7 +260,7 @@ impl<'a> Emit<'a> {
                 at::K_I if acts => -base / (k_i * k_i),
                 _ => 0.0,
             };
-            self.slopes[slot * self.width + lane] += own;
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
         }
     }
 
@@ -262,7 +279,7 @@ impl<'a> Emit<'a> {
         };
         let speed = matches!(self.readings[output].output, Output::Speed | Output::PropellerSpeed);
         self.values[slot] = if speed { n0 } else { s_m * level - 1.0 };
-        for lane in 0..self.width {
+        for lane in 0..self.wrt.len() {
             let own = match (self.wrt.get(lane), speed, gauge) {
                 (Some(&at::INITIAL_N), true, _) => 1.0,
                 (None, ..) | (_, true, _) => 0.0,
@@ -276,7 +293,7 @@ impl<'a> Emit<'a> {
                 (Some(&at::INITIAL_F), _, false) => s_m,
                 _ => 0.0,
             };
-            self.slopes[slot * self.width + lane] = own;
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] = own;
         }
     }
 
@@ -292,21 +309,20 @@ impl<'a> Emit<'a> {
     }
 
     fn hand_over(&mut self, consume: &mut Consume<'_>) -> Result<()> {
-        let (width, directions) = (self.width, self.wrt.len());
+        let (packs, directions) = (self.packs, self.wrt.len());
         let count = BLOCK.min(self.run.samples() - self.block.from);
         self.block.samples = count;
         for output in 0..self.readings.len() {
             let first = output * self.room;
             self.block.row_mut(output, directions)[..count]
                 .copy_from_slice(&self.values[first..first + count]);
-            for lane in 0..directions {
-                let lanes = self.slopes[first * width + lane..].iter().step_by(width);
-                for (value, slope) in self.block.row_mut(output, lane)[..count].iter_mut().zip(lanes) {
-                    *value = *slope;
-                }
+            for pack in 0..packs {
+                let lanes = LANES.min(directions - pack * LANES);
+                let rows = self.block.rows_of(output, pack * LANES, lanes);
+                lay_out(&self.slopes[first * packs + pack..], packs, count, rows);
             }
             self.values.copy_within(first + count..first + self.room, first);
-            self.slopes.copy_within((first + count) * width..(first + self.room) * width, first * width);
+            self.slopes.copy_within((first + count) * packs..(first + self.room) * packs, first * packs);
         }
         consume(&self.block)?;
         self.block.from += count;
@@ -315,7 +331,7 @@ impl<'a> Emit<'a> {
 }
 
 impl Reading {
-    fn new(output: Output, model: &Model) -> Self {
+    fn new(output: Output, model: &Model, wrt: &[usize]) -> Self {
         let Model { g, v, s_m, tau, tau_prop, .. } = *model;
         let (factors, constant) = match output {
             Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
@@ -325,8 +341,53 @@ impl Reading {
             Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
             Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
         };
-        Self { output, factors, constant }
+        let torque = matches!(output, Output::EngineTorque | Output::GaugeTorque);
+        let own = |place: &usize| match *place {
+            at::G | at::V | at::TAU_N | at::TAU_PROP | at::S_M | at::T_M => torque,
+            at::T_N => matches!(output, Output::Speed | Output::PropellerSpeed),
+            _ => false,
+        };
+        Self {
+            output,
+            factors,
+            constant,
+            own: output == Output::Sum || wrt.iter().any(own),
+            late: wrt.contains(&at::T_M),
+            part: f64::NAN,
+            inverse: f64::NAN,
+            speeds: [0.0; 8],
+            racks: (factors[1] != 0.0).then_some([0.0; 8]),
+            sums: (factors[3] != 0.0).then_some([0.0; 8]),
+        }
     }
+
+    /// Weigh the terms for a part of a piece.
+    fn aim(&mut self, part: f64, inverse: f64) {
+        let [of_speed, of_rack, of_rate, of_sum] = self.factors;
+        (self.part, self.inverse) = (part, inverse);
+        let (mut power, mut before) = (1.0, 0.0);
+        for k in 0..=TERMS {
+            self.speeds[k] = of_speed * power + of_rate * inverse * k as f64 * before;
+            if let Some(racks) = &mut self.racks {
+                racks[k] = of_rack * power;
+            }
+            if let Some(sums) = &mut self.sums {
+                sums[k] = of_sum * power;
+            }
+            (before, power) = (power, power * part);
+        }
+    }
+}
+
+/// The terms of derivatives by their weights, of one register.
+#[inline(always)]
+fn weighed<S: Simd>(simd: S, weights: &Series, terms: &[Pack; TERMS + 1], part: usize) -> S::f64s {
+    let mut sums = [simd.splat_f64s(0.0); 2];
+    for k in 0..=TERMS {
+        sums[k % 2] =
+            simd.mul_add_e_f64s(simd.splat_f64s(weights[k]), get::<S>(&terms[k], part), sums[k % 2]);
+    }
+    simd.add_f64s(sums[0], sums[1])
 }
 
 #[inline(always)]
@@ -347,7 +408,20 @@ fn second(series: &[f64; 8], part: f64) -> f64 {
     sum
 }
 
-/// Lanes for so many directions.
-pub const fn lanes(directions: usize) -> usize {
-    directions.next_multiple_of(LANES)
+/// Lay packs, so many apart, into a row of a block for each lane.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2"))]
+fn lay_out(packs: &[Pack], apart: usize, count: usize, rows: &mut [f64]) {
+    for first in (0..count).step_by(LANES) {
+        let mut tile = [[0.0; LANES]; LANES];
+        for (k, pack) in
+            packs[first * apart..].iter().step_by(apart).take(LANES.min(count - first)).enumerate()
+        {
+            for lane in 0..LANES {
+                tile[lane][k] = pack[lane];
+            }
+        }
+        for (row, lane) in rows.chunks_exact_mut(BLOCK).zip(&tile) {
+            row[first..first + LANES].copy_from_slice(lane);
+        }
+    }
 }

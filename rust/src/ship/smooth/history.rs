@@ -3,7 +3,8 @@
 use pulp::Simd;
 
 use super::grid::{Piece, Time};
-use super::model::TERMS;
+use super::model::{Series, TERMS, for_terms};
+use super::slopes::{Rate, get};
 
 /// Parts of a piece closer than this are one.
 const SAME: f64 = 1e-9;
@@ -87,11 +88,11 @@ impl History {
 fn shifted<S: Simd>(simd: S, mut series: [S::f64s; TERMS], x: f64, scale: f64) -> [S::f64s; TERMS] {
     if x != 0.0 {
         let by = simd.splat_f64s(x);
-        for low in 0..TERMS - 1 {
-            for k in (low..TERMS - 1).rev() {
+        for_terms!(LOW => {
+            for k in (LOW..TERMS - 1).rev() {
                 series[k] = simd.mul_add_e_f64s(by, series[k + 1], series[k]);
             }
-        }
+        });
     }
     let mut factor = 1.0;
     for k in 1..TERMS {
@@ -101,15 +102,53 @@ fn shifted<S: Simd>(simd: S, mut series: [S::f64s; TERMS], x: f64, scale: f64) -
     series
 }
 
-/// A past signal over the piece to come; `read` gives a past piece's series. Where the window reaches from one past piece into
-/// another, whose series differ by a break that is too weak for a cut, it is the polynomial that has both ends' value, slope
-/// and curvature.
+/// A past signal over the piece to come; `read` gives a past piece's series.
 #[inline(always)]
-pub fn past<S: Simd>(simd: S, window: &Window, read: impl Fn(usize) -> [S::f64s; TERMS]) -> [S::f64s; TERMS] {
+pub fn past<'a, S: Simd>(
+    simd: S,
+    window: &Window,
+    read: impl Fn(usize) -> &'a Rate,
+    part: usize,
+) -> [S::f64s; TERMS] {
+    let load = |place: usize| {
+        let rows = read(place);
+        let mut terms = [simd.splat_f64s(0.0); TERMS];
+        for k in 0..TERMS {
+            terms[k] = get::<S>(&rows[k], part);
+        }
+        terms
+    };
     let (place, x, scale) = window.first;
-    let mut series = shifted(simd, read(place), x, scale);
-    let Some((place, x, scale)) = window.last else { return series };
-    let end = shifted(simd, read(place), x, scale);
+    let series = shifted(simd, load(place), x, scale);
+    match window.last {
+        None => series,
+        Some((place, x, scale)) => joined(simd, series, shifted(simd, load(place), x, scale)),
+    }
+}
+
+/// The same of one number.
+#[inline(always)]
+pub fn past_value(window: &Window, backs: &[Series]) -> Series {
+    let simd = pulp::Scalar::new();
+    let load = |place: usize| {
+        let mut terms = [0.0; TERMS];
+        terms.copy_from_slice(&backs[place][..TERMS]);
+        terms
+    };
+    let (place, x, scale) = window.first;
+    let mut terms = shifted(simd, load(place), x, scale);
+    if let Some((place, x, scale)) = window.last {
+        terms = joined(simd, terms, shifted(simd, load(place), x, scale));
+    }
+    let mut series = [0.0; 8];
+    series[..TERMS].copy_from_slice(&terms);
+    series
+}
+
+/// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is
+/// the polynomial that has both ends' value, slope and curvature.
+#[inline(always)]
+fn joined<S: Simd>(simd: S, mut series: [S::f64s; TERMS], end: [S::f64s; TERMS]) -> [S::f64s; TERMS] {
     let [p0, p1, p2] = [series[0], series[1], series[2]];
     let times = |factor: f64, of: S::f64s| simd.mul_f64s(simd.splat_f64s(factor), of);
     let value = simd.sub_f64s(end[0], simd.add_f64s(simd.add_f64s(p0, p1), p2));

@@ -23,12 +23,12 @@ use super::march::{Consume, Task};
 use super::parameters::at;
 use super::run::Run;
 
-use emit::{Emit, lanes};
+use emit::Emit;
 use feed::{Feed, Input};
 use grid::Grid;
-use history::{History, Window, past};
+use history::{History, past_value};
 use model::{Jets, Model, Series, TERMS, total};
-use slopes::{Circumstances, SlopeJets, Slopes, Sources};
+use slopes::{Circumstances, LANES, Slopes, Sources};
 
 /// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
 /// where the governor's derivative term hands breaks on as strong as they come, through more of them.
@@ -37,6 +37,8 @@ const LEVELS: usize = 3;
 const FINE: f64 = 0.3;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
+/// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
+const QUICK: f64 = 1.0 / 256.0;
 
 /// Simulate, and give every block of samples to `consume`.
 ///
@@ -68,9 +70,7 @@ fn longest(model: &Model, run: &Run<'_>) -> f64 {
         fastest += 1.0 / model.tau_act;
     }
     let mut longest = (FINE / (fastest * run.dt)).min(1.0);
-    if run.substeps > 0 {
-        longest = 1.0 / run.substeps as f64;
-    }
+    longest = longest.min(1.0 / run.substeps.max(1) as f64);
     if model.t_d > 0.0 {
         longest = longest.min(model.t_d / run.dt);
     }
@@ -85,8 +85,8 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
     fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
         let Self { task, run, stop, consume } = self;
         let (set0, load0) = (run.set[0], run.load.first().copied().unwrap_or(0.0));
-        let model = Model::new(&task.parameters, set0, load0);
-        let width = lanes(task.wrt.len());
+        let model = Model::new(&task.parameters, set0, load0, QUICK * run.dt);
+        let packs = task.wrt.len().div_ceil(LANES);
         let delayed = model.t_d > 0.0;
         let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
         let loaded = !run.load.is_empty();
@@ -102,15 +102,15 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         );
         let places = if delayed { history.places() } else { 0 };
         let mut backs = vec![[0.0; 8]; places.max(1)];
-        let mut slope_backs = vec![0.0; places * TERMS * width];
-        let mut slopes = Slopes::new(&model, task.wrt, width);
-        let mut series = SlopeJets::new(width);
-        let mut sources = Sources::new(&model, task.wrt, width, set0, load0);
-        let mut emit = Emit::new(&model, task, run, width);
+        let mut slope_backs = vec![[[0.0; LANES]; TERMS]; places * packs];
+        let mut slopes = Slopes::start(&model, task.wrt);
+        let mut sources = Sources::new(&model, task.wrt, set0, load0);
+        let mut emit = Emit::new(&model, task, run);
         let binomial = model.binomial();
         let mut state = model.start();
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
+        let opening = grid::Time::new(dead_time);
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
@@ -126,20 +126,30 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             });
             let window = (delayed && piece.open).then(|| history.window(&piece));
             let mut back = match &window {
-                Some(window) => past_values(window, &backs),
+                Some(window) => past_value(window, &backs),
                 None => [0.0; 8],
             };
-            let since = piece.start.since(grid::Time::new(dead_time)) * run.dt;
+            let since = piece.start.since(opening) * run.dt;
             let integral = set.integral + model.t_set * (set0 - 1.0) + since;
             let (error, summed) = errors(&model, &set, length, integral, since);
             let mut feed: Series = [0.0; 8];
             if piece.open {
-                for k in 0..TERMS {
-                    feed[k] = model.k_p * error[k] + model.k_i * summed[k] - back[k];
+                for k in 3..TERMS {
+                    feed[k] = -back[k];
                 }
-                feed[0] += model.base;
+                feed[2] = model.k_i * summed[2] - back[2];
+                feed[1] = model.k_p * error[1] + model.k_i * summed[1] - back[1];
+                feed[0] = model.k_p * error[0] + model.k_i * summed[0] - back[0];
+                feed[0] += model.base - model.ahead * (model.k_p * error[1] / length + model.k_i * error[0]);
+                feed[1] -= model.ahead * model.k_i * error[1];
             } else {
                 feed[0] = model.f0 / model.v;
+            }
+            let broken = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0);
+            let less =
+                if delayed { fed_at_end - feed[0] } else { model.k_p * model.s_u * (set_at_end - set.value) };
+            if broken.is_some() && model.ahead > 0.0 {
+                state = model.kicked(&state, less, &binomial);
             }
             model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
             let place = if delayed { history.push(&piece) } else { 0 };
@@ -149,13 +159,8 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             } else {
                 back = returned;
             }
-            if width > 0 {
-                if let Some(moves) = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0) {
-                    let less = if delayed {
-                        fed_at_end - feed[0]
-                    } else {
-                        model.k_p * model.s_u * (set_at_end - set.value)
-                    };
+            if packs > 0 {
+                if let Some(moves) = broken {
                     sources.jump(&model, moves, less, &mut slopes);
                 }
                 let on = Circumstances {
@@ -169,18 +174,9 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                     load,
                 };
                 sources.lay(&model, &jets, &on);
-                sources.carry(
-                    simd,
-                    &model,
-                    &jets,
-                    window.as_ref(),
-                    &mut slope_backs,
-                    place,
-                    &mut slopes,
-                    &mut series,
-                );
+                sources.carry(simd, &model, &jets, window.as_ref(), &mut slope_backs, place, &mut slopes);
             }
-            emit.read(simd, &piece, &jets, &series);
+            emit.read(simd, &piece, &jets, &slopes);
             emit.flush(consume)?;
             fed_at_end = total(&feed, TERMS);
             set_at_end = set.value + set.slope;
@@ -213,16 +209,4 @@ fn errors(model: &Model, set: &Input, length: f64, integral: f64, since: f64) ->
     summed[1] = length * error[0];
     summed[2] = 0.5 * length * error[1];
     (error, summed)
-}
-
-#[inline(always)]
-fn past_values(window: &Window, backs: &[Series]) -> Series {
-    let terms = past(pulp::Scalar::new(), window, |place| {
-        let mut terms = [0.0; TERMS];
-        terms.copy_from_slice(&backs[place][..TERMS]);
-        terms
-    });
-    let mut series = [0.0; 8];
-    series[..TERMS].copy_from_slice(&terms);
-    series
 }

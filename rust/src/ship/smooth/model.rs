@@ -9,6 +9,40 @@ use crate::ship::parameters::{Parameters, at};
 /// Terms of the rates. The speed has one more.
 pub const TERMS: usize = 6;
 
+/// Do something for every term. Written out, since a loop of that size is not, and its terms would then live in memory.
+macro_rules! for_terms {
+    ($k:ident => $body:block) => {{
+        {
+            const $k: usize = 0;
+            $body
+        }
+        {
+            const $k: usize = 1;
+            $body
+        }
+        {
+            const $k: usize = 2;
+            $body
+        }
+        {
+            const $k: usize = 3;
+            $body
+        }
+        {
+            const $k: usize = 4;
+            $body
+        }
+        {
+            const $k: usize = 5;
+            $body
+        }
+    }};
+}
+pub(super) use for_terms;
+
+/// One over the number of a term and one.
+pub const PER_ORDER: [f64; TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0];
+
 /// Terms of a signal, and room.
 pub type Series = [f64; 8];
 
@@ -30,10 +64,15 @@ pub struct Model {
     pub s_m: f64,
     pub t_d: f64,
     pub t_set: f64,
+    /// A dead time too short for pieces of its own: `X(t - ahead)` is `X - ahead dX/dt`, so the loop's gains are others [s].
+    pub ahead: f64,
+    near_p: f64,
+    near_d: f64,
     pub n0: f64,
     pub f0: f64,
     /// The time constant that the shaft has where the governor's derivative term acts at once [s].
     pub inertia: f64,
+    per_inertia: f64,
     /// The rate of the speed at the start [1/s].
     pub rate0: f64,
     /// What raises the command so that it starts as the rack stands.
@@ -91,14 +130,12 @@ impl Power {
         if x.abs() < Self::NEAR && self.inverse != 0.0 {
             let square = x * x;
             let b = binomial;
-            let low = (1.0 + b[1] * x) + square * (b[2] + b[3] * x);
-            let high = (b[4] + b[5] * x) + square * (b[6] + b[7] * x);
-            let value = self.value * (low + square * square * high);
-            let logarithm = self.logarithm
-                + x * ((1.0 - 0.5 * x)
-                    + square
-                        * ((1.0 / 3.0 - 0.25 * x)
-                            + square * ((0.2 - x / 6.0) + square * (1.0 / 7.0 - 0.125 * x))));
+            let low = fma(square, fma(b[3], x, b[2]), fma(b[1], x, 1.0));
+            let high = fma(square, fma(b[7], x, b[6]), fma(b[5], x, b[4]));
+            let value = self.value * fma(square * square, high, low);
+            let low = fma(square, fma(-0.25, x, 1.0 / 3.0), fma(-0.5, x, 1.0));
+            let high = fma(square, fma(-0.125, x, 1.0 / 7.0), fma(-1.0 / 6.0, x, 0.2));
+            let logarithm = fma(x, fma(square * square, high, low), self.logarithm);
             Self { speed, value, inverse: 1.0 / speed, logarithm }
         } else {
             Self::at(speed, model.p)
@@ -123,10 +160,17 @@ impl Power {
 }
 
 impl Model {
-    pub fn new(parameters: &Parameters, set0: f64, load0: f64) -> Self {
+    /// Lags and dead times below `quick` [s] are taken to first order.
+    pub fn new(parameters: &Parameters, set0: f64, load0: f64, quick: f64) -> Self {
         let of = |place| parameters.of(place);
         let (tau, v, p, k_d) = (of(at::TAU_N), of(at::V), of(at::P), of(at::K_D));
-        let at_once = of(at::T_D) == 0.0 && of(at::TAU_ACT) == 0.0;
+        // A short lag acts as a dead time does.
+        let lag = of(at::TAU_ACT);
+        let (tau_act, late) = if lag < quick { (0.0, of(at::T_D) + lag) } else { (lag, of(at::T_D)) };
+        let (t_d, ahead) = if late < quick { (0.0, late) } else { (late, 0.0) };
+        let at_once = t_d == 0.0 && tau_act == 0.0;
+        let near_d = k_d - ahead * of(at::K_P);
+        let inertia = if at_once { tau + v * near_d } else { tau };
         let mut weights = [[0.0; 8]; TERMS];
         for (k, weights) in weights.iter_mut().enumerate() {
             for j in 1..k {
@@ -146,16 +190,20 @@ impl Model {
             k_d,
             p,
             tau_prop: of(at::TAU_PROP),
-            tau_act: of(at::TAU_ACT),
+            tau_act,
             damping: of(at::DAMPING),
             load_gain: of(at::LOAD_GAIN),
             s_u: of(at::S_U),
             s_m: of(at::S_M),
-            t_d: of(at::T_D),
+            t_d,
             t_set: of(at::T_SET),
+            ahead,
+            near_p: of(at::K_P) - ahead * of(at::K_I),
+            near_d,
             n0,
             f0,
-            inertia: if at_once { tau + v * k_d } else { tau },
+            inertia,
+            per_inertia: 1.0 / inertia,
             rate0,
             base: f0 / v - of(at::K_P) * error0 + k_d * rate0,
             weights,
@@ -190,71 +238,69 @@ impl Model {
         let inverse = 1.0 / length;
         let Power { value, inverse: per_speed, logarithm, .. } = state.power;
         let (delayed, lag) = (self.t_d > 0.0, self.tau_act > 0.0);
-        let first = self.p * value * per_speed;
+        let first = (self.p * per_speed) * value;
         let (mut n, mut q, mut rack) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         let (mut power, mut slope, mut share) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         (n[0], q[0], rack[0]) = (state.n, state.q, state.rack);
         power[0] = value;
-        let pace = length / self.inertia;
+        let pace = length * self.per_inertia;
         let acts = if lag { length / self.tau_act } else { 0.0 };
-        for k in 0..TERMS {
-            let per_order = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0][k];
-            if k > 0 {
-                let mut rest = 0.0;
-                for j in 1..k {
-                    rest += self.weights[k][j] * share[j] * power[k - j];
-                }
-                share[k] = n[k] * per_speed;
-                power[k] = rest + first * n[k];
+        // What a term adds to the next by itself; the rest of the next is known a term earlier, so that the chain is short.
+        let at_once = if !delayed && !lag { self.v * self.near_p } else { 0.0 };
+        let linear = pace * (self.g - self.damping - at_once - first);
+        let drawn = if delayed { 0.0 } else { self.k_i };
+        for_terms!(K => {
+            let mut rest = if K == 0 { value - 1.0 - first * state.n } else { 0.0 };
+            for j in 1..K {
+                rest = fma(self.weights[K][j] * share[j], power[K - j], rest);
             }
-            let mut fed = feed[k];
+            let outside = fma(-drawn, q[K], feed[K]);
+            if K < 2 {
+                rest = fma(self.load_gain, load[K], rest);
+            }
+            let torque = if lag { rack[K] } else { outside };
+            let known = pace * PER_ORDER[K] * fma(self.v, torque, -rest);
+            n[K + 1] = fma(linear * PER_ORDER[K], n[K], known);
+            if K > 0 {
+                share[K] = n[K] * per_speed;
+                power[K] = fma(first, n[K], rest - if K < 2 { self.load_gain * load[K] } else { 0.0 });
+            }
+            let mut fed = outside;
             if !delayed {
-                fed -= self.k_p * n[k] + self.k_i * q[k];
-            }
-            if !lag {
-                rack[k] = fed;
-            }
-            let drag = power[k] - if k == 0 { 1.0 } else { 0.0 };
-            let loaded = if k < 2 { self.load_gain * load[k] } else { 0.0 };
-            let outside = self.v * rack[k] - loaded;
-            n[k + 1] = pace * per_order * (outside + (self.g - self.damping) * n[k] - drag);
-            if !delayed {
-                let rate = self.k_d * (k + 1) as f64 * n[k + 1] * inverse;
-                fed -= rate;
-                if !lag {
-                    rack[k] -= rate;
-                }
+                fed -= fma(self.near_p, n[K], self.near_d * (K + 1) as f64 * n[K + 1] * inverse);
             }
             if lag {
-                rack[k + 1] = acts * per_order * (fed - rack[k]);
+                rack[K + 1] = acts * PER_ORDER[K] * (fed - rack[K]);
+            } else {
+                rack[K] = fed;
             }
-            q[k + 1] = length * per_order * n[k];
-        }
+            q[K + 1] = length * PER_ORDER[K] * n[K];
+        });
         // The slope of the power, from N J = p N^p.
-        for k in 0..TERMS {
-            let mut term = self.p * power[k] * per_speed;
-            for j in 1..=k {
-                term -= share[j] * slope[k - j];
+        for_terms!(K => {
+            let mut term = (self.p * per_speed) * power[K];
+            for j in 1..=K {
+                term = fma(-share[j], slope[K - j], term);
             }
-            slope[k] = term;
-        }
+            slope[K] = term;
+        });
         if EXPONENT {
             let mut log = [0.0; 8];
             log[0] = logarithm;
-            for k in 1..TERMS {
-                let mut term = k as f64 * share[k];
-                for j in 1..k {
-                    term -= j as f64 * log[j] * share[k - j];
+            for_terms!(K => {
+                if K > 0 {
+                    let mut term = K as f64 * share[K];
+                    for j in 1..K {
+                        term = fma(-(j as f64) * log[j], share[K - j], term);
+                    }
+                    log[K] = term * PER_ORDER[if K > 0 { K - 1 } else { 0 }];
                 }
-                log[k] = term * [1.0, 1.0, 0.5, 1.0 / 3.0, 0.25, 0.2][k];
-            }
-            for k in 0..TERMS {
                 let mut term = 0.0;
-                for j in 0..=k {
-                    term += log[j] * power[k - j];
+                for j in 0..=K {
+                    term = fma(log[j], power[K - j], term);
                 }
-                jets.by_exponent[k] = term;
-            }
+                jets.by_exponent[K] = term;
+            });
         }
         (jets.length, jets.inverse) = (length, inverse);
         (jets.n, jets.q, jets.rack, jets.power, jets.slope) = (n, q, rack, power, slope);
@@ -266,6 +312,24 @@ impl Model {
         let n = total(&jets.n, TERMS + 1);
         let power = state.power.moved(1.0 + n, self, binomial);
         State { n, q: total(&jets.q, TERMS + 1), rack: total(&jets.rack, TERMS + 1), power }
+    }
+
+    /// The state behind a jump of what the rack is fed, by so much less, which comes [`Self::ahead`] later than it is reckoned.
+    pub fn kicked(&self, state: &State, less: f64, binomial: &[f64; 8]) -> State {
+        let mut state = *state;
+        if self.tau_act > 0.0 {
+            state.rack += self.ahead * less / self.tau_act;
+        } else {
+            state.n += self.ahead * self.v * less / self.inertia;
+            state.power = state.power.moved(1.0 + state.n, self, binomial);
+        }
+        state
+    }
+
+    /// The gains of the speed and of its rate that act within a piece.
+    #[inline(always)]
+    pub const fn near(&self) -> [f64; 2] {
+        [self.near_p, self.near_d]
     }
 
     /// What goes back into the governor: `K_p n + K_i Q + K_d dn/dt`.
@@ -281,14 +345,23 @@ impl Model {
     }
 }
 
+/// A multiply-add in one instruction, where the machine has it; what calls it is compiled for the machine's vectors.
+#[inline(always)]
+fn fma(a: f64, b: f64, c: f64) -> f64 {
+    a.mul_add(b, c)
+}
+
 /// A series at the end of its piece.
 #[inline(always)]
 pub fn total(series: &Series, terms: usize) -> f64 {
+    // Small terms first, two by two.
     let mut sum = 0.0;
-    for k in (0..terms).rev() {
-        sum += series[k];
+    let mut k = terms;
+    while k >= 2 {
+        sum += series[k - 1] + series[k - 2];
+        k -= 2;
     }
-    sum
+    if k == 1 { sum + series[0] } else { sum }
 }
 
 /// A series at a part of its piece.
