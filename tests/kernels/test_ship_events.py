@@ -133,7 +133,9 @@ def test_derivatives_are_those_of_an_exact_solution(case):
     load = load_of(values, len(u))
     _, slopes = sensitivities(values, u, load, names=names)
     for name, slope in zip(names, slopes, strict=True):
-        step = (2e-5 if name.startswith("T_") else 5e-5) * max(abs(values[name]), 0.1)
+        # The solver steps over kinks that come out of a dead time, which small steps would make much of.
+        share = 2e-5 if name.startswith("T_") else 2e-4 if case.startswith("late") else 5e-5
+        step = share * max(abs(values[name]), 0.1)
 
         def at(change, name=name):
             return twin.simulate({**values, name: values[name] + change}, u, load, DT, "first", OUTPUTS)
@@ -155,7 +157,7 @@ def test_derivatives_are_those_of_an_exact_solution(case):
         {"tau_act": 0.06},
         {"T_d": 0.073},
         {"T_d": 0.003},
-        {"T_d": 0.12, "T_set": 0.21, "tau_act": 0.06, "K_d": 0.05, **REST},
+        {"T_d": 0.1217, "T_set": 0.2131, "tau_act": 0.06, "K_d": 0.05, **REST},
     ],
 )
 def test_a_limit_out_of_reach_leaves_the_smooth_ship(more, hold):
@@ -343,7 +345,7 @@ def test_ctrl_c_ends_a_long_run():
     """The kernel looks at the stop flag within a sample, too."""
     import _thread  # noqa: PLC0415
 
-    values = {**SHIP, **TORQUE, "tau_act": 3e-6}
+    values = {**SHIP, **TORQUE, "tau_act": 5e-5}
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()
     start = time.monotonic()

@@ -32,7 +32,7 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
     #[inline(always)]
     pub(super) fn happen(&mut self, next: Next, time: Dual<S, N>) {
         let elements = self.equations.elements;
-        let before = self.flow_before();
+        let before = self.flow_now();
         match next {
             Next::Sample => return self.order(time, self.state.engine, Some(before.rates.engine)),
             Next::Arrival => self.arrive(),
@@ -50,7 +50,7 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         let late = self.equations.terms.t_d;
         if elements.direct() && next == Next::Set && self.set.jumps() && !late.is_constant() {
             // A dead time that is off: by it the jump comes later all the same.
-            let after = self.flow_after();
+            let after = self.flow_now();
             let (before, after) = (&before.rates, &after.rates);
             let state = &mut self.state;
             state.engine = state.engine + (before.engine - after.engine) * late;
@@ -73,8 +73,11 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
     pub(super) fn arrive(&mut self) {
         match self.arrivals.pop() {
             Some((_, Arrival::Command(command))) => self.held = command,
-            Some((_, Arrival::Break(order))) if order < LAST_BREAK => self.push_break(order + 1),
-            _ => {}
+            Some((_, Arrival::Break(order))) => {
+                self.broken = self.now.value();
+                self.push_break(order + 1);
+            }
+            None => {}
         }
     }
 
@@ -120,7 +123,7 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
             let rack = self.state.rack;
             self.mode.rate = Side::High;
             self.resettle(false);
-            let stretch = self.stretch(4.0 * self.same(self.now.value()));
+            let stretch = self.here();
             let target = self.plain.target(&self.plain_flow(stretch, self.mode), self.mode);
             let rise = target - rack.value();
             self.mode.rate = match rise {
@@ -131,7 +134,7 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         }
         self.resettle(true);
         if matches!(self.mode.integral, Integral::Slides(_)) {
-            let stretch = self.stretch(4.0 * self.same(self.now.value()));
+            let stretch = self.here();
             self.project(stretch);
         }
     }
@@ -141,7 +144,7 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         if !self.equations.elements.watched() && !self.equations.elements.rack_limit {
             return;
         }
-        let stretch = self.stretch(4.0 * self.same(self.now.value()));
+        let stretch = self.here();
         let state = self.state.map(Dual::value);
         self.settle_rack_limit();
         for _ in 0..MOST_AT_ONCE {
@@ -172,7 +175,7 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
     /// A jump may have taken a sliding command off its ceiling.
     fn leave_ceiling(&mut self) {
         let Integral::Slides(side) = self.mode.integral else { return };
-        let stretch = self.stretch(4.0 * self.same(self.now.value()));
+        let stretch = self.here();
         let flow = self.plain_flow(stretch, self.mode);
         if (flow.command - self.plain.ceiling(side, self.state.engine.value())).abs() > JUMPED {
             self.mode.integral = Integral::Runs;

@@ -50,12 +50,18 @@ impl<'a> Held<'a> {
     #[inline(always)]
     pub fn piece(&self, time: f64) -> Piece {
         let place = (time / self.dt + SAME).floor();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Saturates.
+        self.piece_after(if place < 0.0 { 0 } else { (place as usize).saturating_add(1) })
+    }
+
+    /// The piece that begins with the last of so many samples.
+    #[inline(always)]
+    pub fn piece_after(&self, passed: usize) -> Piece {
         let Some(last) = self.samples.len().checked_sub(1) else { return Piece::ZERO };
-        if place < 0.0 {
+        let Some(index) = passed.checked_sub(1) else {
             return Piece { from: self.samples[0], ..Piece::ZERO };
-        }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Not negative; saturates.
-        let index = (place as usize).min(last);
+        };
+        let index = index.min(last);
         let from = self.samples[index];
         let slope = match self.hold {
             Hold::First if index < last => (self.samples[index + 1] - from) / self.dt,

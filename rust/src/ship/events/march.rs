@@ -16,7 +16,7 @@ use crate::stop::Stop;
 use super::command::{Arrival, Arrivals, Past};
 use super::flow::{Equations, Flow, Input, State};
 use super::happen::Stretch;
-use super::held::{Held, Piece};
+use super::held::Held;
 use super::inputs::{Inputs, step};
 use super::pace::longest_step;
 use super::readings::Readings;
@@ -62,6 +62,10 @@ pub struct March<'a, S, const N: usize> {
     pub(super) set_sample: usize,
     pub(super) load_sample: usize,
     steps: usize,
+    /// When a break of the command last reached the actuator [s].
+    pub(super) broken: f64,
+    /// Switches since something happened at a known time.
+    switches: usize,
 }
 
 /// The course of the state through a step, without derivatives.
@@ -168,6 +172,8 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
             set_sample: if equations.elements.sampled { run.samples() } else { 0 },
             load_sample: if equations.elements.loaded { 0 } else { run.samples() },
             steps: 0,
+            broken: f64::NEG_INFINITY,
+            switches: 0,
             equations,
             plain,
         })
@@ -191,9 +197,12 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         }
         while let Some((channel, reading)) = readings.next() {
             let (next, time) = self.next(channel, reading);
-            self.move_to(time)?;
+            if !self.move_to(time)? {
+                continue;
+            }
+            self.switches = 0;
             if let Next::Reading(channel) = next {
-                let flow = self.flow_after();
+                let flow = self.flow_now();
                 for place in 0..readings.channels[channel].outputs.len() {
                     let output = readings.channels[channel].outputs[place];
                     readings.push(output, self.output(self.outputs[output], &flow).tangent());
@@ -278,23 +287,25 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
     #[inline(always)]
     pub(super) fn stretch(&self, length: f64) -> Stretch {
         let (t, now) = (&self.plain.terms, self.now.value());
-        let middle = now + 0.5 * length;
-        let set = if self.plain.elements.sampled { Piece::ZERO } else { self.set.piece(middle - t.t_set) };
-        let load = self.load.piece(middle);
-        let inside = (0.25 * length).min(2.0 * self.same(now)).max(0.0);
-        (set, load, [now - t.t_d + inside, now + length.max(0.0) - t.t_d - inside])
+        // By what has happened, not by the time: several things may happen at one time.
+        let (set, load) = (self.set.piece_after(self.set_sample), self.load.piece_after(self.load_sample));
+        let inside = (0.25 * length.abs()).min(2.0 * self.same(now));
+        let (first, last) = (now.min(now + length), now.max(now + length));
+        (set, load, [first - t.t_d + inside, last - t.t_d - inside])
     }
 
-    /// All signals now, in the pieces of the inputs that begin now.
+    /// The inputs now, behind what has happened now, before what has not.
     #[inline(always)]
-    pub(super) fn flow_after(&self) -> Flow<Dual<S, N>> {
-        self.flow_in(self.stretch(4.0 * self.same(self.now.value())))
+    pub(super) fn here(&self) -> Stretch {
+        let same = 4.0 * self.same(self.now.value());
+        let broken = (self.now.value() - self.broken).abs() <= same;
+        self.stretch(if broken { same } else { -same })
     }
 
-    /// All signals now, in the pieces of the inputs that end now.
+    /// All signals now.
     #[inline(always)]
-    pub(super) fn flow_before(&self) -> Flow<Dual<S, N>> {
-        self.flow_in(self.stretch(-4.0 * self.same(self.now.value())))
+    pub(super) fn flow_now(&self) -> Flow<Dual<S, N>> {
+        self.flow_in(self.here())
     }
 
     #[inline(always)]
@@ -315,15 +326,15 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         self.now.apart(FlowAt { equations, inputs, time, state, mode })
     }
 
-    /// On to a time, before anything happens there.
+    /// On to a time, before anything happens there; false where a switch has made something that happens before.
     #[inline(always)]
-    fn move_to(&mut self, time: Dual<S, N>) -> Result<()> {
+    fn move_to(&mut self, time: Dual<S, N>) -> Result<bool> {
         let length = time - self.now;
         if length.value() <= 2.0 * self.same(time.value()) {
-            let flow = self.flow_after();
+            let flow = self.flow_now();
             self.state = self.state.after(length, &flow.rates);
             self.now = time;
-            return Ok(());
+            return Ok(true);
         }
         let stretch = self.stretch(length.value());
         let parts = (length.value() / self.longest * (1.0 - SAME)).ceil().max(1.0);
@@ -336,18 +347,20 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
                 self.stop.check()?;
             }
             self.now = start + part * number as f64;
-            self.advance(stretch, part);
+            if !self.advance(stretch, part) {
+                return Ok(false);
+            }
         }
         self.now = time;
         if self.equations.elements.delayed {
             self.past.forget(time.value() - self.plain.terms.t_d - self.longest);
         }
-        Ok(())
+        Ok(true)
     }
 
-    /// Through a step, switch by switch.
+    /// Through a step, switch by switch; false where it ends early, since a switch has broken a command that arrives within.
     #[inline(always)]
-    fn advance(&mut self, stretch: Stretch, length: Dual<S, N>) {
+    fn advance(&mut self, stretch: Stretch, length: Dual<S, N>) -> bool {
         let mut left = length;
         if self.equations.elements.watched() {
             for _ in 0..MOST_SWITCHES {
@@ -364,8 +377,15 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
                 if left.value() <= 1e-14 * length.value() {
                     break;
                 }
+                self.switches += 1;
+                let broken = self.arrivals.next().map_or(f64::INFINITY, |time| time.value());
+                let end = self.now.value() + left.value();
+                if self.switches < MOST_SWITCHES && broken < end - self.same(end) {
+                    return false;
+                }
             }
         }
         self.step(stretch, left);
+        true
     }
 }

@@ -7,6 +7,9 @@ use crate::scalar::{Scalar, Tangent};
 use crate::ship::march::{BLOCK, Block, Consume};
 use crate::ship::output::Output;
 
+/// Samples that go into the block together.
+const STAGE: usize = 8;
+
 /// Outputs that are as late as each other.
 #[derive(Debug, Clone)]
 pub struct Channel<T> {
@@ -38,6 +41,10 @@ pub struct Readings<T, const N: usize> {
     queues: Vec<VecDeque<Tangent<N>>>,
     /// For each output how many samples show what was before the record, and that.
     before: Vec<(usize, Tangent<N>)>,
+    /// Whether all outputs are read at their samples.
+    at_once: bool,
+    /// The last few samples of each row: rows lie so far apart that single values would push each other out of the cache.
+    stage: Vec<[f64; STAGE]>,
     samples: usize,
     dt: f64,
     block: Block,
@@ -61,10 +68,15 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
             Output::Speed | Output::PropellerSpeed => 1,
             Output::EngineTorque | Output::GaugeTorque => 2,
         };
-        let mut channels = Vec::new();
+        let mut channels: Vec<Channel<T>> = Vec::new();
         for (number, delay) in delays.into_iter().enumerate() {
             let of: Vec<_> = (0..outputs.len()).filter(|&place| kind(&outputs[place]) == number).collect();
-            if !of.is_empty() {
+            let same = |channel: &&mut Channel<T>| {
+                channel.delay == delay && channel.delay.is_constant() && delay.is_constant()
+            };
+            if let Some(channel) = channels.iter_mut().find(same) {
+                channel.outputs.extend(of);
+            } else if !of.is_empty() {
                 channels.push(Channel::new(delay, of, dt, samples));
             }
         }
@@ -75,9 +87,11 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
             }
         }
         Self {
-            channels,
             queues: vec![VecDeque::new(); outputs.len()],
             before: first.into_iter().zip(before).collect(),
+            at_once: channels.len() == 1 && channels[0].next == 0,
+            channels,
+            stage: vec![[0.0; STAGE]; outputs.len() * (directions + 1)],
             samples,
             dt,
             block: Block::new(outputs.len(), directions),
@@ -104,7 +118,22 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
     /// Take what an output's channel reads now.
     #[inline(always)]
     pub fn push(&mut self, output: usize, number: Tangent<N>) {
-        self.queues[output].push_back(number);
+        if self.at_once {
+            self.lay(output, &number);
+        } else {
+            self.queues[output].push_back(number);
+        }
+    }
+
+    /// An output at the sample that is given away next.
+    #[inline(always)]
+    fn lay(&mut self, output: usize, number: &Tangent<N>) {
+        let place = (self.row - self.block.from) % STAGE;
+        let rows = &mut self.stage[output * (self.directions + 1)..][..=self.directions];
+        rows[self.directions][place] = number.value;
+        for (row, slope) in rows.iter_mut().zip(&number.slopes[..self.directions]) {
+            row[place] = *slope;
+        }
     }
 
     /// A channel has read all its outputs.
@@ -116,6 +145,9 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
     /// Give away the rows that are complete.
     #[inline(always)]
     pub fn give(&mut self, consume: &mut Consume<'_>) -> Result<()> {
+        if self.at_once {
+            return if self.row < self.channels[0].next { self.give_row(consume) } else { Ok(()) };
+        }
         while self.row < self.samples
             && self
                 .before
@@ -123,22 +155,37 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
                 .zip(&self.queues)
                 .all(|((first, _), queue)| self.row < *first || !queue.is_empty())
         {
-            let place = self.row - self.block.from;
-            for (output, queue) in self.queues.iter_mut().enumerate() {
-                let (first, before) = &self.before[output];
-                let number = if self.row < *first { *before } else { queue.pop_front().unwrap_or(*before) };
-                for (direction, slope) in number.slopes[..self.directions].iter().enumerate() {
-                    self.block.row_mut(output, direction)[place] = *slope;
+            for output in 0..self.queues.len() {
+                let (first, before) = self.before[output];
+                let read = if self.row < first { None } else { self.queues[output].pop_front() };
+                self.lay(output, &read.unwrap_or(before));
+            }
+            self.give_row(consume)?;
+        }
+        Ok(())
+    }
+
+    /// Give away the row that was laid.
+    #[inline(always)]
+    fn give_row(&mut self, consume: &mut Consume<'_>) -> Result<()> {
+        self.row += 1;
+        let filled = self.row - self.block.from;
+        self.block.samples = filled;
+        let full = filled == BLOCK || self.row == self.samples;
+        if full || filled % STAGE == 0 {
+            let from = (filled - 1) / STAGE * STAGE;
+            let outputs = self.queues.len();
+            for output in 0..outputs {
+                for column in 0..=self.directions {
+                    let stage = &self.stage[output * (self.directions + 1) + column];
+                    self.block.row_mut(output, column)[from..filled].copy_from_slice(&stage[..filled - from]);
                 }
-                self.block.row_mut(output, self.directions)[place] = number.value;
             }
-            self.row += 1;
-            self.block.samples = place + 1;
-            if place + 1 == BLOCK || self.row == self.samples {
-                consume(&self.block)?;
-                self.block.from = self.row;
-                self.block.samples = 0;
-            }
+        }
+        if full {
+            consume(&self.block)?;
+            self.block.from = self.row;
+            self.block.samples = 0;
         }
         Ok(())
     }

@@ -66,9 +66,10 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
                 (self.now, self.state.engine) = (time, speed.without_dust());
                 rise = Rise::new(&shaft, time, self.state.engine, shaft.terms.v * self.held);
             } else {
+                let speed = series.at(&shaft, reading);
                 for place in 0..readings.channels[channel].outputs.len() {
                     let output = readings.channels[channel].outputs[place];
-                    let number = self.read(&shaft, series, self.outputs[output], reading);
+                    let number = self.read(&shaft, series, self.outputs[output], speed, reading);
                     readings.push(output, number.tangent());
                 }
                 readings.advance(channel);
@@ -86,17 +87,25 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         Rise::new(shaft, time, speed, series.fuel)
     }
 
+    /// An output at a time at which the speed is known.
     #[inline(always)]
-    fn read(&self, shaft: &Shaft<S, N>, series: &Rise<S, N>, output: Output, time: Dual<S, N>) -> Dual<S, N> {
+    fn read(
+        &self,
+        shaft: &Shaft<S, N>,
+        series: &Rise<S, N>,
+        output: Output,
+        speed: Dual<S, N>,
+        time: Dual<S, N>,
+    ) -> Dual<S, N> {
         let t = &shaft.terms;
-        let brake = |speed: Dual<S, N>| t.g * (speed + -1.0) + series.fuel + 1.0;
+        let brake = || t.g * (speed + -1.0) + series.fuel + 1.0;
         match output {
-            Output::Speed | Output::PropellerSpeed => series.at(shaft, time) + -1.0,
-            Output::EngineTorque => t.s_m * brake(series.at(shaft, time)) + -1.0,
+            Output::Speed | Output::PropellerSpeed => speed + -1.0,
+            Output::EngineTorque => t.s_m * brake() + -1.0,
             Output::GaugeTorque => {
-                let rate = series.rate_at(shaft, time);
                 // What the engine's own inertia takes does not reach the gauge.
-                t.s_m * (brake(series.at(shaft, time)) - (t.tau_n - t.tau_prop) * rate) + -1.0
+                let rate = series.rate_at(shaft, time);
+                t.s_m * (brake() - (t.tau_n - t.tau_prop) * rate) + -1.0
             }
             Output::Rack => self.held,
             Output::Sum => self.state.sum,
