@@ -13,10 +13,10 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_template import TO_NM, TO_RPM
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, validated
+from shipfp_rs.support.units import TO_NM, TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
 from shipfp_rs.view.document import Document
