@@ -141,7 +141,8 @@ class Desk:
                     {"name": file.name, "log": self._open[number].path.name, "doc": number}
                     for number in documents
                 ]
-        return {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        told = {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        return {**told, "others": broken[:MOST_ENTRIES]}
 
     def _faults(self, asked: Asked) -> dict[str, Any]:
         work = self._document(asked).faults.begin()
