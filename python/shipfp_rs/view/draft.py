@@ -124,7 +124,7 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         if rate_hz is not None:
             _put(header, "rate_hz", rate_hz)
         # Where the torque was measured is said by its channel.
-        document["identify"].pop("torque", None)  # type: ignore[union-attr]
+        document["identify"].pop("torque", None)
     _put_channels(_sub_table(document, "channels"), draft.channels)
     point = _sub_table(document, "operating_point")
     if draft.steady_s is not None:
