@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
+import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -84,7 +85,7 @@ class Desk:
 
     def open_trial(self, path: Path) -> list[int]:
         """Return the documents of a trial's logs, in order; relative names count from its folder."""
-        content = drafts.tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
         header = content.get("trial")
         logs = header.get("log", []) if isinstance(header, dict) else []
         logs = [logs] if isinstance(logs, str) else logs
@@ -141,7 +142,8 @@ class Desk:
                     {"name": file.name, "log": self._open[number].path.name, "doc": number}
                     for number in documents
                 ]
-        return {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        told = {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        return {**told, "others": broken[:MOST_ENTRIES]}
 
     def _faults(self, asked: Asked) -> dict[str, Any]:
         work = self._document(asked).faults.begin()
