@@ -268,9 +268,7 @@ def test_blocks_of_products_are_those_of_the_sensitivities():
     sums, count = _core.ship_products(
         vector(values), u, NO_LOAD, DT, 0, "first", outputs, measured, np.zeros(2), np.ones((2, 1)), wrt
     )
-    columns = np.stack(
-        [np.vstack([slopes[:, k], np.ones(len(u)), measured[k] - found[k]]) for k in range(2)]
-    )
+    columns = np.stack([np.vstack([slopes[:, k], np.ones(len(u)), measured[k] - found[k]]) for k in range(2)])
     expected = np.einsum("iak,jbk->iajb", columns, columns)
     assert count == len(u)
     np.testing.assert_allclose(sums, expected, rtol=1e-9, atol=1e-12)

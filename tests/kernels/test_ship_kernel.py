@@ -76,13 +76,17 @@ def by_size(found, expected):
 def test_signals_are_those_of_the_equations(ship, hold):
     u, load = inputs_of(ship, 30)
     parameters = vector(**SHIPS[ship])
-    expected = twin.simulate(parameters, u, load, DT, hold, FIVE, levels=10 if parameters[NAMES.index("K_d")] else 6)
+    expected = twin.simulate(
+        parameters, u, load, DT, hold, FIVE, levels=10 if parameters[NAMES.index("K_d")] else 6
+    )
     found = _core.simulate_ship(parameters, u, load, DT, 0, hold, FIVE)
     assert by_size(found, expected) < 2e-8
 
 
 @pytest.mark.parametrize("hold", ["first", "zero"])
-@pytest.mark.parametrize("ship", ["both dead times", "lag and dead times", "not at rest", "late channels", "load"])
+@pytest.mark.parametrize(
+    "ship", ["both dead times", "lag and dead times", "not at rest", "late channels", "load"]
+)
 def test_derivatives_are_those_of_the_solution_along_every_parameter(ship, hold):
     u, load = inputs_of(ship, 12)
     parameters = vector(**SHIPS[ship])
@@ -125,7 +129,10 @@ def test_a_time_that_begins_has_its_derivative_to_the_right(name):
 def test_steps_are_those_of_the_independent_reference(step):
     with REFERENCE.open() as file:
         rows = [
-            [float(row[name]) for name in ("time_s", "shaft_speed_rps", "integrated_error_rev", "shaft_torque_Nm")]
+            [
+                float(row[name])
+                for name in ("time_s", "shaft_speed_rps", "integrated_error_rev", "shaft_torque_Nm")
+            ]
             for row in csv.DictReader(file)
             if float(row["step_fraction"]) == float(step) and row["torque_limit_over_Mb0"] == "none"
         ]

@@ -207,19 +207,23 @@ def simulate(
                 A, N, rate, L, total = F_0 / q["v"], N_0, 0.0, drag(N_0, torque.samples[0]), 0.0
             else:
                 N, total, A, rate, L, _ = past.at(max(t, 0.0), max(t, 0.0) + 1e-9)
-            row.append({
-                "dn": N - 1.0,
-                "dn_prop": N - 1.0,
-                "dM_b": q["s_M"] * (1.0 + q["g"] * (N - 1.0) + q["v"] * A) - 1.0,
-                "dM_g": q["s_M"] * (L + q["tau_prop"] * rate) - 1.0,
-                "dX": A,
-                "dE": total + (raised / q["K_i"] if q["K_i"] else 0.0),
-            }[name])
+            row.append(
+                {
+                    "dn": N - 1.0,
+                    "dn_prop": N - 1.0,
+                    "dM_b": q["s_M"] * (1.0 + q["g"] * (N - 1.0) + q["v"] * A) - 1.0,
+                    "dM_g": q["s_M"] * (L + q["tau_prop"] * rate) - 1.0,
+                    "dX": A,
+                    "dE": total + (raised / q["K_i"] if q["K_i"] else 0.0),
+                }[name]
+            )
         rows.append(row)
     return np.array(rows)
 
 
-def differences(parameters: Array, name: str, *arguments: object, step: float = 1e-4, **options: object) -> Array:
+def differences(
+    parameters: Array, name: str, *arguments: object, step: float = 1e-4, **options: object
+) -> Array:
     """Central differences of fourth order along a parameter, shape (O, N)."""
     at = SHIP_PARAMETERS.index(name)
 

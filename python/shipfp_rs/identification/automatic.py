@@ -76,7 +76,8 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     for rival in choice.rivals:
-        found = estimates(rival.search, rival.minimum)
+        # A rival's own profile would cost as much as the choice's, to move an end of a union by little.
+        found = estimates(replace(rival.search, intervals="symmetric"), rival.minimum)
         others = {**found.parameters, **found.derived}
         words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
         for group in (parameters, derived):

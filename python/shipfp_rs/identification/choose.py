@@ -35,11 +35,12 @@ CANDIDATES = (
     "torque_limit",
     "twist",
     "late_torque",
-    "late_speed",
 )
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
+PART_BEHIND = 0.9
+"""Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 ALIKE = ("dead_time_loop", "actuator_lag")
 """Elements that look alike below the loop's bandwidth: each is tried in the other's place."""
 
@@ -149,7 +150,17 @@ class Chooser:
         elements = self.ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
         search = self.search(elements)
         ends: list[Minimum] = []
-        for values in starts(search.structure, self.experiments):
+        begins = starts(search.structure, self.experiments)
+        if "tau_prop" in begins[0] and "tau_n" not in {
+            **self.narrow.get("fixed", {}),
+            **self.narrow.get("prior", {}),
+        }:
+            # The inertia behind the gauge is part of the whole.
+            least = PART_BEHIND * min(values["tau_prop"] for values in begins)
+            upper = search.structure["tau_n"].upper
+            self.narrow = {**self.narrow, "bounds": {"tau_n": (least, max(2.0 * least, 1.2), upper)}}
+            search = self.search(elements)
+        for values in begins:
             try:
                 ends.append(search.minimise(self._vector(search, values)))
             except (IdentificationError, SimulationError) as error:
@@ -313,18 +324,18 @@ def choose(chooser: Chooser) -> Choice:
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
     # Without what does not act, every later fit is cheaper.
-    current, _ = _backward(chooser, chooser.first(), level, ladder)
+    current, _, _ = _backward(chooser, chooser.first(), level, ladder)
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
         current = chooser.refined(best)
-    kept, rises = _backward(chooser, current, level, ladder)
+    kept, rises, poorer = _backward(chooser, current, level, ladder)
     if kept is not current:
         # Weights and base are those of the structure that is left.
         current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
-    rivals = _rivals(chooser, current, gains, level, ladder)
+    rivals = (*poorer, *_rivals(chooser, current, gains, level, ladder))
     evidence = rises | {name: gain.fall for name, gain in gains.items()}
     states: dict[str, State] = {}
     for name in chooser.candidates:
@@ -371,8 +382,13 @@ def _gains(
 
 def _backward(
     chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
-) -> tuple[Fitted, dict[str, float]]:
-    """Drop elements, the least missed first, while the deviance rises less than the level."""
+) -> tuple[Fitted, dict[str, float], list[Fitted]]:
+    """Drop elements, the least missed first, as long as the data do not reject what is left.
+
+    Returned are what is left, each of its elements' rise of the deviance, and the structures without an element that is
+    missed too much to be dropped and too little to be sure of.
+    """
+    limit = threshold(1, REJECTED)
     while True:
         base = chooser.with_elements(current, current.elements)
         rises: dict[str, float] = {}
@@ -384,11 +400,11 @@ def _backward(
             rises[name] = np.inf if trial is None else cost(trial) - cost(base)
             if trial is not None:
                 trials[name] = trial
-                said = "too poor" if rises[name] > level else "as good"
+                said = "too poor" if rises[name] > level else "poorer" if rises[name] > limit else "as good"
                 ladder.append(Rung(trial.elements, rises[name], said))
         least = min(trials, key=lambda name: rises[name], default=None)
-        if least is None or rises[least] > level:
-            return current, rises
+        if least is None or rises[least] > limit:
+            return current, rises, [trials[name] for name in trials if rises[name] <= level]
         current = chooser.refined(trials[least])
 
 
