@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from benches import rival_ship
 from scipy.signal import csd, welch
 
 from tests.families import events as by_events
@@ -344,8 +347,6 @@ def test_an_element_matters_by_its_effect_against_the_noise():
     found = matters.judged(one)
     assert found["T_set"]["verdict"] == "matters"
     assert found["T_set"]["distinct"] <= found["T_set"]["size"]
-    from dataclasses import replace
-
     little = replace(one, plant=one.plant._replace(set_point_dead_time=1e-4))
     assert matters.judged(little)["T_set"]["verdict"] == "idle"
 
@@ -451,3 +452,19 @@ def test_combinations_are_read_as_arithmetic_only():
     assert score.evaluated("(p-g)/(vK_i)+T_set", BASE | {"T_set": 0.1}) == pytest.approx(0.365)
     assert score.evaluated("v", BASE) is None
     assert score.evaluated("__import__('os')", BASE) is None
+
+
+@pytest.mark.parametrize("seed", [14, 22])
+def test_a_third_simulation_finds_the_truth_in_an_experiment(seed):
+    """The rival's ship, at the truth and on the set point at 50 Hz, leaves far less than the noise.
+
+    What it leaves is its set point's straight lines between samples.
+    """
+    one = replace(draw("tug", seed, longest_s=220.0), torque_delay_s=0.0)
+    assert set(one.on) <= {"T_d", "T_set"}
+    asked, speed, torque = (sensors.to_common(signal) for signal in one.clean())
+    values = one.truth()["parameters"]
+    numbers = np.array([values.get(name, 1.0) for name in rival_ship.NAMES])
+    left = np.vstack([speed, torque]) - rival_ship.ship(numbers, asked, 0.02, 20)
+    for residual, noise in zip(left, one.noise, strict=True):
+        assert residual[100:].std() < 0.15 * noise.samples(np.random.default_rng(0), 40_000).std()
