@@ -54,7 +54,7 @@ fn ship_sensitivities<'py>(
     {
         let (mut values, mut slopes) = (values.readwrite(), slopes.readwrite());
         let (values, slopes) = (values.as_slice_mut()?, slopes.as_slice_mut()?);
-        guard::run(py, work(&run, wrt.len()), |stop| simulate(&task, &run, values, slopes, stop))?;
+        guard::run(py, task.work(&run), |stop| simulate(&task, &run, values, slopes, stop))?;
     }
     Ok((values, slopes))
 }
@@ -83,7 +83,7 @@ fn ship_products<'py>(
     let targets = Targets::borrow(measured, offsets, filters, outputs.len(), run.samples())?;
     let rows = outputs.len();
     let record = targets.record(run, &outputs, wrt)?;
-    let sums = guard::run(py, record.work(), |stop| record.sums(&parameters, stop))?;
+    let sums = guard::run(py, record.work(&parameters), |stop| record.sums(&parameters, stop))?;
     Ok((hand_back(py, sums.values, [rows, sums.columns, rows, sums.columns])?, sums.count))
 }
 
@@ -122,7 +122,7 @@ fn ship_products_batch<'py>(
     let (rows, columns) = (outputs.len(), wrt.len() + 2);
     let targets = Targets::borrow(measured, offsets, filters, rows, run.samples())?;
     let record = targets.record(run, &outputs, wrt)?;
-    let work = record.work().saturating_mul(members);
+    let work = ships.iter().fold(0_usize, |sum, ship| sum.saturating_add(record.work(ship)));
     let sums = guard::run(py, work, |stop| record.batch(&ships, threads, stop))?;
     let counts = sums.iter().map(|sums| i64::try_from(sums.count).unwrap_or(i64::MAX)).collect();
     let values = sums.into_iter().flat_map(|sums| sums.values).collect();
@@ -166,10 +166,6 @@ fn ship_scatter_batch<'py>(
 fn vector(parameters: &Bound<'_, PyAny>) -> PyResult<Parameters> {
     let vector: Vector<'_> = borrow("parameters", parameters)?;
     Ok(Parameters::new(vector.as_slice()?, "parameters")?)
-}
-
-fn work(run: &Run<'_>, directions: usize) -> usize {
-    run.samples().saturating_mul(run.substeps.max(1)).saturating_mul(1 + directions)
 }
 
 /// The inputs of a run, borrowed from Python.

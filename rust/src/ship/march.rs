@@ -21,6 +21,18 @@ pub struct Task<'a> {
     pub wrt: &'a [usize],
 }
 
+impl Task<'_> {
+    /// Roughly how many steps with a derivative a simulation takes.
+    #[must_use]
+    pub fn work(&self, run: &Run<'_>) -> usize {
+        let steps = match self.parameters.path() {
+            Path::Smooth => run.samples().saturating_mul(run.substeps.max(1)),
+            Path::Events => events::work(self, run),
+        };
+        steps.saturating_mul(1 + self.wrt.len())
+    }
+}
+
 /// A block of samples, at most [`BLOCK`] of them: rows of [`BLOCK`] values, for each output its derivatives and then its value.
 #[derive(Debug)]
 pub struct Block {

@@ -53,10 +53,10 @@ impl<'a> Record<'a> {
         self.wrt.len()
     }
 
-    /// Steps of one evaluation, each with its derivatives.
+    /// Roughly how many steps with a derivative the evaluation of a ship takes.
     #[must_use]
-    pub fn work(&self) -> usize {
-        self.run.samples().saturating_mul(1 + self.wrt.len())
+    pub fn work(&self, parameters: &Parameters) -> usize {
+        Task { parameters: *parameters, outputs: &self.outputs, wrt: &self.wrt }.work(&self.run)
     }
 
     /// The sums for a ship.

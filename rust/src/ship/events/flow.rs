@@ -240,8 +240,8 @@ impl<T: Scalar> Equations<T> {
     pub fn flow(&self, at: &Input<T>, state: &State<T>, mode: Mode) -> Flow<T> {
         let mut flow = self.solved(at, state, mode, None);
         let t_d = self.terms.t_d;
-        if self.elements.direct() && !t_d.is_constant() {
-            // A dead time that is off: by it the command comes later all the same.
+        if self.elements.direct() && !t_d.is_zero() {
+            // A dead time that is off, or so short that the first order will do.
             let late = t_d * flow.command_slope * -1.0;
             flow = self.solved(at, state, mode, Some(late));
         }

@@ -48,8 +48,8 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         }
         self.settle(before.rack);
         let late = self.equations.terms.t_d;
-        if elements.direct() && next == Next::Set && self.set.jumps() && !late.is_constant() {
-            // A dead time that is off: by it the jump comes later all the same.
+        if elements.direct() && next == Next::Set && self.set.jumps() && !late.is_zero() {
+            // A dead time that is off, or so short that the first order will do: the jump comes later.
             let after = self.flow_now();
             let (before, after) = (&before.rates, &after.rates);
             let state = &mut self.state;

@@ -91,6 +91,16 @@ impl<const N: usize> WithSimd for Through<'_, '_, N> {
     }
 }
 
+/// Roughly how many steps of the smooth path a simulation is worth.
+#[must_use]
+pub fn work(task: &Task<'_>, run: &Run<'_>) -> usize {
+    /// A step that looks for switches, over one of a series.
+    const STEP: f64 = 8.0;
+    let longest = pace::longest_step(&equations(task, run), run).unwrap_or(run.dt);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Positive; saturates.
+    run.samples().saturating_mul((STEP * (1.0 + run.dt / longest)) as usize)
+}
+
 /// The equations without derivatives.
 fn equations(task: &Task<'_>, run: &Run<'_>) -> Equations<f64> {
     let first = run.set.first().copied().unwrap_or(0.0);

@@ -34,7 +34,7 @@ pub fn longest_step(equations: &Equations<f64>, run: &Run<'_>) -> Result<f64> {
         let found = if each > 0.0 { dt / each } else { 0.0 };
         require(found <= MOST_STEPS && longest > 0.0, || {
             format!(
-                "found {found:e} {what} in a sample of the record, expected at most {MOST_STEPS}; check the parameters"
+                "found {found:.0} {what} in a sample of the record, expected at most {MOST_STEPS}; check the parameters"
             )
         })?;
     }

@@ -98,8 +98,9 @@ pub struct Elements {
     pub loaded: bool,
 }
 
-/// A lag shorter than this share of the record's sample time counts as none.
-const SHORTEST_LAG: f64 = 1e-6;
+/// A lag shorter than this share of the record's sample time acts as a dead time of that length: the two are the same to first
+/// order, and steps as fine as such a lag asks for would take longer than anyone waits.
+const SHORTEST_LAG: f64 = 1e-3;
 
 impl Elements {
     /// By the parameters' values, the switches, whether there are a load and a derivative gain, and the record's sample time [s].
