@@ -30,11 +30,6 @@ def init(
     sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
     """Write a commented TRIAL.toml to fill in; with --log that log's channels, excitations and steady stretch are in it."""
-    if vessel:
-        from shipfp_rs.vessel.template import VESSEL_TEMPLATE
-
-        _write(folder / "vessel.toml", VESSEL_TEMPLATE, "", "the gear ratio, and what else is known")
-        return
     from shipfp_rs.support.toml import template
 
     if sweep:

@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_tables import Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Load, Rack, SetPoint, Torque
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import told
@@ -22,7 +22,7 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
-def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack) -> None:
+def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack | Load) -> None:
     """Refuse a calibration for another unit than the log's."""
     recorded = log.channel(sensor.column).unit
     if recorded and recorded != told(sensor.unit):

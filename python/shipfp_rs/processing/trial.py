@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial_tables import (
+    LOADS,
     OF_ANY_STRUCTURE,
     SIGNAL_OF_LOCATION,
     Align,
@@ -58,6 +59,7 @@ class Trial(Section):
             "n_e": point.n_e_rpm,
             **dict.fromkeys(SIGNAL_OF_LOCATION.values(), point.M_Nm),
             "X_f": point.X_mm,
+            **dict.fromkeys(LOADS.values(), 1.0),
         }
         missing = any(given[signal] is None for signal in ("n_e", *self.channels.levels))
         if missing and point.steady_s is None:
