@@ -11,15 +11,14 @@ use crate::ship::run::Run;
 
 use super::feed::Feed;
 use super::grid::{Piece, Time};
-use super::model::{Jets, Model, Series, TERMS, value};
+use super::model::{Jets, Model, Series, TERMS};
 use super::slopes::{LANES, Pack, Slopes, get, put};
-
-/// A sample that lies within rounding of a piece's end is the next one's.
-const SAME: f64 = 1e-9;
+use super::steps::Step;
 
 /// Outputs that are late by the same time.
 struct Channel {
-    late: Time,
+    /// [s].
+    late: f64,
     /// Places among the outputs.
     outputs: Vec<usize>,
     /// The sample that is to come.
@@ -35,9 +34,12 @@ struct Reading {
     /// Whether a parameter counts by itself, and whether the channel's delay does.
     own: bool,
     late: bool,
-    /// Where in which piece it was last read, and what the terms of the speed, the rack and the integrated speed weigh there.
+    /// Where in which piece it was last read, and what the terms of a signal and of its rate weigh there, and those of the speed,
+    /// the rack and the integrated speed in the output.
     part: f64,
     inverse: f64,
+    powers: Series,
+    rates: Series,
     speeds: Series,
     racks: Option<Series>,
     sums: Option<Series>,
@@ -71,22 +73,20 @@ impl<'a> Emit<'a> {
         };
         let mut channels: Vec<Channel> = Vec::new();
         for (place, &output) in task.outputs.iter().enumerate() {
-            let late = Time::new(late(output) / run.dt);
-            match channels.iter_mut().find(|channel| channel.late == late) {
+            let late = late(output);
+            match channels.iter_mut().find(|channel| channel.late.total_cmp(&late).is_eq()) {
                 Some(channel) => channel.outputs.push(place),
                 None => channels.push(Channel { late, outputs: vec![place], next: 0 }),
             }
         }
-        let ahead = channels
-            .iter()
-            .map(|channel| usize::try_from(channel.late.whole).unwrap_or(0).min(samples))
-            .max()
-            .unwrap_or(0);
+        // Those from before the record, as far as it goes.
+        let before = |late: f64| (0..samples).take_while(|&k| (k as f64) < late / run.dt - 1e-9).count();
+        let ahead = channels.iter().map(|channel| before(channel.late)).max().unwrap_or(0);
         let room = BLOCK + ahead + 2;
         let set0 = run.set[0];
         let load0 = run.load.first().copied().unwrap_or(0.0);
         let (outputs, packs) = (task.outputs.len(), task.wrt.len().div_ceil(LANES));
-        Self {
+        let mut emit = Self {
             model: *model,
             run: *run,
             wrt: task.wrt,
@@ -102,7 +102,21 @@ impl<'a> Emit<'a> {
                 .then(|| Feed::new(run.set, run.hold, run.dt, model.t_set / run.dt)),
             base: task.wrt.iter().map(|&place| model.base_by(place, set0, load0)).collect(),
             block: Block::new(outputs, task.wrt.len()),
+        };
+        for channel in 0..emit.channels.len() {
+            for sample in 0..before(emit.channels[channel].late) {
+                for at in 0..emit.channels[channel].outputs.len() {
+                    emit.hold(emit.channels[channel].outputs[at], sample);
+                }
+                emit.channels[channel].next += 1;
+            }
         }
+        emit
+    }
+
+    /// How late each channel is [sample intervals], and how many of its samples lie before the record.
+    pub fn channels(&self) -> Vec<(f64, usize)> {
+        self.channels.iter().map(|channel| (channel.late / self.run.dt, channel.next)).collect()
     }
 
     /// Whether all outputs have all samples.
@@ -112,27 +126,15 @@ impl<'a> Emit<'a> {
 
     /// Read all samples that lie in a piece.
     #[inline(always)]
-    pub fn read<S: Simd>(&mut self, simd: S, piece: &Piece, jets: &Jets, series: &[Slopes]) {
+    pub fn read<S: Simd>(&mut self, simd: S, step: &Step, jets: &Jets, series: &[Slopes]) {
         for channel in 0..self.channels.len() {
-            loop {
-                let Channel { late, next, .. } = self.channels[channel];
-                #[allow(clippy::cast_possible_wrap)] // a record's length
-                let sample = Time { whole: (next as isize).saturating_sub(late.whole), part: -late.part };
-                let passed = sample.since(piece.start);
-                if passed >= piece.length * (1.0 - SAME) || next >= self.run.samples() {
-                    break;
-                }
-                let before = sample.since(Time { whole: 0, part: 0.0 }) < -SAME;
-                for at in 0..self.channels[channel].outputs.len() {
-                    let output = self.channels[channel].outputs[at];
-                    if before {
-                        self.hold(output, next);
-                    } else {
-                        self.lay(simd, output, next, (passed / piece.length).max(0.0), jets, series);
-                    }
-                }
-                self.channels[channel].next += 1;
+            let next = self.channels[channel].next;
+            let Some(part) = step.samples[channel].filter(|_| next < self.run.samples()) else { continue };
+            for at in 0..self.channels[channel].outputs.len() {
+                let output = self.channels[channel].outputs[at];
+                self.lay(simd, output, next, part, jets, series);
             }
+            self.channels[channel].next += 1;
         }
     }
 
@@ -185,14 +187,14 @@ impl<'a> Emit<'a> {
         match reading.output {
             _ if !own => {}
             Output::Speed | Output::PropellerSpeed => {
-                let rate = jets.inverse * rate(&jets.n, part);
+                let rate = scalar(&reading.rates, &jets.n);
                 self.own_speed(slot, rate);
             }
             Output::EngineTorque | Output::GaugeTorque => {
                 let [of_speed, of_rack, of_rate, _] = reading.factors;
-                let n = value(&jets.n, TERMS + 1, part);
-                let rack = value(&jets.rack, TERMS + 1, part);
-                let rate = jets.inverse * rate(&jets.n, part);
+                let n = scalar(&reading.powers, &jets.n);
+                let rack = scalar(&reading.powers, &jets.rack);
+                let rate = scalar(&reading.rates, &jets.n);
                 let mut changes = 0.0;
                 if reading.late {
                     let second = jets.inverse * jets.inverse * second(&jets.n, part);
@@ -355,6 +357,8 @@ impl Reading {
             late: wrt.contains(&at::T_M),
             part: f64::NAN,
             inverse: f64::NAN,
+            powers: [0.0; 8],
+            rates: [0.0; 8],
             speeds: [0.0; 8],
             racks: (factors[1] != 0.0).then_some([0.0; 8]),
             sums: (factors[3] != 0.0).then_some([0.0; 8]),
@@ -367,7 +371,8 @@ impl Reading {
         (self.part, self.inverse) = (part, inverse);
         let (mut power, mut before) = (1.0, 0.0);
         for k in 0..=TERMS {
-            self.speeds[k] = of_speed * power + of_rate * inverse * k as f64 * before;
+            (self.powers[k], self.rates[k]) = (power, inverse * k as f64 * before);
+            self.speeds[k] = of_speed * power + of_rate * self.rates[k];
             if let Some(racks) = &mut self.racks {
                 racks[k] = of_rack * power;
             }

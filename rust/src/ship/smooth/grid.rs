@@ -60,6 +60,8 @@ pub struct Grid {
     length: f64,
     cut: Option<[f64; 2]>,
     open: bool,
+    /// The sample interval from which on nothing of the record's start is left in the past that is read.
+    settled: isize,
 }
 
 impl Grid {
@@ -105,7 +107,18 @@ impl Grid {
             length: 0.0,
             cut: Some([0.0, 0.0]),
             open: !delayed,
+            settled: Time::new((levels + 1) as f64 * dead_time).whole.saturating_add(3),
         }
+    }
+
+    /// Whether the next piece begins a sample interval whose pieces every later one repeats.
+    pub fn repeats(&self) -> bool {
+        self.once.is_empty()
+            && self.left == 0
+            && self.cut.is_some()
+            && self.next == 1 % self.cuts.len()
+            && self.now.part == self.cuts[0].part
+            && self.now.whole >= self.settled
     }
 
     /// The next piece.

@@ -18,6 +18,15 @@ pub struct Window {
     pub last: Option<(usize, f64, f64)>,
 }
 
+impl Window {
+    /// With how far back its pieces lie from a piece of that number, in place of their places, or the other way round.
+    #[inline(always)]
+    pub fn turned(self, count: usize, mask: usize) -> Self {
+        let turn = |(place, x, scale): (usize, f64, f64)| (count.wrapping_sub(place) & mask, x, scale);
+        Self { first: turn(self.first), last: self.last.map(turn) }
+    }
+}
+
 /// Past pieces, in a ring that holds those of a dead time.
 pub struct History {
     late: Time,

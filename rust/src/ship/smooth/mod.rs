@@ -12,6 +12,7 @@ mod grid;
 mod history;
 mod model;
 mod slopes;
+mod steps;
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -29,6 +30,7 @@ use grid::Grid;
 use history::{History, past_value};
 use model::{Jets, Model, Series, TERMS, total};
 use slopes::{Circumstances, LANES, Slopes, Sources};
+use steps::Steps;
 
 /// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
 /// where the governor's derivative term hands breaks on as strong as they come, through more of them.
@@ -93,19 +95,18 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let longest = longest(&model, run);
         let handed_on = if model.k_d != 0.0 { 4 } else { usize::from(task.wrt.contains(&at::K_D)) };
         let levels = LEVELS + usize::from(run.hold == Hold::Zero) + handed_on;
-        let mut grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
+        let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
         let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
         let mut load_feed = loaded.then(|| Feed::new(run.load, run.hold, run.dt, 0.0));
-        let mut history = History::new(
-            dead_time,
-            pieces_back(dead_time, run.samples(), longest, if loaded { 2 * levels } else { levels })?,
-        );
-        let places = if delayed { history.places() } else { 0 };
+        let back = pieces_back(dead_time, run.samples(), longest, if loaded { 2 * levels } else { levels })?;
+        let history = delayed.then(|| History::new(dead_time, back));
+        let places = history.as_ref().map_or(0, History::places);
         let mut backs = vec![[0.0; 8]; places.max(1)];
         let mut slope_backs = vec![[[0.0; LANES]; TERMS]; places * packs];
         let mut slopes = Slopes::start(&model, task.wrt);
         let mut sources = Sources::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
+        let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
         let mut state = model.start();
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
@@ -116,14 +117,14 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             if count % 4096 == 0 {
                 stop.check()?;
             }
-            let piece = grid.next();
+            let (step, window, place) = steps.next();
+            let piece = &step.piece;
             let length = piece.length * run.dt;
-            let set = set_feed.over(&piece);
+            let set = set_feed.over(piece);
             let load = load_feed.as_mut().map_or([0.0; 2], |feed| {
-                let load = feed.over(&piece);
+                let load = feed.over(piece);
                 [load.value, load.slope]
             });
-            let window = (delayed && piece.open).then(|| history.window(&piece));
             let mut back = match &window {
                 Some(window) => past_value(window, &backs),
                 None => [0.0; 8],
@@ -139,7 +140,8 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 feed[2] = model.k_i * summed[2] - back[2];
                 feed[1] = model.k_p * error[1] + model.k_i * summed[1] - back[1];
                 feed[0] = model.k_p * error[0] + model.k_i * summed[0] - back[0];
-                feed[0] += model.base - model.ahead * (model.k_p * error[1] / length + model.k_i * error[0]);
+                feed[0] +=
+                    model.base - model.ahead * (model.k_p * error[1] * step.inverse + model.k_i * error[0]);
                 feed[1] -= model.ahead * model.k_i * error[1];
             } else {
                 feed[0] = model.f0 / model.v;
@@ -150,8 +152,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             if broken.is_some() && model.ahead > 0.0 {
                 state = model.kicked(&state, less);
             }
-            let end = model.jets::<EXPONENT>(&state, length, &feed, load, &mut jets);
-            let place = if delayed { history.push(&piece) } else { 0 };
+            let end = model.jets::<EXPONENT>(&state, [length, step.inverse], &feed, load, &mut jets);
             let returned = model.fed_back(&jets);
             if delayed {
                 backs[place] = returned;
@@ -175,7 +176,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 sources.lay(&model, &jets, &on);
                 sources.carry(simd, &model, &jets, window.as_ref(), &mut slope_backs, place, &mut slopes);
             }
-            emit.read(simd, &piece, &jets, &slopes);
+            emit.read(simd, step, &jets, &slopes);
             emit.flush(consume)?;
             fed_at_end = total(&feed, TERMS);
             set_at_end = set.value + set.slope;

@@ -211,24 +211,30 @@ impl Model {
         State { n: self.n0, q: 0.0, rack: self.f0 / self.v, power: Power::at(1.0 + self.n0, self.p) }
     }
 
-    /// The signals over a piece of so many seconds, from a state on; `feed` is what the rack is fed from outside the piece, `load`
+    /// The signals over a piece of so many seconds, given with its inverse, from a state on; `feed` is what the rack is fed from outside the piece, `load`
     /// the measured load. Gives the state at its end.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     pub fn jets<const EXPONENT: bool>(
         &self,
         state: &State,
-        length: f64,
+        [length, inverse]: [f64; 2],
         feed: &Series,
         load: [f64; 2],
         jets: &mut Jets,
     ) -> State {
         // The two that most ships are, without a branch in the chain of terms.
         match (self.t_d > 0.0, self.tau_act > 0.0) {
-            (true, false) => self.jets_of::<EXPONENT, true, false>(state, length, feed, load, jets),
-            (false, false) => self.jets_of::<EXPONENT, false, false>(state, length, feed, load, jets),
-            (true, true) => self.jets_of::<EXPONENT, true, true>(state, length, feed, load, jets),
-            (false, true) => self.jets_of::<EXPONENT, false, true>(state, length, feed, load, jets),
+            (true, false) => {
+                self.jets_of::<EXPONENT, true, false>(state, [length, inverse], feed, load, jets)
+            }
+            (false, false) => {
+                self.jets_of::<EXPONENT, false, false>(state, [length, inverse], feed, load, jets)
+            }
+            (true, true) => self.jets_of::<EXPONENT, true, true>(state, [length, inverse], feed, load, jets),
+            (false, true) => {
+                self.jets_of::<EXPONENT, false, true>(state, [length, inverse], feed, load, jets)
+            }
         }
     }
 
@@ -236,12 +242,11 @@ impl Model {
     fn jets_of<const EXPONENT: bool, const DELAYED: bool, const LAG: bool>(
         &self,
         state: &State,
-        length: f64,
+        [length, inverse]: [f64; 2],
         feed: &Series,
         load: [f64; 2],
         jets: &mut Jets,
     ) -> State {
-        let inverse = 1.0 / length;
         let Power { value, inverse: per_speed, logarithm, .. } = state.power;
         // Coefficients of the power about the piece's start.
         let (per_2, value_1) = (per_speed * per_speed, value * per_speed);
@@ -374,14 +379,4 @@ pub fn total(series: &Series, terms: usize) -> f64 {
         k -= 2;
     }
     if k == 1 { sum + series[0] } else { sum }
-}
-
-/// A series at a part of its piece.
-#[inline(always)]
-pub fn value(series: &Series, terms: usize, part: f64) -> f64 {
-    let mut sum = 0.0;
-    for k in (0..terms).rev() {
-        sum = sum * part + series[k];
-    }
-    sum
 }
