@@ -16,6 +16,7 @@ pub mod scalar;
 pub mod sensitivity;
 pub mod statespace;
 pub mod stop;
+mod subnormal;
 
 #[cfg(feature = "python")]
 mod python;

@@ -5,6 +5,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use pulp::{Simd, WithSimd};
 
 use crate::plant::{Polynomial, Power, Square, power_and_slopes};
+use crate::subnormal::{cut, cut_all};
 
 /// What the equations of a component ask of a number.
 pub trait Scalar:
@@ -38,6 +39,10 @@ pub trait Scalar:
     fn is_zero(&self) -> bool {
         self.value() == 0.0 && self.is_constant()
     }
+
+    /// What has decayed, in value or derivatives, cut to zero.
+    #[must_use]
+    fn cut(self) -> Self;
 
     /// Do what is long and wanted in several places: once for all of them where numbers carry derivatives.
     fn apart<Op: WithSimd>(self, op: Op) -> Op::Output;
@@ -77,6 +82,11 @@ impl Scalar for f64 {
     #[inline(always)]
     fn function(self, value: f64, _slope: f64) -> f64 {
         value
+    }
+
+    #[inline(always)]
+    fn cut(self) -> f64 {
+        cut(self)
     }
 
     #[inline(always)]
@@ -182,6 +192,12 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     #[inline(always)]
     fn function(self, value: f64, slope: f64) -> Self {
         self.scaled(slope, value)
+    }
+
+    #[inline(always)]
+    fn cut(mut self) -> Self {
+        cut_all(&mut self.slopes);
+        Self { value: cut(self.value), ..self }
     }
 
     #[inline(always)]

@@ -16,6 +16,7 @@ use crate::linear::increments::Increments;
 use crate::linear::walk::interleave;
 use crate::linear::{Output, Parameters};
 use crate::stop::Stop;
+use crate::subnormal::cut_all;
 
 /// Vectors in a pass: two registers of AVX-512, of which one computes while the other waits.
 pub const LANES: usize = 16;
@@ -165,6 +166,8 @@ pub fn scatter<const O: usize, const SPEED: bool, const BETWEEN: bool>(
                 sums,
             });
         }
+        cut_all(&mut recursion.error);
+        cut_all(&mut recursion.change);
     }
     Ok(sums)
 }

@@ -11,6 +11,7 @@ use pulp::{Simd, WithSimd};
 use crate::plant::Slope;
 use crate::scalar::{Scalar, smaller};
 use crate::stop::{CHECK_EVERY, Stop};
+use crate::subnormal::CUT_EVERY;
 
 use super::delay::Delay;
 use super::governor::{self, Timing};
@@ -147,6 +148,9 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                     stop.check()?;
                 }
                 self.move_to(&mut time, sample as f64 * dt);
+                if sample % CUT_EVERY == 0 {
+                    self.cut();
+                }
             }
             loop {
                 if self.is_sample_due(time.value()) {
@@ -170,6 +174,16 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
             }
         }
         Ok(())
+    }
+
+    /// Cut to zero what has decayed.
+    #[inline(always)]
+    fn cut(&mut self) {
+        self.state = self.state.cut();
+        let governor::Memory { integrated, filtered, miss } = self.governor;
+        self.governor =
+            governor::Memory { integrated: integrated.cut(), filtered: filtered.cut(), miss: miss.cut() };
+        self.memory.held = self.memory.held.cut();
     }
 
     /// Whether a governor that samples at times of its own is to do so.

@@ -6,6 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::error::{Result, require};
 use crate::linear::walk::BLOCK;
+use crate::subnormal::cut_all;
 
 /// Coefficients that the filter has at most, and samples that it takes at a time.
 pub const ORDER: usize = 8;
@@ -52,6 +53,7 @@ impl AllPole {
     pub fn run(&self, rows: &mut [f64], after: &mut [[f64; ORDER]]) {
         if !self.idle {
             Arch::new().dispatch(Recursion { filter: self, rows, after });
+            cut_all(after.as_flattened_mut());
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::integrate::Hold;
 use crate::plant::{Envelope, Governor, Propeller, Slope, State, limited};
 use crate::scalar::{Scalar, Tangent};
 use crate::stop::{CHECK_EVERY, Stop};
+use crate::subnormal::CUT_EVERY;
 
 use super::parameters::Subject;
 use super::whole::through_whole;
@@ -118,6 +119,10 @@ impl<L: Slope, const N: usize> WithSimd for Through<'_, '_, L, N> {
                     *number = march.output(*output, &flow).tangent();
                 }
                 march.pass(from + k, flow);
+                if k % CUT_EVERY == 0 {
+                    march.state.speed = march.state.speed.cut();
+                    march.state.error = march.state.error.cut();
+                }
             }
             require_finite(from, rows, outputs, run.dt)?;
             consume(from, rows)?;
