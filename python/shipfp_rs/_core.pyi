@@ -16,7 +16,9 @@ __all__ = [
     "PulseCrossings",
     "RepeatScan",
     "__version__",
+    "_instruction_sets",
     "_panic_for_test",
+    "_set_instruction_set",
     "_spin_for_test",
     "drive_train_products",
     "drive_train_rates",
@@ -42,6 +44,8 @@ __all__ = [
 
 __version__: str
 
+def _instruction_sets() -> tuple[str, ...]: ...
+def _set_instruction_set(name: str | None) -> None: ...
 def _panic_for_test(message: str) -> None: ...
 def _spin_for_test() -> None: ...
 

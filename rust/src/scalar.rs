@@ -18,6 +18,9 @@ pub trait Scalar:
     + Add<f64, Output = Self>
     + Mul<f64, Output = Self>
 {
+    /// Whether numbers of this kind carry derivatives at all.
+    const CARRIES: bool;
+
     /// A number of the same kind that depends on nothing.
     #[must_use]
     fn constant(self, value: f64) -> Self;
@@ -64,6 +67,8 @@ pub fn smaller<T: Scalar>(number: T, other: T) -> T {
 }
 
 impl Scalar for f64 {
+    const CARRIES: bool = false;
+
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         value
@@ -170,6 +175,8 @@ impl<S: Simd, const N: usize> Dual<S, N> {
 }
 
 impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
+    const CARRIES: bool = N > 0;
+
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         Self { value, slopes: [0.0; N], ..self }

@@ -35,7 +35,7 @@ impl Objective<'_> {
         let costs: Vec<_> = if threads == 1 {
             batch.groups.iter().map(|group| batch.evaluate(group, stop)).collect::<Result<_>>()?
         } else {
-            on_threads(threads, || {
+            on_threads(threads.min(batch.groups.len().max(1)), || {
                 batch.groups.par_iter().map(|group| batch.evaluate(group, stop)).collect()
             })?
         };

@@ -1,9 +1,10 @@
 //! The inner loop: states of all lanes and their derivatives, step by step.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::basis::{E, N as SPEED, SLOPE};
 use super::discrete::{Step, Stepper};
+use crate::instruction_set::arch;
 use crate::subnormal::cut_all;
 
 /// Segments of a record that run side by side, one in each lane.
@@ -35,7 +36,7 @@ pub struct Advance<'a, const N: usize, const J: usize, const T: usize> {
 impl<const N: usize, const J: usize, const T: usize> Advance<'_, N, J, T> {
     /// Run, with the widest vectors that this machine has, and cut what has decayed.
     pub fn run(mut self) {
-        Arch::new().dispatch(&mut self);
+        arch().dispatch(&mut self);
         let States { x, by } = self.states;
         cut_all(x.as_flattened_mut());
         cut_all(by.as_flattened_mut().as_flattened_mut());

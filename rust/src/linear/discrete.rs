@@ -35,6 +35,8 @@ pub const BY_START_E: usize = 6;
 
 /// The shortest dead time, in samples, that gets its network: a shorter one changes nothing worth a stiffer matrix.
 pub const SHORTEST_NETWORK: f64 = 1e-8;
+/// Dead times are at most so long [samples].
+const LATEST: f64 = (1_u64 << 50) as f64;
 /// A dead time this close to a whole number of samples is one: 0.3 s at 100 Hz is 30 samples, not 29 and a rounding error.
 const WHOLE: f64 = 1e-9;
 
@@ -89,7 +91,8 @@ struct Delay {
 
 impl Delay {
     fn new(time: Number, dt: f64) -> Self {
-        let samples = time.value() / dt;
+        // Later than any record is long; past that a quotient would lose its fraction, and then its value.
+        let samples = (time.value() / dt).min(LATEST);
         let nearest = samples.round();
         let whole = if (samples - nearest).abs() < WHOLE { nearest } else { samples.floor() };
         let excess = samples - whole;

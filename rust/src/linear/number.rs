@@ -3,9 +3,10 @@
 use std::array::from_fn;
 use std::ops::{Add, Mul, Neg, Sub};
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::discrete::DIRECTIONS;
+use crate::instruction_set::arch;
 
 const PARTS: usize = 1 + DIRECTIONS;
 
@@ -158,7 +159,7 @@ impl<const R: usize, const C: usize> Matrix<R, C> {
 
     pub fn product<const C2: usize>(&self, other: &Matrix<C, C2>) -> Matrix<R, C2> {
         let mut result = Matrix::ZERO;
-        Arch::new().dispatch(Product { one: self, other, result: &mut result });
+        arch().dispatch(Product { one: self, other, result: &mut result });
         result
     }
 }

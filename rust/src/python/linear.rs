@@ -1,16 +1,12 @@
 //! Bindings of the linear kernels.
 
-use numpy::{
-    Complex64, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2,
-    PyUntypedArrayMethods,
-};
+use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
 use super::guard;
 use crate::cost::{Cost, Objective, Record};
-use crate::error::require;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
@@ -51,8 +47,8 @@ fn linear_sensitivities<'py>(
     let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
     let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
     let samples = drive.samples();
-    let values = PyArray2::zeros(py, [outputs.len(), samples], false);
-    let derivatives = PyArray3::zeros(py, [wrt.len(), outputs.len(), samples], false);
+    let values = zeros(py, [outputs.len(), samples])?;
+    let derivatives = zeros(py, [wrt.len(), outputs.len(), samples])?;
     {
         let (mut values, mut derivatives) = (values.readwrite(), derivatives.readwrite());
         let (values, derivatives) = (values.as_slice_mut()?, derivatives.as_slice_mut()?);
@@ -83,18 +79,6 @@ fn run_response(
 type CostOfOne<'py> = (f64, Bound<'py, PyArray1<f64>>, Rows<'py>, Rows<'py>, usize);
 type CostOfMany<'py> =
     (Bound<'py, PyArray1<f64>>, Rows<'py>, RowsByParameter<'py>, RowsByParameter<'py>, usize);
-
-/// Check that an array has the shape that the other arguments ask for.
-pub(super) fn expect_shape<const N: usize>(
-    name: &str,
-    found: &[usize],
-    expected: [usize; N],
-    meaning: &str,
-) -> PyResult<()> {
-    Ok(require(found == expected, || {
-        format!("{name}: found an array of shape {found:?}, expected {expected:?} ({meaning})")
-    })?)
-}
 
 /// Weighted cost of one parameter vector: (cost, gradient [W], Gauss-Newton matrix [W, W], scatter [O, O], samples counted).
 #[pyfunction]
@@ -142,7 +126,7 @@ fn linear_cost_batch<'py>(
     wrt: Vec<usize>,
     threads: usize,
 ) -> PyResult<CostOfMany<'py>> {
-    let vectors: PyReadonlyArray2<'_, f64> = borrow("parameters", parameters)?;
+    let vectors: Matrix<'_> = borrow("parameters", parameters)?;
     let members = vectors.shape()[0];
     expect_shape("parameters", vectors.shape(), [members, PARAMETERS.len()], "members, parameters")?;
     let vectors = vectors
@@ -186,9 +170,9 @@ fn linear_products<'py>(
     let vector = Parameters::new(vector.as_slice()?, "parameters")?;
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let measured: PyReadonlyArray2<'_, f64> = borrow("measured", measured)?;
+    let measured: Matrix<'_> = borrow("measured", measured)?;
     let offsets: Vector<'_> = borrow("offsets", offsets)?;
-    let filters: PyReadonlyArray2<'_, f64> = borrow("filters", filters)?;
+    let filters: Matrix<'_> = borrow("filters", filters)?;
     let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
     let rows = outputs.len();
     expect_shape("measured", measured.shape(), [rows, drive.samples()], "outputs, samples")?;
@@ -205,8 +189,8 @@ fn linear_products<'py>(
 struct ObjectiveArrays<'py> {
     dn_set: Vector<'py>,
     initial: Vector<'py>,
-    measured: PyReadonlyArray2<'py, f64>,
-    weight: PyReadonlyArray2<'py, f64>,
+    measured: Matrix<'py>,
+    weight: Matrix<'py>,
 }
 
 impl<'py> ObjectiveArrays<'py> {

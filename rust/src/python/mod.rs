@@ -8,6 +8,7 @@ mod drive_train;
 mod errors;
 mod filter;
 mod guard;
+mod instruction_set;
 mod leftover;
 mod linear;
 mod plant;
@@ -15,6 +16,7 @@ mod pulse;
 mod repeats;
 mod sensitivity;
 mod statespace;
+mod streaming;
 
 use pyo3::prelude::*;
 
@@ -25,6 +27,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     drive_train::register(module)?;
     filter::register(module)?;
     guard::register(module)?;
+    instruction_set::register(module)?;
     leftover::register(module)?;
     linear::register(module)?;
     plant::register(module)?;

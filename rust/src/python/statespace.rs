@@ -1,9 +1,9 @@
 //! Bindings of the state-space kernels.
 
-use numpy::{Complex64, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Complex64, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, hand_back, zeros};
 use super::guard;
 use crate::error::require;
 use crate::statespace::StateSpace;
@@ -14,9 +14,9 @@ fn model(
     c: &Bound<'_, PyAny>,
     d: &Bound<'_, PyAny>,
 ) -> PyResult<StateSpace> {
-    let a: PyReadonlyArray2<'_, f64> = borrow("A", a)?;
+    let a: Matrix<'_> = borrow("A", a)?;
     let b: Vector<'_> = borrow("B", b)?;
-    let c: PyReadonlyArray2<'_, f64> = borrow("C", c)?;
+    let c: Matrix<'_> = borrow("C", c)?;
     let d: Vector<'_> = borrow("D", d)?;
     for (name, found, expected) in
         [("A", a.shape(), [b.len(), b.len()]), ("C", c.shape(), [d.len(), b.len()])]
@@ -51,11 +51,12 @@ fn simulate_statespace<'py>(
     let hold = hold.parse()?;
     let input: Vector<'_> = borrow("u", u)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let output = PyArray2::zeros(py, [model.outputs(), input.len()], false);
+    let output = zeros(py, [model.outputs(), input.len()])?;
     {
         let mut output = output.readwrite();
         let (input, initial, rows) = (input.as_slice()?, initial.as_slice()?, output.as_slice_mut()?);
-        let work = input.len().saturating_mul(model.states() * (model.states() + model.outputs()));
+        let work =
+            input.len().saturating_mul(model.states().saturating_mul(model.states() + model.outputs()));
         guard::run(py, work, |stop| model.simulate(input, dt, hold, initial, rows, stop))?;
     }
     Ok(output)

@@ -1,9 +1,10 @@
 //! Steps of the classical Runge-Kutta method through a record, with numbers that carry their derivatives.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::drive_train::{DriveTrain, Ramp, Run};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
+use crate::instruction_set::arch;
 use crate::integrate::Hold;
 use crate::plant::{Envelope, Governor, Propeller, Slope, State, limited};
 use crate::scalar::{Scalar, Tangent};
@@ -15,6 +16,9 @@ use super::whole::through_whole;
 
 /// Names of what can be asked for: `n_e`, `n_s` [rev/s], `M_b`, `M_g` [Nm], `X_f` [mm], `E_n` [rev].
 pub const OUTPUTS: [&str; 6] = ["n_e", "n_s", "M_b", "M_g", "X_f", "E_n"];
+
+/// Entries of a list of outputs.
+const MOST: usize = 64;
 
 /// One of [`OUTPUTS`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,6 +60,9 @@ impl Output {
                 OUTPUTS.join(", ")
             )));
         }
+        require(indices.len() <= MOST, || {
+            format!("outputs: found {} indices, expected up to {MOST}", indices.len())
+        })?;
         if indices.is_empty() {
             return Err(Error::Invalid("outputs is empty, expected at least one".to_owned()));
         }
@@ -82,11 +89,11 @@ pub fn march<const N: usize>(
     }
     match &subject.envelope {
         Envelope::Constant(limit) => {
-            Arch::new().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
+            arch().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
         }
         Envelope::Table(table) => {
             let limit = table.cursor();
-            Arch::new().dispatch(Through { subject, limit, run, outputs, block, stop, consume })
+            arch().dispatch(Through { subject, limit, run, outputs, block, stop, consume })
         }
     }
 }
@@ -152,6 +159,9 @@ fn is_finite<const N: usize>(number: &Tangent<N>) -> bool {
 /// kink of every rate limit, where a derivative by its length means nothing.
 const LEAST_PART: f64 = 1e-9;
 
+/// Dead times of the set point are at most so long [sample intervals], later than any record.
+const LATEST: f64 = (1_u64 << 50) as f64;
+
 /// A stretch over which the set point is straight.
 #[derive(Debug, Clone, Copy)]
 struct Piece<T> {
@@ -178,8 +188,9 @@ struct Feed<'a, T> {
 impl<'a, T: Scalar> Feed<'a, T> {
     fn new(train: &DriveTrain<T>, run: &Run<'a>) -> Self {
         let Run { set_speed: samples, dt, hold, .. } = *run;
-        let intervals = (train.set_dead_time.value() / dt).floor();
-        let rest = train.set_dead_time + -intervals * dt;
+        let intervals = (train.set_dead_time.value() / dt).floor().min(LATEST);
+        let rest = train.set_dead_time + -train.set_dead_time.value().min(intervals * dt);
+        let rest = rest + (dt - rest.value()).min(0.0);
         let rest = rest + (LEAST_PART * dt - rest.value()).max(0.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Not negative; saturates.
         let late = (intervals as usize, rest);

@@ -1,10 +1,11 @@
 //! Sums of products of a record's residuals and sensitivities, in the pass that simulates it.
 
-use multiversion::multiversion;
+use pulp::{Simd, WithSimd};
 
 use crate::cost::sums;
 use crate::drive_train::Run;
 use crate::error::{Error, Result, require};
+use crate::instruction_set::arch;
 use crate::linear::walk::BLOCK;
 use crate::scalar::Tangent;
 use crate::stop::Stop;
@@ -181,7 +182,8 @@ impl<'a> Columns<'a> {
         let each = self.windows.chunks_exact(width).zip(self.filtered.chunks_exact_mut(BLOCK));
         for (column, (window, filtered)) in each.enumerate() {
             let output = column / (self.directions + 1);
-            convolve(window, &self.record.filters[output * (self.order + 1)..][..=self.order], filtered);
+            let filter = &self.record.filters[output * (self.order + 1)..][..=self.order];
+            arch().dispatch(Convolve { window, filter, filtered });
         }
     }
 
@@ -218,13 +220,24 @@ impl<'a> Columns<'a> {
 }
 
 /// Filter what lies behind the past in a window.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn convolve(window: &[f64], filter: &[f64], filtered: &mut [f64]) {
-    let order = filter.len() - 1;
-    filtered.fill(0.0);
-    for (lag, tap) in filter.iter().enumerate() {
-        for (sum, value) in filtered.iter_mut().zip(&window[order - lag..]) {
-            *sum += tap * value;
+struct Convolve<'a> {
+    window: &'a [f64],
+    filter: &'a [f64],
+    filtered: &'a mut [f64],
+}
+
+impl WithSimd for Convolve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { window, filter, filtered } = self;
+        let order = filter.len() - 1;
+        filtered.fill(0.0);
+        for (lag, tap) in filter.iter().enumerate() {
+            for (sum, value) in filtered.iter_mut().zip(&window[order - lag..]) {
+                *sum += tap * value;
+            }
         }
     }
 }
