@@ -7,7 +7,7 @@ use pulp::{Simd, WithSimd};
 
 use super::sums::{Combination, Sums};
 use crate::instruction_set::arch;
-use crate::linear::walk::{BLOCK, Block, LANES, STEPS};
+use crate::linear::segmented_pass::{BLOCK, Block, LANES, STEPS};
 
 /// Vectors that are filtered side by side.
 const ABREAST: usize = 8;

@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::instruction_set::arch;
-use crate::linear::walk::BLOCK;
+use crate::linear::segmented_pass::BLOCK;
 
 /// Rows that are multiplied at a time by a pair of rows: more products than loads, and enough of them not to wait for one.
 const TILE: usize = 4;

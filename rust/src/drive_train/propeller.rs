@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, require};
 use crate::scalar::Scalar;
 
-use super::turn::cosine;
+use super::cosine::cosine;
 
 /// Torque and thrust of a fixed-pitch propeller.
 #[derive(Debug, Clone)]

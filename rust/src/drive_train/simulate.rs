@@ -9,8 +9,8 @@ use crate::plant::Envelope;
 use crate::stop::Stop;
 
 use super::DriveTrain;
+use super::event_stepper::{March, NAMES, ROWS, SAME};
 use super::governor::Timing;
-use super::march::{March, NAMES, ROWS, SAME};
 
 /// Shortest step, in relative roundings of the record's length: events within a step must have times of their own.
 const RESOLUTION: f64 = 1e4;

@@ -6,7 +6,7 @@ use pulp::{Simd, WithSimd};
 
 use crate::error::{Result, require};
 use crate::instruction_set::arch;
-use crate::linear::walk::BLOCK;
+use crate::linear::segmented_pass::BLOCK;
 use crate::subnormal::cut_all;
 
 /// Coefficients that the filter has at most, and samples that it takes at a time.

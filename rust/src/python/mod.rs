@@ -5,15 +5,15 @@
 
 mod arrays;
 mod drive_train;
+mod duplicate_rows;
 mod errors;
 mod filter;
 mod guard;
 mod instruction_set;
-mod leftover;
 mod linear;
 mod plant;
 mod pulse;
-mod repeats;
+mod residual_correlation;
 mod sensitivity;
 mod statespace;
 mod streaming;
@@ -28,11 +28,11 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     filter::register(module)?;
     guard::register(module)?;
     instruction_set::register(module)?;
-    leftover::register(module)?;
+    residual_correlation::register(module)?;
     linear::register(module)?;
     plant::register(module)?;
     pulse::register(module)?;
-    repeats::register(module)?;
+    duplicate_rows::register(module)?;
     sensitivity::register(module)?;
     statespace::register(module)?;
     Ok(())

@@ -6,12 +6,12 @@ use crate::cost::sums;
 use crate::drive_train::Run;
 use crate::error::{Error, Result, require};
 use crate::instruction_set::arch;
-use crate::linear::walk::BLOCK;
+use crate::linear::segmented_pass::BLOCK;
 use crate::scalar::Tangent;
 use crate::stop::Stop;
 
-use super::march::{Output, march};
 use super::parameters::{MOST, Subject};
+use super::two_state::{Output, march};
 
 /// A measured record: each output is `scale` times the simulated one plus an offset.
 #[derive(Debug, Clone)]

@@ -6,17 +6,17 @@ use pyo3::prelude::*;
 use super::arrays::{borrow, hand_back};
 use super::guard;
 use super::streaming::Streaming;
-use crate::repeats;
+use crate::duplicate_rows;
 
 /// Prints of a channel's samples, fed in chunks of any length; see ARCHITECTURE.md.
 #[pyclass(module = "shipfp_rs._core")]
-struct RepeatScan(Streaming<repeats::RepeatScan>);
+struct RepeatScan(Streaming<duplicate_rows::RepeatScan>);
 
 #[pymethods]
 impl RepeatScan {
     #[new]
     fn new() -> Self {
-        Self(Streaming::new(repeats::RepeatScan::new()))
+        Self(Streaming::new(duplicate_rows::RepeatScan::new()))
     }
 
     /// Take the next samples.

@@ -11,8 +11,8 @@ use crate::scalar::{Scalar, Tangent};
 use crate::stop::{CHECK_EVERY, Stop};
 use crate::subnormal::CUT_EVERY;
 
+use super::full_train::through_whole;
 use super::parameters::Subject;
-use super::whole::through_whole;
 
 /// Names of what can be asked for: `n_e`, `n_s` [rev/s], `M_b`, `M_g` [Nm], `X_f` [mm], `E_n` [rev].
 pub const OUTPUTS: [&str; 6] = ["n_e", "n_s", "M_b", "M_g", "X_f", "E_n"];

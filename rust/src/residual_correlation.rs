@@ -9,7 +9,7 @@ use crate::cost::sums::{Combination, Sums};
 use crate::error::{Error, Result, require};
 use crate::filter::all_pole::{AllPole, ORDER};
 use crate::instruction_set::arch;
-use crate::linear::walk::BLOCK;
+use crate::linear::segmented_pass::BLOCK;
 use crate::stop::Stop;
 
 /// Rows whose products make a matrix that still fits into memory.

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 
 use super::arrays::{Matrix, borrow, expect_shape, hand_back};
 use super::guard;
-use crate::leftover::{Leftover, Shape};
+use crate::residual_correlation::{Leftover, Shape};
 
 type Sums<'py> = (Bound<'py, PyArray4<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray4<f64>>);
 
