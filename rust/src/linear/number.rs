@@ -5,8 +5,10 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use pulp::{Simd, WithSimd};
 
-use super::discrete::DIRECTIONS;
 use crate::instruction_set::arch;
+
+/// Directions of differentiation; `discrete` says what they are.
+pub const DIRECTIONS: usize = 7;
 
 const PARTS: usize = 1 + DIRECTIONS;
 

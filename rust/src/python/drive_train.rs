@@ -11,6 +11,7 @@ use crate::drive_train::{
     DriveTrain, FLOW, PARAMETERS, Quadrants, ROWS, Run, STATES, State, Tables, flow_at, simulate,
 };
 use crate::error::{Error, require};
+use crate::integrate::Hold;
 
 /// Simulate one drive train; rows `n_e`, `n_s`, `M_b`, `M_g`, `M_s`, `X_f`, `E_n`, ship speed.
 #[pyfunction]
@@ -25,12 +26,12 @@ fn simulate_drive_train<'py>(
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let train = drive_train(parameters, strength, quadrants)?;
     let envelope = envelope(limit_speed, limit_torque)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
-    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let output = zeros(py, [ROWS, n_set.len()])?;
     let mut rows = output.readwrite();
     let values = rows.as_slice_mut()?;

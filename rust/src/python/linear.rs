@@ -7,6 +7,7 @@ use pyo3::types::PyTuple;
 use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
 use super::guard;
 use crate::cost::{Cost, Objective, Record};
+use crate::integrate::Hold;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
@@ -20,7 +21,7 @@ fn simulate_linear<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
 ) -> PyResult<Rows<'py>> {
@@ -35,7 +36,7 @@ fn linear_sensitivities<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     wrt: Vec<usize>,
@@ -44,7 +45,7 @@ fn linear_sensitivities<'py>(
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
     let parameters = Parameters::new(parameters.as_slice()?, "parameters")?;
-    let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
+    let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
     let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
     let samples = drive.samples();
     let values = zeros(py, [outputs.len(), samples])?;
@@ -88,7 +89,7 @@ fn linear_cost<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     measured: &Bound<'py, PyAny>,
@@ -118,7 +119,7 @@ fn linear_cost_batch<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     measured: &Bound<'py, PyAny>,
@@ -158,7 +159,7 @@ fn linear_products<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     measured: &Bound<'py, PyAny>,
@@ -173,7 +174,7 @@ fn linear_products<'py>(
     let measured: Matrix<'_> = borrow("measured", measured)?;
     let offsets: Vector<'_> = borrow("offsets", offsets)?;
     let filters: Matrix<'_> = borrow("filters", filters)?;
-    let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
+    let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
     let rows = outputs.len();
     expect_shape("measured", measured.shape(), [rows, drive.samples()], "outputs, samples")?;
     expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
@@ -208,8 +209,8 @@ impl<'py> ObjectiveArrays<'py> {
         })
     }
 
-    fn objective(&self, dt: f64, hold: &str, outputs: &[usize], wrt: &[usize]) -> PyResult<Objective<'_>> {
-        let drive = Drive::new(self.dn_set.as_slice()?, dt, hold.parse()?, self.initial.as_slice()?)?;
+    fn objective(&self, dt: f64, hold: Hold, outputs: &[usize], wrt: &[usize]) -> PyResult<Objective<'_>> {
+        let drive = Drive::new(self.dn_set.as_slice()?, dt, hold, self.initial.as_slice()?)?;
         let rows = outputs.len();
         expect_shape("measured", self.measured.shape(), [rows, drive.samples()], "outputs, samples")?;
         expect_shape("weight", self.weight.shape(), [rows, rows], "outputs, outputs")?;

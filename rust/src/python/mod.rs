@@ -9,6 +9,7 @@ mod duplicate_rows;
 mod errors;
 mod filter;
 mod guard;
+mod hold;
 mod instruction_set;
 mod linear;
 mod plant;

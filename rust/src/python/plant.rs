@@ -6,7 +6,7 @@ use pyo3::types::PyTuple;
 
 use super::arrays::{Matrix, Vector, borrow, zeros};
 use super::guard;
-use crate::integrate::{ROWS, Rows, Runs, Scheme, simulate};
+use crate::integrate::{Hold, ROWS, Rows, Runs, Scheme, simulate};
 use crate::plant::{Envelope, PARAMETERS};
 
 /// Simulate one plant; rows `n_s`, `E_n`, `X_f`, `M_b`.
@@ -21,14 +21,14 @@ fn simulate_plant<'py>(
     dt: f64,
     substeps: usize,
     method: &str,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
-    let scheme = Scheme::new(dt, substeps, method.parse()?, hold.parse()?)?;
+    let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
     let runs = Runs::one(parameters.as_slice()?, n_set.as_slice()?, initial.as_slice()?)?;
     let output = zeros(py, [ROWS, n_set.len()])?;
     let mut rows = output.readwrite();
@@ -50,7 +50,7 @@ fn simulate_plant_batch<'py>(
     dt: f64,
     substeps: usize,
     method: &str,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
@@ -58,7 +58,7 @@ fn simulate_plant_batch<'py>(
     let n_set: Matrix<'_> = borrow("n_set", n_set)?;
     let initial: Matrix<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
-    let scheme = Scheme::new(dt, substeps, method.parse()?, hold.parse()?)?;
+    let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
     let runs = Runs::many(rows(&parameters)?, rows(&n_set)?, rows(&initial)?)?;
     let samples = n_set.shape()[1];
     let output = zeros(py, [runs.len(), ROWS, samples])?;

@@ -9,6 +9,7 @@ use super::drive_train::tables;
 use super::guard;
 use super::plant::envelope;
 use crate::drive_train::{PARAMETERS, Run};
+use crate::integrate::Hold;
 use crate::sensitivity::{OUTPUTS, Output, Record, Subject, simulate};
 
 type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
@@ -26,13 +27,13 @@ fn drive_train_sensitivities<'py>(
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
     outputs: Vec<usize>,
     directions: &Bound<'py, PyAny>,
 ) -> PyResult<Sensitivities<'py>> {
     let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
-    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let outputs = Output::from_indices(&outputs)?;
     let (count, samples) = (outputs.len(), n_set.len());
     let values = zeros(py, [count, samples])?;
@@ -62,7 +63,7 @@ fn drive_train_products<'py>(
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
     outputs: Vec<usize>,
     directions: &Bound<'py, PyAny>,
     scale: &Bound<'py, PyAny>,
@@ -72,7 +73,7 @@ fn drive_train_products<'py>(
 ) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
     let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
-    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let rows = outputs.len();
     let measured: Matrix<'_> = borrow("measured", measured)?;
     let filters: Matrix<'_> = borrow("filters", filters)?;

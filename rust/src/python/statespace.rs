@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use super::arrays::{Matrix, Vector, borrow, hand_back, zeros};
 use super::guard;
 use crate::error::require;
+use crate::integrate::Hold;
 use crate::statespace::StateSpace;
 
 fn model(
@@ -44,11 +45,10 @@ fn simulate_statespace<'py>(
     D: &Bound<'py, PyAny>,
     u: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let model = model(A, B, C, D)?;
-    let hold = hold.parse()?;
     let input: Vector<'_> = borrow("u", u)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
     let output = zeros(py, [model.outputs(), input.len()])?;

@@ -9,10 +9,10 @@ use crate::plant::{Constant, Cursor, Envelope, Limit, Slope};
 use crate::scalar::{Dual, Tangent};
 use crate::stop::Stop;
 
+use super::output::{Consume, Output, require_finite};
 use super::parameters::Subject;
-use super::two_state::{Consume, Output, require_finite};
 
-/// As `two_state`, with every element.
+/// As [`super::pass::march`], with every element.
 pub fn through_whole<const N: usize>(
     subject: &Subject,
     run: &Run<'_>,

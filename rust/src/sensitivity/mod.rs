@@ -8,12 +8,14 @@
 //! 1.6 times as fast with seven derivatives as the whole drive train, 3.4 times without any (`benches/bench_grey_box.py`).
 
 mod full_train;
+mod output;
 mod parameters;
+mod pass;
 mod products;
 mod simulate;
 mod two_state;
 
+pub use output::{OUTPUTS, Output};
 pub use parameters::{MOST, Subject};
 pub use products::{Record, Sums};
 pub use simulate::simulate;
-pub use two_state::{OUTPUTS, Output};

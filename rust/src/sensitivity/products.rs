@@ -10,8 +10,9 @@ use crate::linear::segmented_pass::BLOCK;
 use crate::scalar::Tangent;
 use crate::stop::Stop;
 
+use super::output::Output;
 use super::parameters::{MOST, Subject};
-use super::two_state::{Output, march};
+use super::pass::march;
 
 /// A measured record: each output is `scale` times the simulated one plus an offset.
 #[derive(Debug, Clone)]

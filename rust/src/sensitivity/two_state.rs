@@ -3,79 +3,19 @@
 use pulp::{Simd, WithSimd};
 
 use crate::drive_train::{DriveTrain, Ramp, Run};
-use crate::error::{Error, Result, require};
+use crate::error::Result;
 use crate::instruction_set::arch;
 use crate::integrate::Hold;
 use crate::plant::{Envelope, Governor, Propeller, Slope, State, limited};
 use crate::scalar::{Scalar, Tangent};
-use crate::stop::{CHECK_EVERY, Stop};
+use crate::stop::Stop;
 use crate::subnormal::CUT_EVERY;
 
-use super::full_train::through_whole;
+use super::output::{Consume, Output, require_finite};
 use super::parameters::Subject;
 
-/// Names of what can be asked for: `n_e`, `n_s` [rev/s], `M_b`, `M_g` [Nm], `X_f` [mm], `E_n` [rev].
-pub const OUTPUTS: [&str; 6] = ["n_e", "n_s", "M_b", "M_g", "X_f", "E_n"];
-
-/// Entries of a list of outputs.
-const MOST: usize = 64;
-
-/// One of [`OUTPUTS`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Output {
-    EngineSpeed,
-    ShaftSpeed,
-    BrakeTorque,
-    GaugeTorque,
-    Rack,
-    Error,
-}
-
-impl Output {
-    const ALL: [Self; OUTPUTS.len()] =
-        [Self::EngineSpeed, Self::ShaftSpeed, Self::BrakeTorque, Self::GaugeTorque, Self::Rack, Self::Error];
-
-    /// Its place among the rows of the whole drive train.
-    pub(super) fn row(self) -> usize {
-        match self {
-            Self::EngineSpeed => 0,
-            Self::ShaftSpeed => 1,
-            Self::BrakeTorque => 2,
-            Self::GaugeTorque => 3,
-            Self::Rack => 5,
-            Self::Error => 6,
-        }
-    }
-
-    /// By their places in [`OUTPUTS`].
-    ///
-    /// # Errors
-    /// Where there are none, or one is out of range.
-    pub fn from_indices(indices: &[usize]) -> Result<Vec<Self>> {
-        if let Some(bad) = indices.iter().find(|&&index| index >= OUTPUTS.len()) {
-            return Err(Error::Invalid(format!(
-                "outputs holds {bad}, expected 0 to {}: {}",
-                OUTPUTS.len() - 1,
-                OUTPUTS.join(", ")
-            )));
-        }
-        require(indices.len() <= MOST, || {
-            format!("outputs: found {} indices, expected up to {MOST}", indices.len())
-        })?;
-        if indices.is_empty() {
-            return Err(Error::Invalid("outputs is empty, expected at least one".to_owned()));
-        }
-        Ok(indices.iter().map(|&index| Self::ALL[index]).collect())
-    }
-}
-
-/// What takes a block of outputs: the first sample, then for each sample a number an output.
-pub type Consume<'a, const N: usize> = dyn FnMut(usize, &[Tangent<N>]) -> Result<()> + 'a;
-
-/// March a subject through a run, and give the chosen outputs to `consume` in blocks of at most so many samples: the
-/// first sample, then for each sample a number an output.
-pub fn march<const N: usize>(
+/// As [`super::pass::march`], where nothing acts but rate limits and a late set point.
+pub fn through_plant<const N: usize>(
     subject: &Subject,
     run: &Run<'_>,
     outputs: &[Output],
@@ -83,10 +23,6 @@ pub fn march<const N: usize>(
     stop: &Stop,
     consume: &mut Consume<'_, N>,
 ) -> Result<()> {
-    let block = block.min((CHECK_EVERY / run.substeps).max(1));
-    if !subject.is_plant() {
-        return through_whole(subject, run, outputs, block, stop, consume);
-    }
     match &subject.envelope {
         Envelope::Constant(limit) => {
             arch().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
@@ -136,23 +72,6 @@ impl<L: Slope, const N: usize> WithSimd for Through<'_, '_, L, N> {
         }
         Ok(())
     }
-}
-
-/// Refuse a block from a sample on that holds what is not finite.
-pub(super) fn require_finite<const N: usize>(
-    from: usize,
-    rows: &[Tangent<N>],
-    outputs: &[Output],
-    dt: f64,
-) -> Result<()> {
-    let Some(bad) = rows.iter().position(|number| !is_finite(number)) else { return Ok(()) };
-    let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
-    let what = if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
-    Err(Error::Diverged { sample, time: sample as f64 * dt, what })
-}
-
-fn is_finite<const N: usize>(number: &Tangent<N>) -> bool {
-    number.slopes.iter().fold(number.value, |sum, slope| sum + 0.0 * slope).is_finite()
 }
 
 /// Least share of a sample interval by which a dead time exceeds whole ones: a piece without length would stand on the
