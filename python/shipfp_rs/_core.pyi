@@ -12,6 +12,9 @@ __all__ = [
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
+    "SHIP_OFF",
+    "SHIP_OUTPUTS",
+    "SHIP_PARAMETERS",
     "Decimator",
     "Extremes",
     "PulseCrossings",
@@ -33,10 +36,15 @@ __all__ = [
     "linear_sensitivities",
     "pulse_levels",
     "running_median",
+    "ship_products",
+    "ship_products_batch",
+    "ship_scatter_batch",
+    "ship_sensitivities",
     "simulate_drive_train",
     "simulate_linear",
     "simulate_plant",
     "simulate_plant_batch",
+    "simulate_ship",
     "simulate_statespace",
     "slope_at_even_times",
     "statespace_response",
@@ -194,6 +202,70 @@ def linear_products(
     filters: NDArray[np.float64],
     wrt: Sequence[int],
 ) -> tuple[NDArray[np.float64], int]: ...
+
+SHIP_PARAMETERS: tuple[str, ...]
+SHIP_OUTPUTS: tuple[str, ...]
+SHIP_OFF: tuple[float, ...]
+
+def simulate_ship(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+) -> NDArray[np.float64]: ...
+def ship_sensitivities(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def ship_products(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], int]: ...
+def ship_products_batch(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    wrt: Sequence[int],
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
+def ship_scatter_batch(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 

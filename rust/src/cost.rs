@@ -7,6 +7,7 @@
 mod abreast;
 mod batch;
 pub(crate) mod columns;
+pub(crate) mod measured;
 mod products;
 pub(crate) mod sums;
 

@@ -15,6 +15,7 @@ pub mod pyramid;
 pub mod repeats;
 pub mod scalar;
 pub mod sensitivity;
+pub mod ship;
 pub mod statespace;
 pub mod stop;
 

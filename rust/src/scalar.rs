@@ -137,6 +137,29 @@ impl<S: Simd, const N: usize> Dual<S, N> {
         Tangent { value: self.value, slopes: self.slopes }
     }
 
+    /// A value whose derivative is 1 in one direction, if there is that one, and 0 in the others.
+    #[inline(always)]
+    #[must_use]
+    pub fn along(self, value: f64, direction: usize) -> Self {
+        let mut slopes = [0.0; N];
+        if let Some(slope) = slopes.get_mut(direction) {
+            *slope = 1.0;
+        }
+        Self { value, slopes, ..self }
+    }
+
+    /// The same without derivatives that no sum would notice, which would slow down as they fade below the normal numbers.
+    #[inline(always)]
+    #[must_use]
+    pub fn without_dust(mut self) -> Self {
+        const DUST: f64 = 1e-200;
+        let dust = self.simd.splat_f64s(DUST);
+        for slope in S::as_mut_simd_f64s(&mut self.slopes).0 {
+            *slope = self.simd.sub_f64s(self.simd.add_f64s(*slope, dust), dust);
+        }
+        self
+    }
+
     /// The derivatives times `own`, plus the other's times `others`, about a value.
     #[inline(always)]
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {

@@ -82,6 +82,49 @@ def _between(table, at):
     return table[i] + (at - i) * (table[i + 1] - table[i])
 
 
+@njit(cache=True, inline="always")
+def _late(commands, at, last):
+    """Command at a step that lies back, straight lines between steps; before the record the first command."""
+    if at <= 0.0:
+        return commands[0]
+    i = int(at)
+    if i >= last:
+        return commands[last]
+    return commands[i] + (at - i) * (commands[i + 1] - commands[i])
+
+
+@njit(cache=True)
+def _stepped(plant, first, second, spring, rack, total, now, d, h, asked, water, load, commands, k, held):
+    """State after a classical Runge-Kutta step of length `d`; `held` is the command of a governor that samples."""
+    a1 = a2 = a3 = a4 = a5 = 0.0
+    s1 = s2 = s3 = s4 = s5 = 0.0
+    half = h / 2.0
+    for stage in range(4):
+        ahead = 0.0 if stage == 0 else (d if stage == 3 else 0.5 * d)
+        weight = d / 6.0 if stage in (0, 3) else d / 3.0
+        time = now + ahead
+        x1, x2, x3 = first + ahead * s1, second + ahead * s2, spring + ahead * s3
+        x4, x5 = rack + ahead * s4, total + ahead * s5
+        if plant.period > 0.0:
+            command, s5 = held, 0.0
+        else:
+            error = _between(asked, (time - plant.set_point_dead_time) / half) - x1 * plant.ratio
+            if plant.dead_time > 0.0:
+                command = _late(commands, (time - plant.dead_time) / h, k)
+            else:
+                command = plant.rack + plant.gain * error + plant.integral_gain * x5
+            s5 = error
+        s1, s2, s3, s4 = _rates(
+            plant, x1, x2, x3, x4, command, _between(water, time / half), _between(load, time / half)
+        )
+        a1 += weight * s1
+        a2 += weight * s2
+        a3 += weight * s3
+        a4 += weight * s4
+        a5 += weight * s5
+    return first + a1, second + a2, spring + a3, rack + a4, total + a5
+
+
 @njit(cache=True)
 def _march(plant, asked, water, load, h, count):
     out = np.empty((4, count))
@@ -133,53 +176,13 @@ def _march(plant, asked, water, load, h, count):
                 if arrived < taken:
                     stop = min(stop, plant.phase + arrived * plant.period + plant.dead_time)
             d = stop - now
-            # Classical Runge-Kutta; the weights of its four slopes.
-            a1 = a2 = a3 = a4 = a5 = 0.0
-            s1 = s2 = s3 = s4 = s5 = 0.0
-            for stage in range(4):
-                ahead = 0.0 if stage == 0 else (d if stage == 3 else 0.5 * d)
-                weight = d / 6.0 if stage in (0, 3) else d / 3.0
-                time = now + ahead
-                x1, x2, x3 = first + ahead * s1, second + ahead * s2, spring + ahead * s3
-                x4, x5 = rack + ahead * s4, total + ahead * s5
-                if samples:
-                    command, s5 = held, 0.0
-                else:
-                    error = _between(asked, (time - plant.set_point_dead_time) / half) - x1 * plant.ratio
-                    if plant.dead_time > 0.0:
-                        command = _late(commands, (time - plant.dead_time) / h, k)
-                    else:
-                        command = plant.rack + plant.gain * error + plant.integral_gain * x5
-                    s5 = error
-                s1, s2, s3, s4 = _rates(
-                    plant, x1, x2, x3, x4, command, _between(water, time / half), _between(load, time / half)
-                )
-                a1 += weight * s1
-                a2 += weight * s2
-                a3 += weight * s3
-                a4 += weight * s4
-                a5 += weight * s5
-            first += a1
-            second += a2
-            spring += a3
-            rack += a4
-            if not samples:
-                total += a5
+            first, second, spring, rack, total = _stepped(
+                plant, first, second, spring, rack, total, now, d, h, asked, water, load, commands, k, held
+            )
             now = stop
             if now >= end - tiny:
                 break
     return out
-
-
-@njit(cache=True, inline="always")
-def _late(commands, at, last):
-    """Command at a step that lies back, straight lines between steps; before the record the first command."""
-    if at <= 0.0:
-        return commands[0]
-    i = int(at)
-    if i >= last:
-        return commands[last]
-    return commands[i] + (at - i) * (commands[i + 1] - commands[i])
 
 
 def simulate(plant: Plant, set_point, seconds: float, *, step_s: float, water=None, load=None) -> Motion:

@@ -1,13 +1,16 @@
-"""The generators of simulated trials themselves: equations, normalisation, sensors, and the score."""
+"""The generators of simulated trials themselves: equations, normalisation and sensors."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from benches import rival_ship
 from scipy.signal import csd, welch
 
 from tests.families import events as by_events
-from tests.families import excitations, matters, recording, score, sensors, small_steps, wrong
+from tests.families import excitations, matters, recording, sensors, small_steps, wrong
 from tests.families.draw import FAMILIES, Loads, draw, fast_motion, has_margins, open_loop
 from tests.families.plant import ELEMENTS, Plant, normalised, physical, without
 from tests.families.water import Water
@@ -344,8 +347,6 @@ def test_an_element_matters_by_its_effect_against_the_noise():
     found = matters.judged(one)
     assert found["T_set"]["verdict"] == "matters"
     assert found["T_set"]["distinct"] <= found["T_set"]["size"]
-    from dataclasses import replace
-
     little = replace(one, plant=one.plant._replace(set_point_dead_time=1e-4))
     assert matters.judged(little)["T_set"]["verdict"] == "idle"
 
@@ -380,74 +381,17 @@ def test_wrong_data_are_wrong_in_the_way_they_say(seed):
         assert np.corrcoef(signals[torque], signals["n_e"])[0, 1] < 0.0
 
 
-def answer(**parameters):
-    return {
-        "parameters": {
-            name: {"value": value, "std": std, "ci95": [value - 2 * std, value + 2 * std], "status": status}
-            for name, (value, std, status) in parameters.items()
-        }
-    }
+@pytest.mark.parametrize("seed", [14, 22])
+def test_a_third_simulation_finds_the_truth_in_an_experiment(seed):
+    """The rival's ship, at the truth and on the set point at 50 Hz, leaves far less than the noise.
 
-
-def test_score_of_an_answer():
-    truth = {
-        "parameters": BASE | {"T_d": 0.05, "T_set": 0.0, "T_s": 0.0, "damping": 0.0, "K_p/K_i": 0.45},
-        "on": ["T_d"],
-    }
-    given = answer(
-        tau_n=(1.21, 0.01, "free"),
-        p=(2.3, 0.01, "free"),
-        T_d=(0.054, 0.0001, "free"),
-        vK_p=(50.0, 1.0, "at_bound"),
-        T_set=(0.0, 0.01, "at_bound"),
-        g=(-0.5, 0.1, "prior"),
-    )
-    given["derived"] = {"(p-g)/tau_n": {"value": 2.2, "std": 0.01, "ci95": [2.18, 2.22]}}
-    given["elements"] = {"T_d": {"state": "on"}, "sampling": {"state": "on"}, "T_set": {"state": "off"}}
-    found = score.score(given, truth)
-    rows = found["parameters"]
-    assert rows["tau_n"]["inside"]
-    assert not rows["tau_n"]["gross"]
-    assert rows["p"]["gross"]
-    assert not rows["T_d"]["inside"]
-    assert not rows["T_d"]["gross"], "4 ms are below the 5 ms that count"
-    assert rows["vK_p"]["gross"]
-    assert not rows["T_set"]["gross"], "on the bound, and so is the truth"
-    assert "g" not in rows
-    assert rows["(p-g)/tau_n"]["inside"]
-    kinds = {name: row["kind"] for name, row in found["elements"].items()}
-    assert (kinds["T_d"], kinds["T_s"], kinds["T_set"]) == ("found", "false", "rightly not on")
-
-
-def test_score_counts_sums_apart_and_an_alias_as_such():
-    truth = {
-        "parameters": BASE | {"T_d": 0.0, "T_set": 0.0, "T_s": 0.04, "update": 1.0, "damping": 0.0},
-        "on": ["T_s", "M_max"],
-    }
-    given = answer(T_d=(0.02, 0.001, "free"), vK_p=(4.7, 0.01, "free"))
-    verdicts = {"T_s": {"verdict": "idle"}, "M_max": {"verdict": "matters"}}
-    found = score.score(given, truth, verdicts)
-    assert not found["parameters"]["T_d"]["inside"]
-    assert found["parameters"]["T_d"]["inside_as_told"]
-    assert found["parameters"]["T_d"]["gross"]
-    assert not found["parameters"]["T_d"]["gross_as_told"]
-    assert found["parameters"]["vK_p"]["inside_as_told"]
-    kinds = {name: row["kind"] for name, row in found["elements"].items()}
-    assert (kinds["T_d"], kinds["T_s"], kinds["M_max"]) == ("alias", "unseen", "missed")
-    counts = score.summary([found, found])
-    assert counts["parameters"]["T_d"]["known"] == 2
-    assert counts["elements"]["M_max"] == {"missed": 2}
-    assert "T_d" in score.table(counts)
-
-
-def test_binomial_intervals_are_clopper_and_pearson_s():
-    """Clopper and Pearson (1934): 0 of 10 up to 0.308, 9 of 10 from 0.555 to 0.997."""
-    assert score.binomial(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
-    assert score.binomial(9, 10) == pytest.approx((0.5550, 0.9975), abs=1e-4)
-
-
-def test_combinations_are_read_as_arithmetic_only():
-    assert score.evaluated("(p-g)/tau_n", BASE) == pytest.approx(2.65 / 1.2)
-    assert score.evaluated("(p-g)/(vK_i)+T_set", BASE | {"T_set": 0.1}) == pytest.approx(0.365)
-    assert score.evaluated("v", BASE) is None
-    assert score.evaluated("__import__('os')", BASE) is None
+    What it leaves is its set point's straight lines between samples.
+    """
+    one = replace(draw("tug", seed, longest_s=220.0), torque_delay_s=0.0)
+    assert set(one.on) <= {"T_d", "T_set"}
+    asked, speed, torque = (sensors.to_common(signal) for signal in one.clean())
+    values = one.truth()["parameters"]
+    numbers = np.array([values.get(name, 1.0) for name in rival_ship.NAMES])
+    left = np.vstack([speed, torque]) - rival_ship.ship(numbers, asked, 0.02, 20)
+    for residual, noise in zip(left, one.noise, strict=True):
+        assert residual[100:].std() < 0.15 * noise.samples(np.random.default_rng(0), 40_000).std()

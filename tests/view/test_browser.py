@@ -273,8 +273,8 @@ def test_two_points_calibrate_at_once(visits):
     for number, (reading, value) in enumerate([("0", "100"), ("5", "1100")], start=1):
         page.get_by_role("button", name="add a reading").click()
         for what, text in (("reading", reading), ("value", value)):
-            page.get_by_label(f"{what} {number} of PTM_e").fill(text)
-            page.get_by_label(f"{what} {number} of PTM_e").press("Tab")
+            page.get_by_label(f"{what} {number} of PTM_e", exact=True).fill(text)
+            page.get_by_label(f"{what} {number} of PTM_e", exact=True).press("Tab")
     page.get_by_text("200 × recorded + 100 Nm").wait_for()
     page.evaluate("shipfp.view.whenSettled()")
     low, high = page.evaluate("shipfp.view.rows[2].range")

@@ -14,7 +14,8 @@ DRAFT = {
     "vessel": "stan-tug-1205",
     "channels": [
         {"column": "n", "role": "set_point", "unit": "rpm", "calibration": {"scale": 1.0}},
-        {"column": "M [x]", "role": "torque", "unit": "mV", "location": "brake", "calibration": {"table": [[0, 0], [1, 2], [3, 6.5]]}},
+        {"column": "M [x]", "role": "torque", "unit": "mV", "location": "brake",
+         "calibration": {"table": [[0, 0], [1, 2], [3, 6.5]]}},
         {"column": "P", "role": "train", "pulses_per_rev": 4, "shaft": "propeller"},
     ],
     "steady_s": [1.0, 20.0],

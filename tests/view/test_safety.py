@@ -191,9 +191,11 @@ def test_what_is_no_object_is_refused_in_a_line(caller, body):
     ("name", "asked"),
     [
         ("document", {}), ("document", {"doc": 99}), ("document", {"doc": "-1"}), ("document", {"doc": "../0"}),
-        ("tiles", {"doc": 0, "want": "0.0"}), ("tiles", {"doc": 0, "want": "9.0.0"}), ("tiles", {"doc": 0, "want": "0.99.0"}),
+        ("tiles", {"doc": 0, "want": "0.0"}), ("tiles", {"doc": 0, "want": "9.0.0"}),
+        ("tiles", {"doc": 0, "want": "0.99.0"}),
         ("tiles", {"doc": 0, "want": ",".join(["0.0.0"] * 300)}), ("tiles", {"doc": 0, "want": "0.0.99999"}),
-        ("spectrum", {"doc": 0, "series": 0, "from": "nan", "to": 1}), ("spectrum", {"doc": 0, "series": 7, "from": 0, "to": 1}),
+        ("spectrum", {"doc": 0, "series": 0, "from": "nan", "to": 1}),
+        ("spectrum", {"doc": 0, "series": 7, "from": 0, "to": 1}),
         ("spectrum", {"doc": 0, "series": 0, "from": 5, "to": 1}), ("windows", {"doc": 0, "column": "nothing"}),
         ("within", {"doc": 0, "column": "n"}), ("mean", {"doc": 0, "series": 0, "from": 1e9, "to": 2e9}), ("job", {"id": 3}),
     ],

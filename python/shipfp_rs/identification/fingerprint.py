@@ -106,6 +106,16 @@ class Fingerprint:
     residuals
         Output to {"autocorrelation": ..., "set_point": ...}: "lags" [samples], "correlation" [-] of the whitened residuals
         with themselves and with the set point that long before, and the half width of the "band" of 95 % by chance.
+    elements
+        Element of the ship model to {"state": "on" | "off" | "open", "limit": ..., "evidence": change of the deviance};
+        empty where the structure was given.
+    adequate
+        "stands": whether the residuals leave the model unchallenged; "misses_pct": what it misses of each output, in
+        per cent of its spread; "bias": how far that can move each parameter.
+    usable
+        The verdict's first sentence: what the fingerprint can be used for.
+    si
+        Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
     """
 
     parameters: Mapping[str, Estimate]
@@ -121,6 +131,10 @@ class Fingerprint:
     verdict: tuple[str, ...] = ()
     covariance: Mapping[str, Any] = field(default_factory=lambda: {"names": [], "matrix": []})
     residuals: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
+    elements: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    adequate: Mapping[str, Any] = field(default_factory=dict)
+    usable: str = ""
+    si: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """Return a parameter or derived combination by name."""
@@ -177,6 +191,10 @@ class Fingerprint:
             "verdict": list(self.verdict),
             "covariance": dict(self.covariance),
             "residuals": {output: dict(tests) for output, tests in self.residuals.items()},
+            "elements": {name: dict(row) for name, row in self.elements.items()},
+            "adequate": dict(self.adequate),
+            "usable": self.usable,
+            "si": {name: dict(row) for name, row in self.si.items()},
         }
 
     def save(self, path: str | Path) -> Path:
@@ -230,7 +248,11 @@ class Fingerprint:
             versions=content["versions"],
             verdict=tuple(content["verdict"]),
             covariance=content["covariance"],
-            residuals=content.get("residuals", {}),  # older files have none
+            residuals=content.get("residuals", {}),  # older files have none of these
+            elements=content.get("elements", {}),
+            adequate=content.get("adequate", {}),
+            usable=content.get("usable", ""),
+            si=content.get("si", {}),
         )
 
 

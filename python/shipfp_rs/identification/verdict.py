@@ -28,7 +28,7 @@ def verdict(
         else []
     )
     known = [
-        _shown(name, e)
+        shown(name, e)
         for name, e in parameters.items()
         if e.status in ("free", "prior") and e.value is not None
     ]
@@ -39,7 +39,7 @@ def verdict(
         lines.append(
             "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
         )
-    together = [_shown(name, estimate) for name, estimate in derived.items()]
+    together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
         lines.append("Known only together: " + "; ".join(together) + ".")
     for name, estimate in parameters.items():
@@ -147,7 +147,8 @@ def _chance(p: float) -> str:
     return f"p = {p:.1g}" if p > 1e-6 else "p < 1e-6"
 
 
-def _shown(name: str, estimate: Estimate) -> str:
+def shown(name: str, estimate: Estimate) -> str:
+    """Return a parameter with its value, interval and unit, as a sentence has it."""
     assert estimate.value is not None
     spread = "" if estimate.ci95 is None else f" ({estimate.ci95[0]:.4g} to {estimate.ci95[1]:.4g})"
     unit = "" if estimate.unit == "-" else f" {estimate.unit}"

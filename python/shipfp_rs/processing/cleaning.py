@@ -11,7 +11,7 @@ from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial_tables import Processing, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Load, Processing, Rack, SetPoint, Torque
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
@@ -38,15 +38,17 @@ class Cleaner:
     """
 
     def __init__(
-        self, rows: Rows, sensor: SetPoint | Torque | Rack, processing: Processing, first: int, last: int
+        self, rows: Rows, sensor: SetPoint | Torque | Rack | Load, processing: Processing, first: int, last: int
     ) -> None:
         settings = processing.faults
         self.drives = isinstance(sensor, SetPoint)
         self.rows = rows
         self.channel = rows.channel
         unit = "rpm" if self.drives else "mm" if isinstance(sensor, Rack) else "Nm"
+        if isinstance(sensor, Load) and sensor.quantity == "power":
+            unit = "W"
         self.calibration = sensor.calibration.calibration(unit)
-        self._spike = "D1" if self.drives else "spike" if isinstance(sensor, Rack) else "C"
+        self._spike = "D1" if self.drives else "spike" if isinstance(sensor, Rack | Load) else "C"
         self.spikes = processing.set_point_jumps if self.drives else processing.torque_spikes
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz

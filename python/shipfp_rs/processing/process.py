@@ -30,7 +30,7 @@ from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import Rack, SetPoint, Tacho, Torque, Window
+from shipfp_rs.processing.trial_tables import Load, Rack, SetPoint, Tacho, Torque, Window
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
@@ -136,6 +136,8 @@ class _Recording:
             ("set_point", channels.set_point),
             ("torque", channels.torque),
             ("rack", channels.rack),
+            ("actuator", channels.actuator),
+            ("load", channels.load),
         ):
             if sensor is not None:
                 require_unit(log, key, sensor)
@@ -152,7 +154,7 @@ class _Recording:
         self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
-    def _rows(self, sensor: SetPoint | Torque | Rack | Tacho, kept_bytes: int = 0) -> Rows:
+    def _rows(self, sensor: SetPoint | Torque | Rack | Load | Tacho, kept_bytes: int = 0) -> Rows:
         return Rows(
             self.log,
             sensor.column,
@@ -200,7 +202,7 @@ class _Recording:
         )
         self.speeds = dict(zip(self.grids, speeds, strict=True))
 
-    def _cleaned(self, sensor: SetPoint | Torque | Rack) -> dict[str, _Cleaned]:
+    def _cleaned(self, sensor: SetPoint | Torque | Rack | Load) -> dict[str, _Cleaned]:
         """Calibrate, repair and resample a channel in every stretch."""
         rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
@@ -229,6 +231,8 @@ class _Recording:
         if given.n_e_rpm is not None:
             point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
         for signal, sensor in self.trial.channels.levels.items():
+            if isinstance(sensor, Load):
+                continue  # an input: its mean over the steady stretch, where there is one
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
@@ -276,7 +280,8 @@ class _Recording:
             signals[name] = cleaned.samples
             faults = faults + cleaned.faults
             told_by[sensor.column] = [name]
-            calibration["torque" if is_torque else "rack"] = dataclasses.asdict(cleaned.calibration)
+            kind = "torque" if is_torque else "load" if isinstance(sensor, Load) else "rack"
+            calibration[kind] = dataclasses.asdict(cleaned.calibration)
             if is_torque and np.nansum(cleaned.samples) < 0.0:
                 rows = np.array([self._within(self._rows(sensor), label)])
                 kept = "kept: negative on average; normalised with a negative mean it tells the same"
@@ -296,7 +301,7 @@ class _Recording:
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
         """Tell where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
         channels = self.trial.channels
-        sensors: list[tuple[SetPoint | Torque | Rack | Tacho, str]] = [(channels.set_point, "n_set")]
+        sensors: list[tuple[SetPoint | Torque | Rack | Load | Tacho, str]] = [(channels.set_point, "n_set")]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
         tachos = {name: tacho for name, tacho in channels.tachos.items() if tacho.kind != "edges"}
         sensors += [(tacho, "n_e" if name == train else "") for name, tacho in tachos.items()]

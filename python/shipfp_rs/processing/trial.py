@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial_tables import (
+    LOADS,
     OF_ANY_STRUCTURE,
     SIGNAL_OF_LOCATION,
     Align,
@@ -40,7 +41,7 @@ class Trial(Section):
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
     structure: GreyBox | None = None
-    """None: the linear structure that [identify] describes."""
+    """None: the structure that the data choose, or the linear one that [identify] describes."""
     identify: Identify = Identify()
 
     @model_validator(mode="after")
@@ -58,6 +59,7 @@ class Trial(Section):
             "n_e": point.n_e_rpm,
             **dict.fromkeys(SIGNAL_OF_LOCATION.values(), point.M_Nm),
             "X_f": point.X_mm,
+            **dict.fromkeys(LOADS.values(), 1.0),
         }
         missing = any(given[signal] is None for signal in ("n_e", *self.channels.levels))
         if missing and point.steady_s is None:
@@ -83,6 +85,11 @@ class Trial(Section):
                     "windows", f"log {window.log!r} in {window.name!r}", f"one of {', '.join(files)}"
                 )
         return self
+
+    @property
+    def chooses(self) -> bool:
+        """Whether the data choose the structure, within what [identify] leaves open."""
+        return self.structure is None and self.identify.chooses
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -117,6 +117,22 @@ class Rack(Section):
     """How late the channel tells what happened, half the period at which a bus repeats it included [s]; taken off."""
 
 
+LOADS = {"torque": "M_load", "power": "P_load"}
+"""Signals that a measured load becomes."""
+
+
+class Load(Section):
+    """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm or W."""
+
+    column: str
+    unit: str
+    calibration: Line
+    quantity: Literal["torque", "power"]
+    """Torque [Nm] of the load, or its power [W]."""
+    delay_s: float = 0.0
+    """How late the channel tells what happened [s]; taken off."""
+
+
 class Tacho(Section):
     """A source of speed: a pulse train, a list of its edges, an encoder's angle, or a speed recorded as such.
 
@@ -203,6 +219,16 @@ class Channels(Section):
     set_point: SetPoint
     torque: Torque | None = None
     rack: Rack | None = None
+    actuator: Rack | None = None
+    """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
+    load: Load | None = None
+    """What the machine drives, measured: an input beside the set point."""
+
+    @model_validator(mode="after")
+    def _has_one_actuator(self) -> Self:
+        if self.rack is not None and self.actuator is not None:
+            raise unexpected("actuator", "rack as well", "one of the two")
+        return self
 
     @model_validator(mode="after")
     def _has_a_pulse_train(self) -> Self:
@@ -215,10 +241,12 @@ class Channels(Section):
         return self
 
     @property
-    def levels(self) -> dict[str, Torque | Rack]:
+    def levels(self) -> dict[str, Torque | Rack | Load]:
         """Measured outputs that are recorded as levels, by the signals that they become."""
         torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
-        return torque | ({} if self.rack is None else {"X_f": self.rack})
+        actuator = self.rack or self.actuator
+        load = {} if self.load is None else {LOADS[self.load.quantity]: self.load}
+        return torque | ({} if actuator is None else {"X_f": actuator}) | load
 
     @property
     def tachos(self) -> dict[str, Tacho]:
@@ -329,12 +357,22 @@ class GreyBox(Section):
 
 HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
 """Keys of [identify] that are options of `identify` under the same name."""
-OF_ANY_STRUCTURE = frozenset(("fixed", "priors", "tied", *HOW, "starts", "seed"))
+OF_ANY_STRUCTURE = frozenset(("elements", "fixed", "priors", "tied", *HOW, "starts", "seed"))
 """Keys of [identify] that do not describe the linear structure."""
 
 
+NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
+"""Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
+
+
 class Identify(Section):
-    """The structure to fit and how; parameter names are checked by the structure itself."""
+    """The structure to fit and how; parameter names are checked by the structure itself.
+
+    Without a key beyond `NARROWING` the data choose the elements of the one ship model.
+    """
+
+    elements: dict[str, bool] = Field(default_factory=dict)
+    """Elements of the ship model that are forced on (true) or off (false); the data choose the others."""
 
     torque: Literal["gauge", "brake"] | None = None
     """None: what the torque channel's location says."""
@@ -376,12 +414,19 @@ class Identify(Section):
         return {name: getattr(self, name) for name in HOW}
 
     @property
-    def elements(self) -> dict[str, Any]:
+    def chooses(self) -> bool:
+        """Whether the data choose the structure."""
+        return not self.model_fields_set - NARROWING
+
+    @property
+    def linear_elements(self) -> dict[str, Any]:
         """What of the drive train beyond eq. 3.14-3.54 is asked for, by the options of `Structure.linear`."""
         return {name: value for name in ELEMENTS if (value := getattr(self, name))}
 
     @model_validator(mode="after")
     def _three_parameters_are_all(self) -> Self:
-        if self.three_parameters and self.elements:
-            raise unexpected(next(iter(self.elements)), "with three_parameters = true", "one of the two")
+        if self.three_parameters and self.linear_elements:
+            raise unexpected(
+                next(iter(self.linear_elements)), "with three_parameters = true", "one of the two"
+            )
         return self

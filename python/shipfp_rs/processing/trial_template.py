@@ -6,60 +6,41 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-import tomlkit
-
-from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.roles import Roles
 from shipfp_rs.processing.windows import FoundWindow, longest_rest
-
-TORQUE = "torq|moment|koppel|torsion|strain"
-"""What a channel of the torque is called, in part."""
-TO_RPM: Mapping[str, float] = {"rpm": 1.0, "1/min": 1.0, "rev/min": 1.0, "U/min": 1.0, "rev/s": 60.0}
-TO_NM: Mapping[str, float] = {"Nm": 1.0, "N·m": 1.0, "kNm": 1e3, "kN·m": 1e3}
-"""Factors of units that need no calibration of their own."""
-
-
-def set_point_of(log: Log) -> str:
-    """Return the one channel whose name says that it is a set point; `InputError` where there is none or several."""
-    named = [
-        name for name in log.channels if re.search(r"set[ _-]?point|n[ _-]?set|soll", name, re.IGNORECASE)
-    ]
-    if len(named) != 1:
-        raise InputError(
-            f"{log.name}: {'several channels are' if named else 'no channel is'} called a set point, found "
-            f"{', '.join(named or log.channels)}; name it with --set-point"
-        )
-    return named[0]
+from shipfp_rs.support.units import TO_NM, TO_RPM
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
     """Return the [[windows]] tables of a TRIAL.toml, rests left out; frequencies as comments."""
-    tables = tomlkit.aot()
+    lines = []
     for window in windows:
         if window.kind == "steady":
             continue
-        kind = tomlkit.string(window.kind)
+        note = ""
         if window.frequency_hz is not None:
             first, last = window.frequency_hz
-            kind.comment(f"{first:.4g} Hz" if window.kind == "sine" else f"{first:.4g} to {last:.4g} Hz")
-        start_s, stop_s = round(window.start_s, 1), round(window.stop_s, 1)
-        table = tomlkit.table()
-        table.update({"name": window.name, "kind": kind, "start_s": start_s, "stop_s": stop_s})
-        tables.append(table)
-    return tomlkit.dumps({"windows": tables}) if tables else ""
+            note = f" # {first:.4g} Hz" if window.kind == "sine" else f" # {first:.4g} to {last:.4g} Hz"
+        lines.append(
+            f'[[windows]]\nname = "{window.name}"\nkind = "{window.kind}"{note}\n'
+            f"start_s = {window.start_s:.1f}\nstop_s = {window.stop_s:.1f}\n"
+        )
+    return "\n".join(lines)
 
 
 def filled_in(
     template: str,
     log: Log,
     path: Path,
-    set_point: str,
+    roles: Roles,
     trains: Mapping[str, float],
     windows: Sequence[FoundWindow],
     rate_hz: float | None = None,
+    time: str | None = None,
+    names: Path | None = None,
 ) -> str:
     """Return the template of a TRIAL.toml with what a log tells: its channels, steady stretch and windows.
 
@@ -69,55 +50,88 @@ def filled_in(
         That of `support.toml.template`, whose tables stand apart by an empty line each.
     log, path
         The log and where it lies.
-    set_point
-        Channel of the set point.
+    roles
+        What its channels are taken for, and why.
     trains
         Channels that are pulse trains, with pulses per second.
     windows
         What was found in the set point.
-    rate_hz
-        Sample rate, where the log told none.
+    rate_hz, time, names
+        As it was opened.
     """
+    tables = {_header(table): table for table in template.split("\n\n")}
+    tables["trial"] = _with(tables["trial"], "log", json.dumps(str(path)))
     if rate_hz is not None:
-        template = re.sub("^# rate_hz = .*", f"rate_hz = {rate_hz!r}", template, flags=re.MULTILINE)
-    blocks = {_header(block): block for block in template.split("\n\n")}
-    there = (f"{one.name}{f' [{one.unit}]' if one.unit else ''}" for one in log.channels.values())
-    blocks["channels.set_point"] = f"# The log has {', '.join(there)}.\n" + blocks["channels.set_point"]
-    torques = [
-        name
-        for name in log.channels
-        if name != set_point and name not in trains and re.search(TORQUE, name, re.IGNORECASE)
-    ]
-    if len(torques) != 1:
-        blocks["channels.torque"] = re.sub("^", "# ", blocks["channels.torque"], flags=re.MULTILINE)
+        tables["trial"] = re.sub(
+            "^# rate_hz = .*", f"rate_hz = {rate_hz!r}", tables["trial"], flags=re.MULTILINE
+        )
+    for key, value in (("time_column", time), ("names", None if names is None else str(names.resolve()))):
+        if value is not None:
+            line = f"{key} = {json.dumps(value)}"
+            tables["trial"] = re.sub(f"^# {key} = .*", lambda _: line, tables["trial"], flags=re.MULTILINE)  # noqa: B023
+    there = (
+        f"# {one.name}{f' [{one.unit}]' if one.unit else ''}, {one.rate_hz:g} Hz: {roles.reasons.get(one.name, '')}"
+        for one in log.channels.values()
+    )
+    about = "# The log's channels, and what each is taken for:\n" + "\n".join(there) + "\n"
+    if roles.set_point is None:
+        about += "# No set point was found: name its channel below.\n"
+        tables["channels.set_point"] = about + tables["channels.set_point"]
+    else:
+        channel = log.channel(roles.set_point)
+        tables["channels.set_point"] = about + _of(channel, tables["channels.set_point"], TO_RPM)
+    if roles.torque is not None:
+        tables["channels.torque"] = _of(log.channel(roles.torque), tables["channels.torque"], TO_NM)
+    else:
+        tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
+    if not trains and roles.speeds:
+        del tables["channels.PTM_e"]
+        tables["channels.PTM_4"] = "\n\n".join(_speed(log.channel(name)) for name in roles.speeds)
     if trains:
-        del blocks["channels.PTM_e"]
-        blocks["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
-    blocks["windows"] = windows_toml(windows).rstrip() or blocks["windows"]
-    filled: Any = tomlkit.parse("\n\n".join(blocks.values()))
-    filled["trial"]["log"] = str(path)
-    _fill(filled["channels"]["set_point"], log.channel(set_point), TO_RPM)
-    if len(torques) == 1:
-        _fill(filled["channels"]["torque"], log.channel(torques[0]), TO_NM)
-    if (rest := longest_rest(windows)) is not None:
-        filled["operating_point"]["steady_s"] = [round(rest.start_s, 1), round(rest.stop_s, 1)]
-    return tomlkit.dumps(filled)
+        del tables["channels.PTM_e"]
+        tables["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
+    rest = longest_rest(windows) if windows else None
+    if rest is not None:
+        stretch = f"[{rest.start_s:.1f}, {rest.stop_s:.1f}]"
+        tables["operating_point"] = _with(tables["operating_point"], "steady_s", stretch)
+    tables["windows"] = windows_toml(windows).rstrip() or tables["windows"]
+    return "\n\n".join(tables.values())
 
 
-def _header(block: str) -> str:
-    found = re.search(r"^(?:# )?\[+([\w.]+)", block, re.MULTILINE)
+def _header(table: str) -> str:
+    found = re.search(r"^(?:# )?\[+([\w.]+)", table, re.MULTILINE)
     return found[1] if found else ""
 
 
-def _fill(table: Any, channel: Channel, factors: Mapping[str, float]) -> None:
-    """Put a channel into its table; one of a known unit needs no calibration but that unit's factor."""
-    table["column"] = channel.name
+def _with(table: str, key: str, value: str) -> str:
+    """Return a table with another value of one key, the comment behind it where it was if there is room."""
+
+    def line(old: re.Match[str]) -> str:
+        new = f"{key} = {value}"
+        return new.ljust(max(len(old[0]), len(new) + 1)) if old[1] else new
+
+    return re.sub(
+        rf"^{key} = (?:\"[^\"]*\"|\[[^\]]*\]|\{{[^}}]*\}}|\S+)( *)", line, table, count=1, flags=re.MULTILINE
+    )
+
+
+def _of(channel: Channel, table: str, factors: Mapping[str, float]) -> str:
+    """Return a table for a channel; one of a known unit needs no calibration but that unit's factor."""
+    table = _with(table, "column", json.dumps(channel.name))
     if channel.unit:
-        table["unit"] = channel.unit
+        table = _with(table, "unit", json.dumps(channel.unit))
     factor = factors.get(channel.unit.replace(" ", ""))
-    if factor is not None:
-        table["calibration"] = tomlkit.inline_table()
-        table["calibration"]["scale"] = factor
+    return table if factor is None else _with(table, "calibration", f"{{ scale = {factor} }}")
+
+
+def _speed(channel: Channel) -> str:
+    """Return the table of a speed that is recorded as such."""
+    return (
+        f"[channels.{json.dumps(channel.name)}]            # recorded as a speed\n"
+        f"column = {json.dumps(channel.name)}\n"
+        f"unit = {json.dumps(channel.unit)}\n"
+        'shaft = "engine"                # or "propeller"'
+    )
 
 
 def _train(name: str, pulses_hz: float) -> str:

@@ -29,6 +29,25 @@ def identified(
     return identify(experiments, structure, vessel=vessel.name, **options.options, **more)
 
 
+def chosen(
+    trial: Trial, experiments: Sequence[Experiment], vessel: Vessel, *, seed: int | None
+) -> Fingerprint:
+    """Let the data choose the structure within what a trial's [identify] table leaves open."""
+    torque, options = trial.channels.torque, trial.identify
+    located: Torque | None = None if torque is None else "gauge" if torque.location == "gauge" else "brake"
+    outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
+    return identify(
+        experiments,
+        elements=options.elements,
+        torque=options.torque or located,
+        outputs=outputs if outputs is None else _measured(outputs, located),
+        fixed=options.fixed,
+        priors=options.priors,
+        seed=options.seed if seed is None else seed,
+        vessel=vessel.name,
+    )
+
+
 def structure_of(trial: Trial, vessel: Vessel) -> Structure:
     """Return the structure that a trial's [structure] table, or else its [identify] table, asks for.
 
@@ -65,7 +84,7 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
     declare = (
         Structure.three_parameters
         if options.three_parameters
-        else partial(Structure.linear, products=options.products, **options.elements)
+        else partial(Structure.linear, products=options.products, **options.linear_elements)
     )
     structure = declare(
         torque=torque,

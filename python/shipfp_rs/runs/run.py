@@ -8,13 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from shipfp_rs.assessment.prediction import predict
+from shipfp_rs.assessment.prediction import structure_of as rebuilt
+from shipfp_rs.assessment.si import in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses, write_report
-from shipfp_rs.runs.fit import identified, structure_of
+from shipfp_rs.runs.fit import chosen, identified, structure_of
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -80,7 +82,7 @@ def evaluate(
     """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
-    structure = structure_of(trial, vessel)
+    declared = None if trial.chooses else structure_of(trial, vessel)
     experiments = [
         # A result is handed on: it names the file, not where it lay on this machine.
         replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
@@ -88,15 +90,25 @@ def evaluate(
         for experiment in process(log, trial, vessel)
     ]
     options = trial.identify
-    fingerprint = identified(
-        options,
-        experiments,
-        structure,
-        vessel,
-        starts=options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
-        seed=options.seed if seed is None else seed,
-        progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
-    )
+    if declared is None:
+        notify("choosing the elements and identifying")
+        fingerprint = chosen(trial, experiments, vessel, seed=seed)
+        structure = rebuilt(fingerprint)
+    else:
+        structure = declared
+        fingerprint = identified(
+            options,
+            experiments,
+            structure,
+            vessel,
+            starts=options.starts
+            if trial.structure is None or "starts" in options.model_fields_set
+            else None,
+            seed=options.seed if seed is None else seed,
+            progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
+        )
+    if fingerprint.si == {}:
+        fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)

@@ -199,7 +199,6 @@ def trial_tables(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth
         "operating_point": {"n_e_rpm": "auto", "M_Nm": "auto", "steady_s": list(truth.steady_s)},
         "processing": {"rate_hz": 50.0},
         "windows": [dataclasses.asdict(window) for window in truth.windows],
-        "identify": {"torque": "gauge", "products": True, "free_exponent": True},
     }
 
 

@@ -40,6 +40,11 @@ class Equations(ABC):
         """Whether `products` can be called."""
         return False
 
+    @property
+    def own_offsets(self) -> bool:
+        """Whether the states hold the errors of the operating point, so that outputs need no constants added."""
+        return False
+
     @abstractmethod
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""

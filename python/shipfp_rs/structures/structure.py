@@ -13,6 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures import grey_box
 from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
+from shipfp_rs.structures.elements import chosen
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.joint import JointEquations, PartEquations
 from shipfp_rs.structures.linear import LinearEquations
@@ -21,6 +22,7 @@ from shipfp_rs.structures.linear_sampled import SampledGovernor
 from shipfp_rs.structures.parameter import Parameter as Parameter
 from shipfp_rs.structures.pass_band import PassBand
 from shipfp_rs.structures.plant import PlantEquations, as_built
+from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
@@ -74,6 +76,10 @@ LINEAR_OPTIONS = (
     "speed",
 )
 """Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
+
+
+SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
+"""Options of `Structure.ship` that its settings hold."""
 
 
 @dataclass(frozen=True)
@@ -298,6 +304,92 @@ class Structure:
             full, name=name or full.name.replace("linear", "three parameters", 1), settings=settings
         )
         return three.with_fixed(g=0.0)
+
+    @classmethod
+    def ship(
+        cls,
+        elements: Sequence[str] = (),
+        *,
+        torque: Torque = "brake",
+        outputs: Sequence[str] = ("dn", "dM"),
+        products: bool = True,
+        propeller_speed: bool = False,
+        name: str | None = None,
+    ) -> Structure:
+        """Declare the ship: its nonlinear drive train in normalised terms, made of elements that act or do not.
+
+        With N, u and M the speed, set point and torque over their operating points:
+
+            tau_n dN/dt = M_b - N^p,                M_b = 1 + g (N - 1) + vX(t - T_d),
+            vX = vK_p e + vK_i int e dt,            e = u(t - T_set) - N
+
+        Parameters
+        ----------
+        elements
+            Names of what acts beside this, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d),
+            "dead_time_set_point" (T_set), "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s),
+            "torque_limit" (M_max), "rack_rate" (rate), "twist" (tau_twist), "damping" (of the load), "load" (measured).
+        torque
+            "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
+        outputs
+            Of "dn", "dM", "dX", "dE".
+        products
+            Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
+        propeller_speed
+            The speed is measured behind a shaft that twists.
+
+        Raises
+        ------
+        InputError
+            For an unknown element, output or torque, or what can't go together.
+
+        Notes
+        -----
+        Each experiment has four unknowns of its own: its speed and its fuel's torque at the first sample, and by which
+        part its set point and its torque are read wrong. Equations 3.1 to 3.11 divided by the operating point; the
+        exponent p is free, 2 in the thesis.
+
+        Examples
+        --------
+        >>> [parameter.name for parameter in Structure.ship(["dead_time_loop"]).free]
+        ['tau_n', 'g', 'vK_p', 'vK_i', 'p', 'T_d']
+        """
+        if torque not in ("brake", "gauge"):
+            raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
+        for output in outputs:
+            if output not in OUTPUTS:
+                raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
+        if not outputs or len(set(outputs)) != len(outputs):
+            raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+        gauge = torque == "gauge" and "dM" in outputs
+        acting = chosen(elements, gauge=gauge)
+        letter = "v" if products else ""
+        parameters = (
+            Parameter("tau_n", "s", 1.2, 0.01, 20.0),
+            Parameter("g", "-", -0.5, -10.0, 3.0),
+            *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
+            Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
+            Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
+            Parameter("p", "-", 2.0, -1.0, 5.0),
+            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge else ()),
+            *(parameter for element in acting for parameter in element.parameters),
+        )
+        words = [element.words for element in acting]
+        return cls(
+            name=name or ("ship" + (": " + ", ".join(words) if words else "")),
+            parameters=parameters,
+            signals=_signals(outputs, torque),
+            equations=ShipEquations(
+                tuple(outputs), gauge, propeller_speed, any(element.name == "load" for element in acting)
+            ),
+            settings={
+                "kind": "ship",
+                "elements": [element.name for element in acting],
+                "torque": torque,
+                "products": products,
+                "propeller_speed": propeller_speed,
+            },
+        )
 
     @classmethod
     def plant(

@@ -98,6 +98,11 @@ class Behind(Equations):
         return self.equations.linear_in
 
     @property
+    def own_offsets(self) -> bool:
+        """Whether the equations' states hold the errors of the operating point."""
+        return self.equations.own_offsets
+
+    @property
     def has_products(self) -> bool:
         """Whether the equations sum up products in a pass of their own."""
         return self.equations.has_products

@@ -110,6 +110,11 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
             # Where its section also holds an unknown key, the missing one is likely misspelt.
             unknown = [other for other in others if other["type"] == "extra_forbidden"]
             first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
+        missing = [".".join(map(str, each["loc"])) for each in error.errors() if each["type"] == "missing"]
+        if first["type"] == "missing" and len(missing) > 1:
+            raise InputError(
+                f"{source}: {', '.join(missing)}: found nothing, expected these keys to be given"
+            ) from error
         raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 

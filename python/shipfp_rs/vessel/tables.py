@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, Any, ClassVar, Self, get_args
 
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from shipfp_rs.errors import InputError
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.toml import Section, unexpected
 
@@ -86,10 +87,57 @@ class Ship(Section):
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
-class Water(Section):
+def later() -> Any:
+    """Return the default of a key that may be left out until something asks for it."""
+    return Field(default=None)
+
+
+class Sparse(Section):
+    """A table whose keys may be left out; what needs one that is not given says so by its name."""
+
+    table: ClassVar[str] = ""
+
+    @model_validator(mode="after")
+    def _drop_what_is_not_given(self) -> Self:
+        for name in type(self).model_fields.keys() - self.model_fields_set:
+            if self.__dict__.get(name, 0) is None and name in self._needed():
+                del self.__dict__[name]
+        return self
+
+    @classmethod
+    def _needed(cls) -> set[str]:
+        """Keys that are never None: those without a default of their own."""
+        return {
+            name
+            for name, field in cls.model_fields.items()
+            if field.default is None and type(None) not in get_args(field.annotation)
+        }
+
+    def __getattr__(self, name: str) -> Any:
+        if name in type(self).model_fields:
+            key = f"{self.table}.{name}" if self.table else name
+            raise InputError(
+                f"vessel file: {key}: found nothing, expected it to be given for what is asked; add it"
+            )
+        return super().__getattr__(name)  # type: ignore[misc]
+
+    def given(self, *keys: str) -> bool:
+        """Whether all of some keys, such as "propeller.blades", are there."""
+        for key in keys:
+            content: Any = self
+            for part in key.split("."):
+                if part not in content.__dict__ or content.__dict__[part] is None:
+                    return False
+                content = content.__dict__[part]
+        return True
+
+
+class Water(Sparse):
     """The water that the propeller works in."""
 
-    density_kg_m3: Positive
+    table: ClassVar[str] = "water"
+
+    density_kg_m3: Positive = later()
 
 
 class Envelope(Section):
@@ -110,14 +158,16 @@ class Envelope(Section):
         return self
 
 
-class Engine(Section):
+class Engine(Sparse):
     """Diesel engine: rating, torque limit, and what sets its torque ripple (cylinders, strokes)."""
 
-    model: str
-    cylinders: Annotated[int, Field(ge=1)]
-    strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)]
-    rated_power_kW: Positive
-    rated_speed_rpm: Positive
+    table: ClassVar[str] = "engine"
+
+    model: str = later()
+    cylinders: Annotated[int, Field(ge=1)] = later()
+    strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)] = later()
+    rated_power_kW: Positive = later()
+    rated_speed_rpm: Positive = later()
     envelope: Envelope | None = None
     """None: unlimited."""
     minimum_torque_Nm: float | None = None
@@ -133,7 +183,7 @@ class Engine(Section):
 
     @model_validator(mode="after")
     def _stays_within_its_rating(self) -> Self:
-        if self.envelope is None:
+        if self.envelope is None or not self.given("rated_power_kW"):
             return self
         for speed, torque in zip(self.envelope.speed_rpm, self.envelope.torque_Nm, strict=True):
             power_kW = torque * speed * 2e-3 * math.pi / 60.0
@@ -146,22 +196,26 @@ class Engine(Section):
         return self
 
 
-class Gearbox(Section):
+class Gearbox(Sparse):
     """Reduction gear (eq. 3.6, 3.7)."""
 
+    table: ClassVar[str] = "gearbox"
+
     ratio: Positive
-    efficiency: Fraction
+    efficiency: Fraction = later()
     drag_Nm: NotNegative = 0.0
     """Torque lost beside the efficiency, at the shaft and the operating point."""
     drag_exponent: NotNegative = 1.0
     """With which power of the speed it grows."""
 
 
-class Shaft(Section):
+class Shaft(Sparse):
     """Moments of inertia, seen from the propeller (eq. 3.12, 3.13)."""
 
-    inertia_kg_m2: Positive
-    propeller_side_inertia_kg_m2: Positive
+    table: ClassVar[str] = "shaft"
+
+    inertia_kg_m2: Positive = later()
+    propeller_side_inertia_kg_m2: Positive = later()
     """Share on the propeller's side of the torque gauge."""
     add_entrained_water: bool = False
     """Whether the water that turns with the propeller is to be added to both; else they contain it."""
@@ -171,7 +225,9 @@ class Shaft(Section):
 
     @model_validator(mode="after")
     def _parts_do_not_exceed_the_whole(self) -> Self:
-        if self.propeller_side_inertia_kg_m2 > self.inertia_kg_m2:
+        if self.given("propeller_side_inertia_kg_m2", "inertia_kg_m2") and (
+            self.propeller_side_inertia_kg_m2 > self.inertia_kg_m2
+        ):
             raise unexpected(
                 "propeller_side_inertia_kg_m2",
                 f"{self.propeller_side_inertia_kg_m2:g}",
@@ -180,18 +236,20 @@ class Shaft(Section):
         return self
 
 
-class Propeller(Section):
+class Propeller(Sparse):
     """Fixed-pitch propeller at zero speed of advance (eq. 3.8-3.11)."""
 
-    diameter_m: Positive
-    pitch_ratio: Positive
-    area_ratio: Positive
-    blades: Annotated[int, Field(ge=2)]
+    table: ClassVar[str] = "propeller"
+
+    diameter_m: Positive = later()
+    pitch_ratio: Positive = later()
+    area_ratio: Positive = later()
+    blades: Annotated[int, Field(ge=2)] = later()
     nozzle: str = ""
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
-    K_T: Positive
+    K_T: Positive = later()
     shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Amplitude of the torque at once a turn of the shaft, over the mean."""
     blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
@@ -200,11 +258,13 @@ class Propeller(Section):
     """None: bollard pull, the torque odd in the speed."""
 
 
-class Governor(Section):
+class Governor(Sparse):
     """PI or PID governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s, K_d in s."""
 
-    K_p: Positive
-    K_i: Positive
+    table: ClassVar[str] = "governor"
+
+    K_p: Positive = later()
+    K_i: Positive = later()
     K_d: NotNegative = 0.0
     """Of the filtered speed alone: a step of the set point gives no kick."""
     derivative_filter_s: Positive = 0.05
@@ -229,24 +289,25 @@ class Governor(Section):
         return self
 
 
-class NominalPoint(Section):
+class NominalPoint(Sparse):
     """A known steady state, and the slopes of the engine map there (eq. 3.24, 3.25)."""
 
-    n_e_rpm: Positive
-    X_0_mm: Positive
+    table: ClassVar[str] = "operating_point"
+
+    n_e_rpm: Positive = later()
+    X_0_mm: Positive = later()
     M_b_Nm: Positive | None = None
     M_s_Nm: Positive | None = None
     """Give either the brake torque or the shaft torque."""
-    v: Positive
+    v: Positive = later()
     """Relative slope of brake torque over fuel rack at constant speed."""
-    g: float
+    g: float = later()
     """Relative slope of brake torque over speed at constant fuel rack."""
 
     @model_validator(mode="after")
     def _has_one_torque(self) -> Self:
-        if (self.M_b_Nm is None) == (self.M_s_Nm is None):
-            found = "neither M_b_Nm nor M_s_Nm" if self.M_b_Nm is None else "both M_b_Nm and M_s_Nm"
-            raise unexpected("M_b_Nm", found, "one of the two")
+        if self.M_b_Nm is not None and self.M_s_Nm is not None:
+            raise unexpected("M_b_Nm", "both M_b_Nm and M_s_Nm", "one of the two")
         return self
 
 

@@ -14,7 +14,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.html import shown
-from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
+from shipfp_rs.support.toml import built_in, read_named, unexpected, validated
 from shipfp_rs.vessel.tables import (
     Actuator,
     Engine,
@@ -25,16 +25,33 @@ from shipfp_rs.vessel.tables import (
     SetPointLine,
     Shaft,
     Ship,
+    Sparse,
     Water,
+    later,
 )
 
+PLANT_KEYS = (
+    "gearbox.efficiency",
+    "shaft.inertia_kg_m2",
+    "governor.K_p",
+    "governor.K_i",
+    "operating_point.n_e_rpm",
+    "operating_point.X_0_mm",
+    "operating_point.v",
+    "operating_point.g",
+    "engine",
+    "propeller",
+)
+"""What the plant can't be simulated without; processing a log needs the gear ratio alone."""
 
-class Vessel(Section):
+
+class Vessel(Sparse):
     """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11) unless it has a `ship`.
 
     What the thesis's plant leaves out (dead times, limits, sampling, firing, a flexible shaft, the ship's own motion) is
     off unless it is configured.
 
+    A log is processed with the gear ratio alone; whatever else is left out is asked for by name where it is needed.
     The propeller's torque coefficient is not configured: it follows from the operating point.
 
     Examples
@@ -47,13 +64,13 @@ class Vessel(Section):
 
     name: str
     description: str = ""
-    water: Water
-    engine: Engine
+    water: Water = later()
+    engine: Engine = later()
     gearbox: Gearbox
-    shaft: Shaft
-    propeller: Propeller
-    governor: Governor
-    operating_point: NominalPoint
+    shaft: Shaft = later()
+    propeller: Propeller = later()
+    governor: Governor = later()
+    operating_point: NominalPoint = later()
     set_point: SetPointLine | None = None
     """None: not known."""
     actuator: Actuator = Actuator()
@@ -63,6 +80,11 @@ class Vessel(Section):
     @model_validator(mode="after")
     def _can_run_at_its_operating_point(self) -> Self:
         self._require_sense()
+        self._require_firing()
+        if not self.given(*PLANT_KEYS) or not (
+            self.given("operating_point.M_b_Nm") or self.given("operating_point.M_s_Nm")
+        ):
+            return self
         point, p = self.operating_point, self.propeller.torque_exponent
         if point.g >= p:
             raise unexpected(
@@ -77,16 +99,6 @@ class Vessel(Section):
                     f"{available:.4g} Nm at {point.n_e_rpm:g} rpm",
                     f"more than the operating point's brake torque {self.nominal_brake_torque:.4g} Nm",
                 )
-        firing, cycle = self.engine.firing, 180.0 * self.engine.strokes
-        if firing is None and self.governor.once_a_firing:
-            raise unexpected("governor.once_a_firing", "true", "a table engine.firing beside it")
-        if firing is not None and firing.stroke_deg > cycle:
-            raise unexpected(
-                "engine.firing.stroke_deg", f"{firing.stroke_deg:g}", f"at most a working cycle, {cycle:g}"
-            )
-        if firing is not None and len(firing.strength or ()) not in (0, self.engine.cylinders):
-            found = f"{len(firing.strength or ())} values"
-            raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
         minimum = self.engine.minimum_torque_Nm
         if minimum is not None and minimum >= self.nominal_brake_torque:
             raise unexpected(
@@ -96,18 +108,53 @@ class Vessel(Section):
             )
         return self
 
+    def _require_firing(self) -> None:
+        """Refuse a firing that does not go with the cylinders."""
+        if not self.given("engine"):
+            return
+        governed = self.given("governor") and self.governor.once_a_firing
+        if self.engine.firing is None:
+            if governed:
+                raise unexpected("governor.once_a_firing", "true", "a table engine.firing beside it")
+            return
+        firing, cycle = self.engine.firing, 180.0 * self.engine.strokes
+        if firing is not None and firing.stroke_deg > cycle:
+            raise unexpected(
+                "engine.firing.stroke_deg", f"{firing.stroke_deg:g}", f"at most a working cycle, {cycle:g}"
+            )
+        if firing is not None and len(firing.strength or ()) not in (0, self.engine.cylinders):
+            found = f"{len(firing.strength or ())} values"
+            raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
+
     def _require_sense(self) -> None:
         """Refuse sizes that no ship has, and name the slip of unit that makes them."""
-        point, engine = self.operating_point, self.engine
-        speed = engine.rated_speed_rpm
-        rated = engine.rated_power_kW * 30e3 / (math.pi * speed)
-        shaft = self.gearbox.ratio * self.gearbox.efficiency
+
+        def known(key: str) -> float | None:
+            value: Any = self
+            for part in key.split("."):
+                if not self.given(key):
+                    return None
+                value = getattr(value, part)
+            return float(value)
+
+        speed, power = known("engine.rated_speed_rpm"), known("engine.rated_power_kW")
+        # Without a rating any engine will do.
+        rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
+        shaft = self.gearbox.ratio * (known("gearbox.efficiency") or 1.0)
         checks: tuple[tuple[str, float | None, float, float, Sequence[hints.Slip], str, str], ...] = (
-            ("water.density_kg_m3", self.water.density_kg_m3, 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
+            (
+                "water.density_kg_m3",
+                known("water.density_kg_m3"),
+                900.0,
+                1100.0,
+                hints.DENSITY,
+                "kg/m3",
+                "water",
+            ),
             ("engine.rated_speed_rpm", speed, 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
             (
                 "propeller.diameter_m",
-                self.propeller.diameter_m,
+                known("propeller.diameter_m"),
                 0.05,
                 15.0,
                 hints.LENGTH_M,
@@ -116,16 +163,16 @@ class Vessel(Section):
             ),
             (
                 "operating_point.n_e_rpm",
-                point.n_e_rpm,
-                0.1 * speed,
-                1.5 * speed,
+                known("operating_point.n_e_rpm"),
+                0.1 * speed if speed else 1.0,
+                1.5 * speed if speed else 3e4,
                 hints.SPEED_RPM,
                 "rpm",
                 "this engine",
             ),
             (
                 "operating_point.M_b_Nm",
-                point.M_b_Nm,
+                known("operating_point.M_b_Nm"),
                 0.004 * rated,
                 2.0 * rated,
                 hints.TORQUE,
@@ -134,7 +181,7 @@ class Vessel(Section):
             ),
             (
                 "operating_point.M_s_Nm",
-                point.M_s_Nm,
+                known("operating_point.M_s_Nm"),
                 0.004 * rated * shaft,
                 2.0 * rated * shaft,
                 hints.TORQUE,
@@ -142,11 +189,21 @@ class Vessel(Section):
                 "this engine and gearbox",
             ),
         )
-        for key, value, low, high, known, unit, owner in checks:
-            if value is not None and (hint := hints.likely(value, low, high, known, unit)):
+        for key, value, low, high, slips, unit, owner in checks:
+            if value is None or math.isnan(low):
+                continue
+            if hint := hints.likely(value, low, high, slips, unit):
                 raise unexpected(
                     key, f"{value:g} {unit}", f"{low:.4g} to {high:.4g} {unit} as {owner} would have{hint}"
                 )
+
+    def require(self, *keys: str) -> None:
+        """Raise `InputError` that names all of some keys, such as "propeller.blades", that the ship lacks."""
+        lacking = [key for key in keys if not self.given(key)]
+        if lacking:
+            raise InputError(
+                f"vessel {self.name!r}: lacks {', '.join(lacking)}; add them to its file for what is asked"
+            )
 
     @staticmethod
     def names() -> tuple[str, ...]:
@@ -184,11 +241,12 @@ class Vessel(Section):
         return validated(content, type(self), f"vessel {self.name!r}")
 
     def __repr__(self) -> str:
-        engine = self.engine
-        return (
-            f"Vessel({self.name!r}, {engine.rated_power_kW:g} kW at {engine.rated_speed_rpm:g} rpm, gear "
-            f"{self.gearbox.ratio:g}, propeller {self.propeller.diameter_m:g} m)"
-        )
+        told = [f"gear {self.gearbox.ratio:g}"]
+        if self.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
+            told.insert(0, f"{self.engine.rated_power_kW:g} kW at {self.engine.rated_speed_rpm:g} rpm")
+        if self.given("propeller.diameter_m"):
+            told.append(f"propeller {self.propeller.diameter_m:g} m")
+        return f"Vessel({self.name!r}, {', '.join(told)})"
 
     def _repr_html_(self) -> str:
         rows = []
@@ -215,7 +273,10 @@ class Vessel(Section):
         point = self.operating_point
         if point.M_b_Nm is not None:
             return point.M_b_Nm
-        assert point.M_s_Nm is not None
+        if point.M_s_Nm is None:
+            raise InputError(
+                f"vessel {self.name!r}: operating_point.M_b_Nm: found nothing, expected it or M_s_Nm; add one"
+            )
         return (point.M_s_Nm + self.gearbox.drag_Nm) / (self.gearbox.ratio * self.gearbox.efficiency)
 
     @property
@@ -302,6 +363,7 @@ class Vessel(Section):
 
         The engine map (eq. 3.5) is the plane through the operating point with the relative slopes v and g.
         """
+        self.require(*PLANT_KEYS)
         point, torque, speed = self.operating_point, self.nominal_brake_torque, self.nominal_engine_speed
         absolute_gain = point.X_0_mm / speed
         minimum = self.engine.minimum_torque_Nm

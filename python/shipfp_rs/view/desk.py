@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
+import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -13,10 +14,10 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_template import TO_NM, TO_RPM
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, validated
+from shipfp_rs.support.units import TO_NM, TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
 from shipfp_rs.view.document import Document
@@ -84,7 +85,7 @@ class Desk:
 
     def open_trial(self, path: Path) -> list[int]:
         """Return the documents of a trial's logs, in order; relative names count from its folder."""
-        content = drafts.tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
         header = content.get("trial")
         logs = header.get("log", []) if isinstance(header, dict) else []
         logs = [logs] if isinstance(logs, str) else logs
@@ -141,7 +142,8 @@ class Desk:
                     {"name": file.name, "log": self._open[number].path.name, "doc": number}
                     for number in documents
                 ]
-        return {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        told = {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        return {**told, "others": broken[:MOST_ENTRIES]}
 
     def _faults(self, asked: Asked) -> dict[str, Any]:
         work = self._document(asked).faults.begin()

@@ -16,8 +16,8 @@ from tomlkit.items import InlineTable, Table
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
+from shipfp_rs.processing.roles import NAMES
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_template import TORQUE
 from shipfp_rs.support.toml import Section, template, validated
 
 ROLES = ("set_point", "torque", "rack", "train")
@@ -123,8 +123,6 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         _put(header, "log", log)
         if rate_hz is not None:
             _put(header, "rate_hz", rate_hz)
-        # Where the torque was measured is said by its channel.
-        document["identify"].pop("torque", None)  # type: ignore[union-attr]
     _put_channels(_sub_table(document, "channels"), draft.channels)
     point = _sub_table(document, "operating_point")
     if draft.steady_s is not None:
@@ -256,9 +254,9 @@ def guessed_roles(channels: Sequence[Channel]) -> dict[str, str]:
     """Return the roles that names of channels tell, column to role."""
     named = {}
     for channel in channels:
-        if re.search(r"set[ _-]?point|n[ _-]?set|soll", channel.name, re.IGNORECASE):
+        if re.search(NAMES["set_point"], channel.name, re.IGNORECASE):
             named[channel.name] = "set_point"
-        elif re.search(TORQUE, channel.name, re.IGNORECASE):
+        elif re.search(NAMES["torque"], channel.name, re.IGNORECASE):
             named[channel.name] = "torque"
         elif re.search(r"ptm|puls|tacho|pickup|reflect", channel.name, re.IGNORECASE):
             named[channel.name] = "train"

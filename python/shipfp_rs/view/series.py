@@ -22,10 +22,10 @@ TILE = 1024
 """Blocks in a tile."""
 FINER = 3
 """Levels below the first that is stored: of 1, 4 and 16 samples a block."""
-PIECE = 1 << 16
+PIECE = 1 << 18
 """Samples that are read at once."""
-KEPT = 16
-"""Pieces of a channel that stay at hand: four megabytes of single precision."""
+KEPT = 8
+"""Pieces of a channel that stay at hand: eight megabytes of single precision."""
 HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
 """Before the float32 of a tile: what is to be added to them, number of rows, one column (samples) or two (extremes)."""
 

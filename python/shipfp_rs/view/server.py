@@ -9,7 +9,7 @@ import secrets
 import signal
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
@@ -102,9 +102,10 @@ class _Handler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         self._answer(self._post)
 
-    def _answer(self, act: Any) -> None:
+    def _answer(self, act: Callable[[list[str]], tuple[str, bytes, str]]) -> None:
         try:
-            status, kind, body, policy = HTTPStatus.OK, *act(self._path())
+            status = HTTPStatus.OK
+            kind, body, policy = act(self._path())
         except Refused as refusal:
             # What was sent along is not read: the connection can't go on.
             self.close_connection = True

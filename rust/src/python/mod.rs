@@ -15,6 +15,7 @@ mod pulse;
 mod pyramid;
 mod repeats;
 mod sensitivity;
+mod ship;
 mod statespace;
 
 use pyo3::prelude::*;
@@ -33,6 +34,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     pyramid::register(module)?;
     repeats::register(module)?;
     sensitivity::register(module)?;
+    ship::register(module)?;
     statespace::register(module)?;
     Ok(())
 }

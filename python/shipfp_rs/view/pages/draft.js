@@ -75,9 +75,18 @@ export class Draft extends EventTarget {
       row.role.textContent = channel ? roles[channel.role] : "";
       row.calibration = channel && view.layers.calibrated ? lineOf(channel) : null;
     }
-    view.marks = this.state.windows.map((window) => ({ ...window, kind: "window" }));
+    view.marks = this.state.windows.filter((window) => this.isHere(window)).map((window) => ({ ...window, kind: "window" }));
     if (this.state.steady_s) view.marks.push({ start_s: this.state.steady_s[0], stop_s: this.state.steady_s[1], kind: "steady" });
     view.arrange();
+  }
+
+  // Whether a window is cut from this log; those without a log are of the first one.
+  isHere(window) {
+    return this.logs.length < 2 || (window.log ?? this.logs[0].name).split(/[\\/]/).pop() === this.logName;
+  }
+
+  get logName() {
+    return this.logs.find((log) => log.doc === this.doc)?.name ?? null;
   }
 
   // Rests and excitations of the set point; the longest rest is the steady stretch until another one is marked.
@@ -110,7 +119,7 @@ export class Draft extends EventTarget {
       this.change();
       return;
     }
-    const window = { name: this.newName("W"), kind: "", start_s, stop_s, log: null };
+    const window = { name: this.newName("W"), kind: "", start_s, stop_s, log: this.logs.length > 1 ? this.logName : null };
     this.state.windows.push(window);
     this.state.windows.sort((a, b) => a.start_s - b.start_s);
     this.change();

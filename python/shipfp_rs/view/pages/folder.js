@@ -21,6 +21,7 @@ const start = async () => {
   document.getElementById("title").textContent = document.title = told.folder || "folder";
   list("logs", told.logs, (log) => size(log.bytes), "no log in this folder");
   list("trials", told.trials, (trial) => `of ${trial.log}`, "no trial in this folder yet: open a log and say what its channels are");
+  if (told.others.length) make(document.getElementById("trials"), "li", { class: "soft" }, `no trials: ${told.others.join(", ")}`);
   await new ResultsPanel(document.getElementById("results"), false).load();
   document.body.dataset.ready = "true";
 };

@@ -40,7 +40,7 @@ const tabs = () => {
     make(line, "td", {}, what);
   }
   make(document.getElementById("keys"), "p", { class: "soft" },
-    "Wheel: zoom about the pointer; with Shift, or sideways: move. Drag: zoom in; with Alt or the middle button: move. Click: pin the cursor. Double click: all. Touch: one finger moves, two zoom.");
+    "Wheel: zoom about the pointer; with Shift, or sideways: move; with Alt: scroll the rows. Drag: zoom in; with Alt or the middle button: move. Click: pin the cursor. Double click: all. Touch: one finger moves, two zoom.");
 };
 
 const toolbar = (view, faults) => {

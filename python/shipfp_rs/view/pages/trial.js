@@ -181,7 +181,7 @@ export class TrialPanel {
   windows(form) {
     const { draft, view } = this, { state } = draft;
     make(form, "h3", {}, "Windows");
-    for (const window of state.windows) {
+    for (const window of state.windows.filter((one) => draft.isHere(one))) {
       const card = make(form, "div", { class: "card" });
       const line = make(card, "div", { class: "line" });
       field(line, "name of the window", window.name, (text) => { window.name = text.trim(); draft.change(); }, { class: "short" });
