@@ -15,7 +15,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.optimise.normal_equations import Products
-from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.structure import Structure
 
 Array = npt.NDArray[np.float64]
@@ -240,7 +240,9 @@ class Block:
         models = [np.ones(1)] * len(outputs) if models is None else models
         filters = np.ascontiguousarray(np.array(models)[:, : order_of(models) + 1])
         known = {name: value for name, value in values.items() if not name.startswith("offset ")}
-        sums, count = kernel.products(known, self.data, [*names, *own], self.measured, offsets, filters)
+        sums, count = kernel.products(
+            known, self.data, [*names, *own], Against(self.measured, offsets, filters)
+        )
         padded = np.zeros((len(outputs), sums.shape[1] + 1) * 2)
         padded[:, :-1, :, :-1] = sums
         return Products(padded.take(_places(len(outputs), sums.shape[1], len(own) < len(nuisance))), count)

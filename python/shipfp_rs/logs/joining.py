@@ -16,7 +16,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.clock import FILL
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, register_joiner
 
 RATES_AGREE = 1e-4
 """Relative difference within which the rates of two pieces, each estimated from its own times, are one."""
@@ -24,6 +24,7 @@ LONGEST_GAP = 100.0
 """Missing samples per recorded one from which on pieces are of two recordings."""
 
 
+@register_joiner("pattern")
 def open_pattern(path: Path, **options: Any) -> Log:
     """Open all files of a pattern such as run_*.csv as one log; see `join`."""
     found = sorted(path.parent.glob(path.name), key=_natural)
@@ -160,6 +161,7 @@ def _blocks_of(pieces: dict[str, list[tuple[int, Log]]]) -> Blocks:
     return read
 
 
+@register_joiner("merge")
 def merge(logs: Sequence[Log], name: str = "") -> Log:
     """Merge logs of loggers that share one clock: their channels side by side, by the time stamps of the files.
 

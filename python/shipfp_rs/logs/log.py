@@ -106,9 +106,7 @@ class Log:
         """
         path = Path(path)
         if any(mark in path.name for mark in "*?") and not path.exists():
-            from shipfp_rs.logs.joining import open_pattern
-
-            return open_pattern(path, rate_hz=rate_hz, time=time, names=names)
+            return _joiner("pattern")(path, rate_hz=rate_hz, time=time, names=names)
         _require_known(path)
         if not path.is_file():
             what = "a folder, expected a log file" if path.is_dir() else "no such log file"
@@ -168,9 +166,7 @@ class Log:
         >>> list(Log.merge(one, two).channels)
         ['u', 'n']
         """
-        from shipfp_rs.logs.joining import merge
-
-        return merge(logs, name)
+        return _joiner("merge")(logs, name)
 
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
@@ -266,6 +262,7 @@ Reader = Callable[..., Log]
 Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
 _WRITERS: dict[str, Writer] = {}
+_JOINERS: dict[str, Callable[..., Log]] = {}
 _WRITTEN = (".parquet", ".pq")
 _TAKES: dict[Reader, tuple[str, ...]] = {}
 _MODULES = {
@@ -382,6 +379,21 @@ def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Read
         _READERS.update(dict.fromkeys(suffixes, reader))
         _TAKES[reader] = tuple(takes)
         return reader
+
+    return register
+
+
+def _joiner(way: str) -> Callable[..., Log]:
+    importlib.import_module("shipfp_rs.logs.joining")
+    return _JOINERS[way]
+
+
+def register_joiner(way: str) -> Callable[[Callable[..., Log]], Callable[..., Log]]:
+    """Make `Log` use the decorated function to build one log of several: "pattern" of files, or "merge"."""
+
+    def register(joiner: Callable[..., Log]) -> Callable[..., Log]:
+        _JOINERS[way] = joiner
+        return joiner
 
     return register
 

@@ -123,16 +123,7 @@ def simulate(
         rate_hz=excitation.rate_hz,
         signals=clean
         | {output: _noisy(clean, output, level, seed) for output, level in (noise or {}).items()},
-        operating_point={
-            "n_set": point.n_e_rpm,
-            "n_e": point.n_e_rpm,
-            "n_s": point.n_s,
-            "M_b": point.M_b,
-            "M_s": point.M_s,
-            "M_g": point.M_s,
-            "X_f": point.X_f,
-            "E_n": point.n_e,
-        },
+        operating_point=point.levels,
         hold=excitation.hold,
         kind=excitation.kind,
         provenance={

@@ -4,10 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.arrays import Array, ComplexArray
+
+
+class Against(NamedTuple):
+    """What outputs are compared with, and the filter of each residual."""
+
+    measured: Array
+    """Normalised outputs (O, N), NaN where masked."""
+    offsets: Array
+    """Added to the simulated outputs, shape (O,)."""
+    filters: Array
+    """FIR filter of each output's residual (O, T), the sample's own tap first."""
 
 
 class Equations(ABC):
@@ -56,19 +68,12 @@ class Equations(ABC):
         raise InputError("this structure has no frequency response; fit it to an Experiment")
 
     def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
         """Return sums of products of residuals and sensitivities of each output, filtered, and the number of samples.
 
         The columns of the sums (O, W + 2, O, W + 2) are the derivatives with respect to `names`, what an offset of the
-        output adds, and its residual: measured (O, N), NaN where masked, less simulated and offset (O,). `filters`
-        (O, T) hold each output's, the sample's own tap first.
+        output adds, and its residual.
         """
         raise NotImplementedError
 

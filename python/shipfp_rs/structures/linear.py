@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 _INDEX = {name: index for index, name in enumerate(_core.LINEAR_PARAMETERS)}
@@ -94,13 +94,7 @@ class LinearEquations(Equations):
         return True
 
     def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
         """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         return _core.linear_products(
@@ -110,9 +104,7 @@ class LinearEquations(Equations):
             experiment.hold,
             self._initial(values),
             self._kernel_outputs,
-            measured,
-            offsets,
-            filters,
+            *against,
             [_INDEX[name] for name in names],
         )
 

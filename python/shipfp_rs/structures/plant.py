@@ -12,7 +12,7 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment, Hold
-from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.vessel.drive_train import OFF, DriveTrain, drive_train
 from shipfp_rs.vessel.vessel import Vessel
@@ -113,18 +113,14 @@ class PlantEquations(Equations):
         return True
 
     def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
         """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         scale, shift = self._normal(experiment)
         run = self._run(values, experiment, names)
-        return _core.drive_train_products(*run, scale, measured, offsets + shift, filters)
+        return _core.drive_train_products(
+            *run, scale, against.measured, against.offsets + shift, against.filters
+        )
 
     def response(
         self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]

@@ -10,7 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 
@@ -136,19 +136,11 @@ class Behind(Equations):
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
 
     def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
         """Return the sums (O, W + 2, O, W + 2) of the columns of `names`, and the number of samples."""
         moved, chain = self._chain(names)
-        sums, count = self.equations.products(
-            self._values(values), experiment, moved, measured, offsets, filters
-        )
+        sums, count = self.equations.products(self._values(values), experiment, moved, against)
         # What an offset adds and the residual stand behind the derivatives.
         columns = np.pad(chain, ((0, 2), (0, 2)))
         columns[-2:, -2:] = np.eye(2)

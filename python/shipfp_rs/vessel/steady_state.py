@@ -54,6 +54,20 @@ class OperatingPoint:
         return 60.0 * self.n_e
 
     @property
+    def levels(self) -> dict[str, float]:
+        """Signals of an `Experiment` at this point, in its units; the set point is the speed."""
+        return {
+            "n_set": self.n_e_rpm,
+            "n_e": self.n_e_rpm,
+            "n_s": self.n_s,
+            "M_b": self.M_b,
+            "M_s": self.M_s,
+            "M_g": self.M_s,
+            "X_f": self.X_f,
+            "E_n": self.n_e,
+        }
+
+    @property
     def brake_power(self) -> float:
         """Engine power [W]."""
         return 2.0 * math.pi * self.n_e * self.M_b
