@@ -12,7 +12,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.processing.pulse_train import MARGIN_S, PulseTrain
-from shipfp_rs.processing.trial_tables import Tacho
+from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA

@@ -10,7 +10,7 @@ import numpy as np
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.linear_extended import ExtendedLinear
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -103,22 +103,14 @@ class ShipEquations(Equations):
         )
 
     def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
-        """Return sums of products of filtered residuals and sensitivities; see `LinearEquations.products`."""
+        """Return sums of products of filtered residuals and sensitivities; see `Equations`."""
         return _core.ship_products(
             self.vector(values),
             *self._inputs(experiment),
             self._kernel_outputs,
-            measured,
-            offsets,
-            filters,
+            *against,
             self._columns(names),
         )
 
