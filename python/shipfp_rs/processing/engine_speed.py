@@ -76,7 +76,7 @@ def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Cha
             share = np.where(masked, 0.0, 1.0 / level.std_rpm**2)
             told += share * np.where(masked, 0.0, other * level.train.rpm_per_rps / level.ratio)
             total += share
-        return told / total
+        return np.asarray(told / total)
 
     return sampled
 
