@@ -20,7 +20,9 @@ __all__ = [
     "PulseCrossings",
     "RepeatScan",
     "__version__",
+    "_instruction_sets",
     "_panic_for_test",
+    "_set_instruction_set",
     "_spin_for_test",
     "coarser_extremes",
     "drive_train_products",
@@ -52,6 +54,8 @@ __all__ = [
 
 __version__: str
 
+def _instruction_sets() -> tuple[str, ...]: ...
+def _set_instruction_set(name: str | None) -> None: ...
 def _panic_for_test(message: str) -> None: ...
 def _spin_for_test() -> None: ...
 

@@ -5,6 +5,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use pulp::{Simd, WithSimd};
 
 use crate::plant::{Polynomial, Power, Square, power_and_slopes};
+use crate::subnormal::{cut, cut_all};
 
 /// What the equations of a component ask of a number.
 pub trait Scalar:
@@ -17,6 +18,9 @@ pub trait Scalar:
     + Add<f64, Output = Self>
     + Mul<f64, Output = Self>
 {
+    /// Whether numbers of this kind carry derivatives at all.
+    const CARRIES: bool;
+
     /// A number of the same kind that depends on nothing.
     #[must_use]
     fn constant(self, value: f64) -> Self;
@@ -39,6 +43,10 @@ pub trait Scalar:
         self.value() == 0.0 && self.is_constant()
     }
 
+    /// What has decayed, in value or derivatives, cut to zero.
+    #[must_use]
+    fn cut(self) -> Self;
+
     /// Do what is long and wanted in several places: once for all of them where numbers carry derivatives.
     fn apart<Op: WithSimd>(self, op: Op) -> Op::Output;
 
@@ -59,6 +67,8 @@ pub fn smaller<T: Scalar>(number: T, other: T) -> T {
 }
 
 impl Scalar for f64 {
+    const CARRIES: bool = false;
+
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         value
@@ -77,6 +87,11 @@ impl Scalar for f64 {
     #[inline(always)]
     fn function(self, value: f64, _slope: f64) -> f64 {
         value
+    }
+
+    #[inline(always)]
+    fn cut(self) -> f64 {
+        cut(self)
     }
 
     #[inline(always)]
@@ -183,6 +198,8 @@ impl<S: Simd, const N: usize> Dual<S, N> {
 }
 
 impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
+    const CARRIES: bool = N > 0;
+
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         Self { value, slopes: [0.0; N], ..self }
@@ -205,6 +222,12 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     #[inline(always)]
     fn function(self, value: f64, slope: f64) -> Self {
         self.scaled(slope, value)
+    }
+
+    #[inline(always)]
+    fn cut(mut self) -> Self {
+        cut_all(&mut self.slopes);
+        Self { value: cut(self.value), ..self }
     }
 
     #[inline(always)]

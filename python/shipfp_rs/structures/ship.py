@@ -105,7 +105,7 @@ class ShipEquations(Equations):
     def products(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
-        """Return sums of products of filtered residuals and sensitivities; see `Equations`."""
+        """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         return _core.ship_products(
             self.vector(values),
             *self._inputs(experiment),

@@ -4,7 +4,7 @@ use multiversion::multiversion;
 
 use super::sums;
 use crate::error::{Result, require};
-use crate::linear::walk::BLOCK;
+use crate::linear::segmented_pass::BLOCK;
 
 /// What was measured, and how residuals are filtered.
 #[derive(Debug, Clone, Copy)]

@@ -6,10 +6,8 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Vector, borrow, expect_shape, hand_back, zeros};
 use super::guard;
-use super::linear::expect_shape;
-use super::plant::zeros;
 use crate::ship::{OFF, OUTPUTS, Output, PARAMETERS, Parameters, Record, Run, Task, simulate};
 
 type Rows<'py> = Bound<'py, PyArray2<f64>>;
@@ -49,8 +47,8 @@ fn ship_sensitivities<'py>(
     let outputs = Output::from_indices(&outputs)?;
     let task = Task { parameters: vector(parameters)?, outputs: &outputs, wrt: &wrt };
     let (count, samples) = (outputs.len(), run.samples());
-    let values: Rows<'_> = zeros(py, (count, samples))?.cast_into()?;
-    let slopes: Bound<'_, PyArray3<f64>> = zeros(py, (wrt.len(), count, samples))?.cast_into()?;
+    let values: Rows<'_> = zeros(py, [count, samples])?;
+    let slopes: Bound<'_, PyArray3<f64>> = zeros(py, [wrt.len(), count, samples])?;
     {
         let (mut values, mut slopes) = (values.readwrite(), slopes.readwrite());
         let (values, slopes) = (values.as_slice_mut()?, slopes.as_slice_mut()?);

@@ -4,14 +4,15 @@ use crate::cost::measured::{Columns, Measured, require_numbers};
 use crate::cost::sums;
 use crate::drive_train::Run;
 use crate::error::{Error, Result};
-use crate::linear::walk::BLOCK;
+use crate::linear::segmented_pass::BLOCK;
 use crate::scalar::Tangent;
 use crate::stop::Stop;
 
 pub use crate::cost::measured::Sums;
 
-use super::march::{Output, march};
+use super::output::Output;
 use super::parameters::{MOST, Subject};
+use super::pass::march;
 
 /// A measured record: each output is `scale` times the simulated one plus an offset.
 #[derive(Debug, Clone)]

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::finite::all_finite;
-pub use crate::linear::walk::BLOCK;
+pub use crate::linear::segmented_pass::BLOCK;
 use crate::stop::Stop;
 
 use super::output::{OUTPUTS, Output};

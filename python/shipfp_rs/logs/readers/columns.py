@@ -73,7 +73,7 @@ def time_of(
 
     The nearest counts: in its own struct, then in the one around it.
     """
-    above = posixpath.dirname(row.name)
+    above = row.name  # of a struct of one channel its own fields come first
     while True:
         for key, other in rows.items():
             if (

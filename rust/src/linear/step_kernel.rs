@@ -1,9 +1,11 @@
 //! The inner loop: states of all lanes and their derivatives, step by step.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::basis::{E, N as SPEED, SLOPE};
 use super::discrete::{Step, Stepper};
+use crate::instruction_set::arch;
+use crate::subnormal::cut_all;
 
 /// Segments of a record that run side by side, one in each lane.
 pub const LANES: usize = 8;
@@ -32,9 +34,12 @@ pub struct Advance<'a, const N: usize, const J: usize, const T: usize> {
 }
 
 impl<const N: usize, const J: usize, const T: usize> Advance<'_, N, J, T> {
-    /// Run, with the widest vectors that this machine has.
-    pub fn run(self) {
-        Arch::new().dispatch(self);
+    /// Run, with the widest vectors that this machine has, and cut what has decayed.
+    pub fn run(mut self) {
+        arch().dispatch(&mut self);
+        let States { x, by } = self.states;
+        cut_all(x.as_flattened_mut());
+        cut_all(by.as_flattened_mut().as_flattened_mut());
     }
 }
 
@@ -133,14 +138,15 @@ fn store<S: Simd>(pack: &mut Pack, part: usize, vector: S::f64s) {
     S::as_mut_simd_f64s(pack).0[part] = vector;
 }
 
-impl<const N: usize, const J: usize, const T: usize> WithSimd for Advance<'_, N, J, T> {
+impl<const N: usize, const J: usize, const T: usize> WithSimd for &mut Advance<'_, N, J, T> {
     type Output = ();
 
     // Plain indices: an iterator that is not inlined would not be compiled for the machine's vectors.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { stepper, inputs, steps, states, signals, most, rows } = self;
+        let Advance { stepper, inputs, steps, states, signals, most, rows } = self;
+        let (steps, most) = (*steps, *most);
         let step = &stepper.step;
         for part in 0..LANES / S::F64_LANES {
             let mut x = load::<S, N>(simd, &states.x, part);

@@ -4,14 +4,16 @@
 //! cache, multiplied with each other and the residuals, run backwards through each output's all-pole filter, and multiplied
 //! again.
 
-use pulp::Arch;
-
 use crate::cost::columns::Combine;
 use crate::cost::sums::{Combination, Sums};
-use crate::error::{Result, require};
+use crate::error::{Error, Result, require};
 use crate::filter::all_pole::{AllPole, ORDER};
-use crate::linear::walk::BLOCK;
+use crate::instruction_set::arch;
+use crate::linear::segmented_pass::BLOCK;
 use crate::stop::Stop;
+
+/// Rows whose products make a matrix that still fits into memory.
+const MOST_ROWS: usize = 4096;
 
 /// A record after a fit.
 #[derive(Debug)]
@@ -74,8 +76,16 @@ impl<'a> Leftover<'a> {
         let reach = lags.iter().max().copied().unwrap_or_default();
         let factors = slopes.len() / samples.max(1) + 1;
         require(samples > 0, || "valid has no samples, expected at least 1".to_owned())?;
+        let rows = outputs
+            .saturating_mul(lags.len().saturating_add(basis + 1))
+            .max(inputs.saturating_mul(lags.len()));
+        require(rows <= MOST_ROWS, || {
+            format!(
+                "lags, mix, models: found {rows} rows to multiply with each other, expected up to {MOST_ROWS}"
+            )
+        })?;
         for (name, found, expected) in [
-            ("set_points", set_points.len(), inputs * (reach + samples)),
+            ("set_points", set_points.len(), inputs.saturating_mul(reach.saturating_add(samples))),
             ("slopes", slopes.len(), (factors - 1) * samples),
             ("mix", mix.len(), outputs * basis * factors),
             ("residuals", residuals.len(), outputs * samples),
@@ -91,10 +101,8 @@ impl<'a> Leftover<'a> {
         let mut biases = Vec::new();
         for output in 0..outputs {
             for mix in mix[output * basis * factors..][..basis * factors].chunks_exact(factors) {
-                // One term at least: it lays the row down.
                 let terms = mix[..factors - 1].iter().copied().enumerate();
-                let terms = terms.filter(|&(slope, factor)| slope == 0 || factor != 0.0);
-                combinations.push(terms.collect());
+                combinations.push(terms.filter(|&(_, factor)| factor != 0.0).collect());
                 biases.push(mix[factors - 1]);
             }
             combinations.push(vec![(factors - 1 + output, 1.0)]);
@@ -150,6 +158,13 @@ impl<'a> Leftover<'a> {
             }
             coloured.add(&filtered);
         }
+        if !(across.are_finite() && coloured.are_finite()) {
+            return Err(Error::Invalid(
+                "set_points, slopes, mix, residuals: found a value that is not finite where valid is true, \
+                 expected finite numbers"
+                    .to_owned(),
+            ));
+        }
         let pairs =
             |rows: usize, columns: usize| (0..rows * columns).map(move |at| (at / columns, at % columns));
         Ok(Sum {
@@ -178,7 +193,7 @@ impl<'a> Leftover<'a> {
         for (series, row) in series.zip(sources.chunks_exact_mut(BLOCK)) {
             self.cut(series, first, row);
         }
-        Arch::new().dispatch(Combine {
+        arch().dispatch(Combine {
             block: sources,
             combinations: &self.combinations,
             biases: &self.biases,

@@ -1,17 +1,18 @@
 //! The whole drive train with numbers that carry their derivatives, in blocks of samples.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::drive_train::{self, Run};
 use crate::error::Result;
+use crate::instruction_set::arch;
 use crate::plant::{Constant, Cursor, Envelope, Limit, Slope};
 use crate::scalar::{Dual, Tangent};
 use crate::stop::Stop;
 
-use super::march::{Consume, Output, require_finite};
+use super::output::{Consume, Output, require_finite};
 use super::parameters::Subject;
 
-/// As `march`, with every element.
+/// As [`super::pass::march`], with every element.
 pub fn through_whole<const N: usize>(
     subject: &Subject,
     run: &Run<'_>,
@@ -21,7 +22,7 @@ pub fn through_whole<const N: usize>(
     consume: &mut Consume<'_, N>,
 ) -> Result<()> {
     run.check_steps(&subject.whole()?)?;
-    Arch::new().dispatch(Through { subject, run, outputs, block, stop, consume })
+    arch().dispatch(Through { subject, run, outputs, block, stop, consume })
 }
 
 struct Through<'a, 'c, const N: usize> {

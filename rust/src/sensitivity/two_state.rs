@@ -1,73 +1,21 @@
 //! Steps of the classical Runge-Kutta method through a record, with numbers that carry their derivatives.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::drive_train::{DriveTrain, Ramp, Run};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::instruction_set::arch;
 use crate::integrate::Hold;
 use crate::plant::{Envelope, Governor, Propeller, Slope, State, limited};
 use crate::scalar::{Scalar, Tangent};
-use crate::stop::{CHECK_EVERY, Stop};
+use crate::stop::Stop;
+use crate::subnormal::CUT_EVERY;
 
+use super::output::{Consume, Output, require_finite};
 use super::parameters::Subject;
-use super::whole::through_whole;
 
-/// Names of what can be asked for: `n_e`, `n_s` [rev/s], `M_b`, `M_g` [Nm], `X_f` [mm], `E_n` [rev].
-pub const OUTPUTS: [&str; 6] = ["n_e", "n_s", "M_b", "M_g", "X_f", "E_n"];
-
-/// One of [`OUTPUTS`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Output {
-    EngineSpeed,
-    ShaftSpeed,
-    BrakeTorque,
-    GaugeTorque,
-    Rack,
-    Error,
-}
-
-impl Output {
-    const ALL: [Self; OUTPUTS.len()] =
-        [Self::EngineSpeed, Self::ShaftSpeed, Self::BrakeTorque, Self::GaugeTorque, Self::Rack, Self::Error];
-
-    /// Its place among the rows of the whole drive train.
-    pub(super) fn row(self) -> usize {
-        match self {
-            Self::EngineSpeed => 0,
-            Self::ShaftSpeed => 1,
-            Self::BrakeTorque => 2,
-            Self::GaugeTorque => 3,
-            Self::Rack => 5,
-            Self::Error => 6,
-        }
-    }
-
-    /// By their places in [`OUTPUTS`].
-    ///
-    /// # Errors
-    /// Where there are none, or one is out of range.
-    pub fn from_indices(indices: &[usize]) -> Result<Vec<Self>> {
-        if let Some(bad) = indices.iter().find(|&&index| index >= OUTPUTS.len()) {
-            return Err(Error::Invalid(format!(
-                "outputs holds {bad}, expected 0 to {}: {}",
-                OUTPUTS.len() - 1,
-                OUTPUTS.join(", ")
-            )));
-        }
-        if indices.is_empty() {
-            return Err(Error::Invalid("outputs is empty, expected at least one".to_owned()));
-        }
-        Ok(indices.iter().map(|&index| Self::ALL[index]).collect())
-    }
-}
-
-/// What takes a block of outputs: the first sample, then for each sample a number an output.
-pub type Consume<'a, const N: usize> = dyn FnMut(usize, &[Tangent<N>]) -> Result<()> + 'a;
-
-/// March a subject through a run, and give the chosen outputs to `consume` in blocks of at most so many samples: the
-/// first sample, then for each sample a number an output.
-pub fn march<const N: usize>(
+/// As [`super::pass::march`], where nothing acts but rate limits and a late set point.
+pub fn through_plant<const N: usize>(
     subject: &Subject,
     run: &Run<'_>,
     outputs: &[Output],
@@ -75,17 +23,13 @@ pub fn march<const N: usize>(
     stop: &Stop,
     consume: &mut Consume<'_, N>,
 ) -> Result<()> {
-    let block = block.min((CHECK_EVERY / run.substeps).max(1));
-    if !subject.is_plant() {
-        return through_whole(subject, run, outputs, block, stop, consume);
-    }
     match &subject.envelope {
         Envelope::Constant(limit) => {
-            Arch::new().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
+            arch().dispatch(Through { subject, limit: *limit, run, outputs, block, stop, consume })
         }
         Envelope::Table(table) => {
             let limit = table.cursor();
-            Arch::new().dispatch(Through { subject, limit, run, outputs, block, stop, consume })
+            arch().dispatch(Through { subject, limit, run, outputs, block, stop, consume })
         }
     }
 }
@@ -118,6 +62,10 @@ impl<L: Slope, const N: usize> WithSimd for Through<'_, '_, L, N> {
                     *number = march.output(*output, &flow).tangent();
                 }
                 march.pass(from + k, flow);
+                if k % CUT_EVERY == 0 {
+                    march.state.speed = march.state.speed.cut();
+                    march.state.error = march.state.error.cut();
+                }
             }
             require_finite(from, rows, outputs, run.dt)?;
             consume(from, rows)?;
@@ -126,26 +74,12 @@ impl<L: Slope, const N: usize> WithSimd for Through<'_, '_, L, N> {
     }
 }
 
-/// Refuse a block from a sample on that holds what is not finite.
-pub(super) fn require_finite<const N: usize>(
-    from: usize,
-    rows: &[Tangent<N>],
-    outputs: &[Output],
-    dt: f64,
-) -> Result<()> {
-    let Some(bad) = rows.iter().position(|number| !is_finite(number)) else { return Ok(()) };
-    let (sample, output) = (from + bad / outputs.len(), outputs[bad % outputs.len()]);
-    let what = if rows[bad].value.is_finite() { "a sensitivity" } else { OUTPUTS[output as usize] };
-    Err(Error::Diverged { sample, time: sample as f64 * dt, what })
-}
-
-fn is_finite<const N: usize>(number: &Tangent<N>) -> bool {
-    number.slopes.iter().fold(number.value, |sum, slope| sum + 0.0 * slope).is_finite()
-}
-
 /// Least share of a sample interval by which a dead time exceeds whole ones: a piece without length would stand on the
 /// kink of every rate limit, where a derivative by its length means nothing.
 const LEAST_PART: f64 = 1e-9;
+
+/// Dead times of the set point are at most so long [sample intervals], later than any record.
+const LATEST: f64 = (1_u64 << 50) as f64;
 
 /// A stretch over which the set point is straight.
 #[derive(Debug, Clone, Copy)]
@@ -173,8 +107,9 @@ struct Feed<'a, T> {
 impl<'a, T: Scalar> Feed<'a, T> {
     fn new(train: &DriveTrain<T>, run: &Run<'a>) -> Self {
         let Run { set_speed: samples, dt, hold, .. } = *run;
-        let intervals = (train.set_dead_time.value() / dt).floor();
-        let rest = train.set_dead_time + -intervals * dt;
+        let intervals = (train.set_dead_time.value() / dt).floor().min(LATEST);
+        let rest = train.set_dead_time + -train.set_dead_time.value().min(intervals * dt);
+        let rest = rest + (dt - rest.value()).min(0.0);
         let rest = rest + (LEAST_PART * dt - rest.value()).max(0.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Not negative; saturates.
         let late = (intervals as usize, rest);

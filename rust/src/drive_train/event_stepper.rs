@@ -11,10 +11,11 @@ use pulp::{Simd, WithSimd};
 use crate::plant::Slope;
 use crate::scalar::{Scalar, smaller};
 use crate::stop::{CHECK_EVERY, Stop};
+use crate::subnormal::CUT_EVERY;
 
 use super::delay::Delay;
 use super::governor::{self, Timing};
-use super::motion::{Flow, Instant, Memory};
+use super::motion::{Flow, FlowAt, Instant, Memory};
 use super::set_point::SetPoint;
 use super::{DriveTrain, Run, State};
 
@@ -29,24 +30,8 @@ pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"
 pub const SAME: f64 = 1e-8;
 /// By this share of a step a time is moved to say which side of a jump is meant.
 const NUDGE: f64 = 1e-6;
-
-/// The signals at an instant, to be computed in one place.
-struct FlowAt<'a, L, T> {
-    train: &'a DriveTrain<T>,
-    limit: &'a mut L,
-    memory: &'a Memory<T>,
-    at: &'a Instant<T>,
-    state: &'a State<T>,
-}
-
-impl<L: Slope, T: Scalar> WithSimd for FlowAt<'_, L, T> {
-    type Output = Flow<T>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) -> Flow<T> {
-        self.train.flow(self.limit, self.memory, self.at, self.state)
-    }
-}
+/// So many relative roundings of a time are surely more than it is off by.
+const ROUNDINGS: f64 = 8.0;
 
 /// The end of a step to be remembered, in one place.
 struct Remember<'m, 'a, L, T> {
@@ -100,7 +85,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         let zero = state.engine_side.constant(0.0);
         let dead_time = train.actuator.dead_time;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Saturates; a capacity only.
-        let steps = (dead_time.value() / step).min(1e6) as usize;
+        let steps = (dead_time.value() / step).min(1e4) as usize;
         let mut delay = Delay::new(dead_time, memory.held, 2 * steps);
         delay.push_break(zero);
         Self {
@@ -147,6 +132,9 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                     stop.check()?;
                 }
                 self.move_to(&mut time, sample as f64 * dt);
+                if sample % CUT_EVERY == 0 {
+                    self.cut();
+                }
             }
             loop {
                 if self.is_sample_due(time.value()) {
@@ -162,6 +150,8 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                     }
                 }
                 let end = self.next_end(time, border, &begin);
+                // Time goes on whatever rounding makes of an event's.
+                let end = if end.value() > time.value() { end } else { end.constant(border) };
                 self.advance(time, end - time, &begin);
                 time = end;
                 if time.value() >= border {
@@ -172,21 +162,44 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         Ok(())
     }
 
+    /// Cut to zero what has decayed.
+    #[inline(always)]
+    fn cut(&mut self) {
+        self.state = self.state.cut();
+        let governor::Memory { integrated, filtered, miss } = self.governor;
+        self.governor =
+            governor::Memory { integrated: integrated.cut(), filtered: filtered.cut(), miss: miss.cut() };
+        self.memory.held = self.memory.held.cut();
+    }
+
     /// Whether a governor that samples at times of its own is to do so.
     #[inline(always)]
     fn is_sample_due(&self, time: f64) -> bool {
-        time >= self.next_sample - SAME * self.step
+        time >= self.next_sample - self.same(time)
+    }
+
+    /// What is closer is at one time: a share of a step, but more than times so late are rounded by.
+    #[inline(always)]
+    fn same(&self, time: f64) -> f64 {
+        (SAME * self.step).max(ROUNDINGS * f64::EPSILON * time)
+    }
+
+    /// By how much a time is moved to say which side of a jump is meant.
+    #[inline(always)]
+    fn nudge(&self, time: T) -> f64 {
+        (NUDGE * self.step).max(2.0 * ROUNDINGS * f64::EPSILON * time.value())
     }
 
     /// The time at which a step must end, the border at the latest.
     #[inline(always)]
     fn next_end(&mut self, now: T, border: f64, begin: &Flow<T>) -> T {
-        let soon = now.value() + SAME * self.step;
+        let same = self.same(border);
+        let soon = now.value() + same;
         if self.next_arrival.value() <= soon {
             self.next_arrival = self.set_point.next_break(soon);
         }
         let mut cut = smaller(self.next_arrival, self.delay.next_break(soon));
-        if self.next_sample > soon && self.next_sample < cut.value() - SAME * self.step {
+        if self.next_sample > soon && self.next_sample < cut.value() - same {
             cut = cut.constant(self.next_sample);
         }
         // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
@@ -199,9 +212,9 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                 cut = smaller(firing, cut);
             }
         }
-        if border - cut.value() >= SAME * self.step {
+        if border - cut.value() >= same {
             cut
-        } else if (cut.value() - border).abs() < SAME * self.step {
+        } else if (cut.value() - border).abs() < same {
             cut + (border - cut.value())
         } else {
             cut.constant(border)
@@ -235,7 +248,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
             }
         }
         let flow = self.flow(now);
-        if self.delay.acts() && timing == Timing::Continuous {
+        if self.delay.acts() && self.samples_always() {
             self.delay.push(now, flow.command);
         }
         flow
@@ -244,7 +257,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     /// The signals at a time, behind what jumps there.
     #[inline(always)]
     fn flow(&mut self, time: T) -> Flow<T> {
-        let at = self.instant(time, time.constant(0.0), NUDGE * self.step);
+        let at = self.instant(time, time.constant(0.0), self.nudge(time));
         let Self { train, limit, memory, state, .. } = self;
         time.apart(FlowAt { train, limit, memory, at: &at, state })
     }
@@ -265,7 +278,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         let flow = self.flow(time);
         self.state = self.state.after(lead, &flow.rates);
         if self.remembers {
-            let at = self.instant(time, lead, NUDGE * self.step);
+            let at = self.instant(time, lead, self.nudge(time));
             time.apart(Remember { march: self, time: time + lead, at: &at });
         }
     }
@@ -275,7 +288,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     fn sample(&mut self, time: T) {
         let speed = self.state.engine_side * self.train.gearbox.ratio;
         let ceiling = self.train.ceiling(&mut self.limit, speed, self.state.charge);
-        let set_speed = self.set_point.at(time, time.value() + NUDGE * self.step);
+        let set_speed = self.set_point.at(time, time.value() + self.nudge(time));
         let elapsed = time - self.last_sample;
         let held = self.memory.held;
         self.memory.held =
@@ -294,7 +307,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         let time = begin + elapsed;
         Instant {
             elapsed,
-            set_speed: if self.train.governor.timing == Timing::Continuous {
+            set_speed: if self.samples_always() {
                 self.set_point.at(time, time.value() + nudge)
             } else {
                 time.constant(f64::NAN)
@@ -306,10 +319,16 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     /// A step of the classical Runge-Kutta method that starts with `begin`.
     #[inline(always)]
     fn advance(&mut self, time: T, step: T, begin: &Flow<T>) {
+        let waits = T::CARRIES && self.train.governor.anti_windup && self.samples_always();
+        let begun = if waits {
+            Some(self.wait(&self.instant(time, time.constant(0.0), self.nudge(time))))
+        } else {
+            None
+        };
         let half = step * 0.5;
         let middle = self.instant(time, half, 0.0);
-        let end = self.instant(time, step, -NUDGE * self.step);
-        let (mut rates, mut sum) = (begin.rates, begin.rates);
+        let end = self.instant(time, step, -self.nudge(time));
+        let (mut rates, mut sum, mut torn) = (begin.rates, begin.rates, false);
         // One place for the flow: in a closure that is called thrice it is not inlined.
         for stage in 0..3 {
             let last = stage == 2;
@@ -317,12 +336,32 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
             let state = self.state.after(by, &rates);
             let Self { train, limit, memory, .. } = self;
             rates = step.apart(FlowAt { train, limit, memory, at, state: &state }).rates;
+            torn |= (rates.error.value() == 0.0) != (begin.rates.error.value() == 0.0);
             sum = sum.plus(weight, &rates);
         }
         self.state = self.state.after(step * (1.0 / 6.0), &sum);
+        if let Some(begun) = begun {
+            let ended = self.wait(&end);
+            self.state.error = self.state.error + self.train.governor.switched(&begun, &ended, step, torn);
+        }
         if self.remembers {
             step.apart(Remember { march: self, time: time + step, at: &end });
         }
+    }
+
+    /// Whether the governor computes always.
+    #[inline(always)]
+    fn samples_always(&self) -> bool {
+        self.train.governor.timing == Timing::Continuous
+    }
+
+    /// What decides now whether the governor's integral waits.
+    #[inline(always)]
+    fn wait(&mut self, at: &Instant<T>) -> governor::Wait<T> {
+        let Self { train, limit, state, .. } = self;
+        let speed = state.engine_side * train.gearbox.ratio;
+        let ceiling = train.ceiling(limit, speed, state.charge);
+        train.governor.wait(at.set_speed, speed, state.error, state.filtered, &ceiling)
     }
 
     /// Keep what later steps need of the end of one.
@@ -331,11 +370,11 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         let reached = self.train.fuel_path(&mut self.limit, &self.memory, at, &self.state);
         self.memory.rack.advance(reached.fuel, at.elapsed);
         self.memory.torque.advance(reached.demand, at.elapsed);
-        if self.delay.acts() && self.train.governor.timing == Timing::Continuous {
+        if self.delay.acts() && self.samples_always() {
             self.delay.push(time, reached.command.rack);
             // A continuous governor's command bends where a sample of the set point reaches it.
             let since = (time.value() - self.set_point.dead_time.value()) / self.run.dt;
-            if (since - since.round()).abs() * self.run.dt < SAME * self.step {
+            if (since - since.round()).abs() * self.run.dt < self.same(time.value()) {
                 self.delay.push_break(time);
             }
         }
@@ -348,3 +387,6 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         [flow.engine_speed, propeller, flow.brake, flow.gauge, flow.shaft, flow.rack, error, ship]
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,15 +7,17 @@
 use std::array::from_fn;
 use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::error::Result;
 use crate::finite::all_finite;
+use crate::instruction_set::arch;
 use crate::linear::basis::{N, SLOPE, coefficients};
-use crate::linear::increments::Increments;
-use crate::linear::walk::interleave;
+use crate::linear::delta_form::Increments;
+use crate::linear::segmented_pass::interleave;
 use crate::linear::{Output, Parameters};
 use crate::stop::Stop;
+use crate::subnormal::cut_all;
 
 /// Vectors in a pass: two registers of AVX-512, of which one computes while the other waits.
 pub const LANES: usize = 16;
@@ -41,7 +43,8 @@ impl<const O: usize> Course<'_, O> {
             interleave(&late.map(|late| &self.set[start - late - 1..]), into);
         } else {
             for (k, pack) in (start..).zip(into) {
-                *pack = late.map(|late| self.set[k.saturating_sub(late + 1).min(self.set.len() - 1)]);
+                *pack = late
+                    .map(|late| self.set[k.saturating_sub(late).saturating_sub(1).min(self.set.len() - 1)]);
             }
         }
     }
@@ -146,7 +149,7 @@ pub fn scatter<const O: usize, const SPEED: bool, const BETWEEN: bool>(
         let recursion = &mut recursion;
         if stretch.counts {
             let sums = &mut sums;
-            Arch::new().dispatch(March::<O, SPEED, BETWEEN, true> {
+            arch().dispatch(March::<O, SPEED, BETWEEN, true> {
                 course,
                 start,
                 end,
@@ -156,7 +159,7 @@ pub fn scatter<const O: usize, const SPEED: bool, const BETWEEN: bool>(
             });
         } else {
             let sums = &mut sums;
-            Arch::new().dispatch(March::<O, SPEED, BETWEEN, false> {
+            arch().dispatch(March::<O, SPEED, BETWEEN, false> {
                 course,
                 start,
                 end,
@@ -165,6 +168,8 @@ pub fn scatter<const O: usize, const SPEED: bool, const BETWEEN: bool>(
                 sums,
             });
         }
+        cut_all(&mut recursion.error);
+        cut_all(&mut recursion.change);
     }
     Ok(sums)
 }

@@ -8,11 +8,11 @@
 use std::array::from_fn;
 use std::ops::Range;
 
-pub use super::advance::LANES;
-use super::advance::{Advance, Pack, States};
 use super::basis::Basis;
 use super::discrete::{LEAP, Model, SHORTEST_NETWORK, delayed, direct};
 use super::parameters::Parameters;
+pub use super::step_kernel::LANES;
+use super::step_kernel::{Advance, Pack, States};
 use crate::error::{Error, Result, require};
 use crate::finite::all_finite;
 use crate::integrate::Hold;

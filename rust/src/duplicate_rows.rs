@@ -1,8 +1,9 @@
 //! Stretches of a channel that stand in it twice: prints of samples that recur in the same order.
 
-use multiversion::multiversion;
+use pulp::{Simd, WithSimd};
 
 use crate::error::Result;
+use crate::instruction_set::arch;
 use crate::stop::Stop;
 
 /// Samples in a print.
@@ -55,7 +56,7 @@ impl RepeatScan {
             self.held.extend(batch.iter().map(|sample| sample.to_bits()));
             let Some(count) = self.held.len().checked_sub(TAPS) else { continue };
             let mut prints = [0; BATCH + TAPS];
-            print(&self.held, &mut prints[..count]);
+            arch().dispatch(Print { bits: &self.held, prints: &mut prints[..count] });
             for ((place, &print), pair) in (self.at..).zip(&prints[..count]).zip(self.held.windows(2)) {
                 // Where nothing changes every print is the same and tells nothing.
                 if print >> (u64::BITS - KEPT_BITS) == 0 && pair[0] != pair[1] {
@@ -89,12 +90,22 @@ impl RepeatScan {
 }
 
 /// Sums of products of the bits of each sample and those after it; compiled once for each instruction set.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
-fn print(bits: &[u32], prints: &mut [u64]) {
-    let count = prints.len();
-    for (k, mix) in MIX.iter().enumerate() {
-        for (print, &bits) in prints.iter_mut().zip(&bits[k..][..count]) {
-            *print = print.wrapping_add(mix.wrapping_mul(u64::from(bits)));
+struct Print<'a> {
+    bits: &'a [u32],
+    prints: &'a mut [u64],
+}
+
+impl WithSimd for Print<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { bits, prints } = self;
+        let count = prints.len();
+        for (k, mix) in MIX.iter().enumerate() {
+            for (print, &bits) in prints.iter_mut().zip(&bits[k..][..count]) {
+                *print = print.wrapping_add(mix.wrapping_mul(u64::from(bits)));
+            }
         }
     }
 }
