@@ -28,7 +28,7 @@ from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import set_point_of
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import SIGNAL_OF_LOCATION
+from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.fir import PASSBAND

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import logging
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -18,6 +17,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text
 from shipfp_rs.support import hints, units
 
 LOGGER = logging.getLogger("shipfp_rs")
@@ -232,7 +232,7 @@ class Log:
         suffix = path.suffix.lower()
         if suffix not in _WRITTEN:
             raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
-        importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
+        importlib.import_module(f"shipfp_rs.logs.readers.{MODULES[suffix]}")
         return _WRITERS[suffix](self, path)
 
 
@@ -265,108 +265,36 @@ _WRITERS: dict[str, Writer] = {}
 _JOINERS: dict[str, Callable[..., Log]] = {}
 _WRITTEN = (".parquet", ".pq")
 _TAKES: dict[Reader, tuple[str, ...]] = {}
-_MODULES = {
-    ".parquet": "parquet",
-    ".pq": "parquet",
-    ".feather": "arrow_ipc",
-    ".arrow": "arrow_ipc",
-    ".arrows": "arrow_ipc",
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log"), "delimited"),
-    ".asc": "delimited",
-    ".raw": "famos",
-    ".dat": "famos",
-    ".tdms": "tdms",
-    ".d7d": "dewesoft",
-    ".dxd": "dewesoft",
-    ".mf4": "mdf",
-    ".mdf": "mdf",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".mat": "matlab",
-    ".blf": "can_file",
-    ".trc": "can_file",
-    ".json": "iso19848",
-    ".jsonl": "nmea2000",
-    ".xml": "iso19848",
-}
-"""Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
-
-FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
-    (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
-    (re.compile(rb"\s*\(\d+\.\d+\)\s+\w*can\w*\s+[0-9A-Fa-f]+#"), "can_file"),
-    (
-        re.compile(
-            rb"\s*(?:#[^\n]*\n)*\s*\d{4}-\d\d-\d\d[T-]\d\d:\d\d:[\d.]+Z?,\d,\d{4,6},\d{1,3},\d{1,3},\d{1,3},"
-        ),
-        "nmea2000",
-    ),
-    (re.compile(rb'(?:\s*\{"version"[^\n]*\n)?\s*\{[^\n]*"pgn"\s*:\s*\d'), "nmea2000"),
-    (re.compile(rb"(?:\xef\xbb\xbf)?\s*[{<].{0,2000}?(?:TimeSeriesData|Package)", re.DOTALL), "iso19848"),
-    (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
-)
-"""What the first bytes of a text format say in files of any suffix, and the module that reads it."""
-TEXTS = (
-    ".csv",
-    ".txt",
-    ".tsv",
-    ".tab",
-    ".prn",
-    ".lvm",
-    ".log",
-    ".asc",
-    ".raw",
-    ".dat",
-    ".json",
-    ".jsonl",
-    ".xml",
-    ".trc",
-)
-HINTS = {
-    **dict.fromkeys(
-        (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"), "a compressed file, expected a log; unpack it first"
-    ),
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet, expected a log; save it as CSV"),
-    **dict.fromkeys((".toml",), "a configuration file, expected a log"),
-}
 
 
 def suffixes() -> tuple[str, ...]:
     """Return the suffixes of all formats that `Log.open` reads."""
-    return tuple(dict.fromkeys([*_MODULES, *_READERS]))
+    return tuple(dict.fromkeys([*MODULES, *_READERS]))
 
 
 def _require_known(path: Path) -> None:
     """Refuse a suffix that no reader has."""
     suffix = path.suffix.lower()
-    if suffix not in _MODULES and suffix not in _READERS:
+    if suffix not in MODULES and suffix not in _READERS:
         if suffix in HINTS:
             raise InputError(f"{path}: {HINTS[suffix]}")
-        known = ", ".join(dict.fromkeys([*_MODULES, *_READERS]))
+        known = ", ".join(dict.fromkeys([*MODULES, *_READERS]))
         raise InputError(
-            f"{path}: unknown log format {path.suffix!r}, expected one of {known}{hints.nearest(suffix, list(_MODULES))}"
+            f"{path}: unknown log format {path.suffix!r}, expected one of {known}{hints.nearest(suffix, list(MODULES))}"
         )
 
 
 def _reader_of(path: Path) -> Reader:
     """Return the reader of a file, by its first bytes where several formats share a suffix."""
     suffix = path.suffix.lower()
-    if suffix not in _MODULES:
+    if suffix not in MODULES:
         return _READERS[suffix]
-    module = _MODULES[suffix]
+    module = MODULES[suffix]
     if suffix in TEXTS:
         with path.open("rb") as file:
-            begin = file.read(4096)
-        found = next((name for pattern, name in FORMATS if pattern.match(begin)), None)
-        if found is not None:
-            module, suffix = found, {"can_file": ".trc", "nmea2000": ".jsonl", "iso19848": ".json"}[found]
-        elif module == "famos" and not begin.lstrip().startswith(b"|C") and _is_text(begin):
-            module, suffix = "delimited", ".csv"
+            module, suffix = of_text(suffix, file.read(4096))
     importlib.import_module(f"shipfp_rs.logs.readers.{module}")
     return _READERS[suffix]
-
-
-def _is_text(begin: bytes) -> bool:
-    return not re.search(rb"[\x00-\x08\x0e-\x1f]", begin) or begin[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Reader], Reader]:

@@ -11,7 +11,8 @@ from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial_tables import Load, Processing, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes

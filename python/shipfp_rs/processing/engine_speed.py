@@ -57,6 +57,30 @@ class _Level:
         return cls(train, speed, ratio, max(white, white * scatter), scatter)
 
 
+def _told(ratio: float, ratio_std: float, scatter: float, *, agrees: bool) -> dict[str, Any]:
+    return {"ratio": [ratio, ratio_std], "scatter": scatter, "agrees": agrees}
+
+
+def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Channel) -> Source:
+    """Return the mean of a counted speed and of levels, each weighed by its variance."""
+
+    def sampled(first: int, stop: int) -> Array:
+        told, weight = counted(first, stop), 1.0 / std_rpm**2
+        total = np.full(len(told), weight)
+        told = told * weight
+        start = base.start_s + first / base.rate_hz
+        end = start + (stop - first) / base.rate_hz
+        for level in levels:
+            part = level.train.around(level.speed, start, end)
+            other, masked = resample(part, base.rate_hz, start, end)
+            share = np.where(masked, 0.0, 1.0 / level.std_rpm**2)
+            told += share * np.where(masked, 0.0, other * level.train.rpm_per_rps / level.ratio)
+            total += share
+        return np.asarray(told / total)
+
+    return sampled
+
+
 class EngineSpeed:
     """Interval speeds of all trains in a stretch, and what they tell of the engine.
 
@@ -172,45 +196,22 @@ class EngineSpeed:
         rps, std_rps = fit.at(grid)
         reports = {train.name: fit.report(train.name) for train in useful}
         std_rpm = float(np.sqrt(np.nanmean(std_rps**2))) * own.rpm_per_rps
-        levels = [
+        found = (
             _Level.beside(train, self.speeds[train.name], grid, rps * own.rpm_per_rps, std_rpm, self.rate_hz)
             for train in self.trains
             if isinstance(train, SpeedLevel)
-        ]
-        levels = [level for level in levels if level is not None]
-
-        def with_levels(first: int, stop: int) -> Array:
-            told, weight = sampled(first, stop), 1.0 / std_rpm**2
-            total = np.full(len(told), weight)
-            told = told * weight
-            start = base.start_s + first / base.rate_hz
-            end = start + (stop - first) / base.rate_hz
-            for level in levels:
-                part = level.train.around(level.speed, start, end)
-                other, masked = resample(part, base.rate_hz, start, end)
-                share = np.where(masked, 0.0, 1.0 / level.std_rpm**2)
-                told += share * np.where(masked, 0.0, other * level.train.rpm_per_rps / level.ratio)
-                total += share
-            return told / total
-
+        )
+        levels = [level for level in found if level is not None]
         both = 1.0 / np.sqrt(1.0 / std_rpm**2 + sum(1.0 / level.std_rpm**2 for level in levels))
-        return with_levels if levels else sampled, {
+        return _beside(sampled, levels, std_rpm, base) if levels else sampled, {
             **self._account(bandwidth_hz),
             "std_rpm": float(both),
             "fused": {
-                name: {
-                    "ratio": [report.ratio, report.ratio_std],
-                    "scatter": report.scatter,
-                    "agrees": report.agrees,
-                }
+                name: _told(report.ratio, report.ratio_std, report.scatter, agrees=report.agrees)
                 for name, report in reports.items()
             }
             | {
-                level.train.name: {
-                    "ratio": [level.ratio, 0.0],
-                    "scatter": level.scatter,
-                    "agrees": level.scatter < 3.0,
-                }
+                level.train.name: _told(level.ratio, 0.0, level.scatter, agrees=level.scatter < 3.0)
                 for level in levels
             },
         }

@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_tables import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import told

@@ -30,7 +30,8 @@ from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import Load, Rack, SetPoint, Tacho, Torque, Window
+from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Tacho, Torque
+from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND

@@ -10,7 +10,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.processing.trial_tables import Tacho
+from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.tacho import (

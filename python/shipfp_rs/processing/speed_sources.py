@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,15 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.processing.pulse_train import MARGIN_S, PulseTrain
-from shipfp_rs.processing.trial_tables import Tacho
+from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.support.units import TO_REV, TO_RPM, told
 from shipfp_rs.tacho import IntervalSpeed, PulseTimes, ReflectorAngles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 LEAST_SAMPLES = 4.0
 """Samples of an encoder from one turn of its virtual pulses to the next, at least: their errors are independent then."""
@@ -150,7 +154,7 @@ def read_edges(path: Path, tacho: Tacho) -> Array:
     return np.asarray(times)
 
 
-def _table_of_text(path: Path) -> "pa.Table":  # noqa: F821, UP037  pyarrow is loaded where it is needed
+def _table_of_text(path: Path) -> pa.Table:
     import pyarrow as pa
     import pyarrow.csv
 

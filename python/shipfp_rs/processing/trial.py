@@ -8,12 +8,10 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial_channels import LOADS, SIGNAL_OF_LOCATION, Channels
 from shipfp_rs.processing.trial_tables import (
-    LOADS,
     OF_ANY_STRUCTURE,
-    SIGNAL_OF_LOCATION,
     Align,
-    Channels,
     GreyBox,
     Header,
     Identify,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -43,6 +43,23 @@ PLANT_KEYS = (
     "propeller",
 )
 """What the plant can't be simulated without; processing a log needs the gear ratio alone."""
+
+
+class _Size(NamedTuple):
+    """What a number of a vessel file can be, and the slips of unit that take it elsewhere."""
+
+    key: str
+    low: float
+    high: float
+    slips: Sequence[hints.Slip]
+    unit: str
+    owner: str
+
+    def require(self, value: float) -> None:
+        """Refuse a value that a slip of unit explains."""
+        if hint := hints.likely(value, self.low, self.high, self.slips, self.unit):
+            expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
+            raise unexpected(self.key, f"{value:g} {self.unit}", expected)
 
 
 class Vessel(Sparse):
@@ -141,47 +158,21 @@ class Vessel(Sparse):
         # Without a rating any engine will do.
         rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
         shaft = self.gearbox.ratio * (known("gearbox.efficiency") or 1.0)
-        checks: tuple[tuple[str, float | None, float, float, Sequence[hints.Slip], str, str], ...] = (
-            (
-                "water.density_kg_m3",
-                known("water.density_kg_m3"),
-                900.0,
-                1100.0,
-                hints.DENSITY,
-                "kg/m3",
-                "water",
-            ),
-            ("engine.rated_speed_rpm", speed, 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
-            (
-                "propeller.diameter_m",
-                known("propeller.diameter_m"),
-                0.05,
-                15.0,
-                hints.LENGTH_M,
-                "m",
-                "propellers",
-            ),
-            (
+        checks = (
+            _Size("water.density_kg_m3", 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
+            _Size("engine.rated_speed_rpm", 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
+            _Size("propeller.diameter_m", 0.05, 15.0, hints.LENGTH_M, "m", "propellers"),
+            _Size(
                 "operating_point.n_e_rpm",
-                known("operating_point.n_e_rpm"),
                 0.1 * speed if speed else 1.0,
                 1.5 * speed if speed else 3e4,
                 hints.SPEED_RPM,
                 "rpm",
                 "this engine",
             ),
-            (
-                "operating_point.M_b_Nm",
-                known("operating_point.M_b_Nm"),
-                0.004 * rated,
-                2.0 * rated,
-                hints.TORQUE,
-                "Nm",
-                "this engine",
-            ),
-            (
+            _Size("operating_point.M_b_Nm", 0.004 * rated, 2.0 * rated, hints.TORQUE, "Nm", "this engine"),
+            _Size(
                 "operating_point.M_s_Nm",
-                known("operating_point.M_s_Nm"),
                 0.004 * rated * shaft,
                 2.0 * rated * shaft,
                 hints.TORQUE,
@@ -189,13 +180,10 @@ class Vessel(Sparse):
                 "this engine and gearbox",
             ),
         )
-        for key, value, low, high, slips, unit, owner in checks:
-            if value is None or math.isnan(low):
-                continue
-            if hint := hints.likely(value, low, high, slips, unit):
-                raise unexpected(
-                    key, f"{value:g} {unit}", f"{low:.4g} to {high:.4g} {unit} as {owner} would have{hint}"
-                )
+        for size in checks:
+            value = known(size.key)
+            if value is not None and not math.isnan(size.low):
+                size.require(value)
 
     def require(self, *keys: str) -> None:
         """Raise `InputError` that names all of some keys, such as "propeller.blades", that the ship lacks."""
