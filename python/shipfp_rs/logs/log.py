@@ -11,6 +11,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -106,9 +107,8 @@ class Log:
         """
         path = Path(path)
         if any(mark in path.name for mark in "*?") and not path.exists():
-            from shipfp_rs.logs.joining import open_pattern
-
-            return open_pattern(path, rate_hz=rate_hz, time=time, names=names)
+            joining: Any = importlib.import_module("shipfp_rs.logs.joining")
+            return cast(Log, joining.open_pattern(path, rate_hz=rate_hz, time=time, names=names))
         _require_known(path)
         if not path.is_file():
             what = "a folder, expected a log file" if path.is_dir() else "no such log file"
@@ -168,9 +168,8 @@ class Log:
         >>> list(Log.merge(one, two).channels)
         ['u', 'n']
         """
-        from shipfp_rs.logs.joining import merge
-
-        return merge(logs, name)
+        joining: Any = importlib.import_module("shipfp_rs.logs.joining")
+        return cast(Log, joining.merge(logs, name))
 
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""

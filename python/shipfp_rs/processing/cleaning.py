@@ -38,7 +38,12 @@ class Cleaner:
     """
 
     def __init__(
-        self, rows: Rows, sensor: SetPoint | Torque | Rack | Load, processing: Processing, first: int, last: int
+        self,
+        rows: Rows,
+        sensor: SetPoint | Torque | Rack | Load,
+        processing: Processing,
+        first: int,
+        last: int,
     ) -> None:
         settings = processing.faults
         self.drives = isinstance(sensor, SetPoint)

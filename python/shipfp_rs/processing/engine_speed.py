@@ -169,20 +169,22 @@ class EngineSpeed:
 
         start_s, stop_s = self.stretch_s
         grid = np.arange(start_s, stop_s, 1.0 / self.rate_hz)
-        rps, std_rps = fit.at(grid)
+        counted_rps, std_rps = fit.at(grid)
         reports = {train.name: fit.report(train.name) for train in useful}
         std_rpm = float(np.sqrt(np.nanmean(std_rps**2))) * own.rpm_per_rps
-        levels = [
-            _Level.beside(train, self.speeds[train.name], grid, rps * own.rpm_per_rps, std_rpm, self.rate_hz)
+        beside = [
+            _Level.beside(
+                train, self.speeds[train.name], grid, counted_rps * own.rpm_per_rps, std_rpm, self.rate_hz
+            )
             for train in self.trains
             if isinstance(train, SpeedLevel)
         ]
-        levels = [level for level in levels if level is not None]
+        levels = [level for level in beside if level is not None]
 
         def with_levels(first: int, stop: int) -> Array:
-            told, weight = sampled(first, stop), 1.0 / std_rpm**2
+            weight = 1.0 / std_rpm**2
+            told = sampled(first, stop) * weight
             total = np.full(len(told), weight)
-            told = told * weight
             start = base.start_s + first / base.rate_hz
             end = start + (stop - first) / base.rate_hz
             for level in levels:
@@ -191,7 +193,7 @@ class EngineSpeed:
                 share = np.where(masked, 0.0, 1.0 / level.std_rpm**2)
                 told += share * np.where(masked, 0.0, other * level.train.rpm_per_rps / level.ratio)
                 total += share
-            return told / total
+            return np.asarray(told / total)
 
         both = 1.0 / np.sqrt(1.0 / std_rpm**2 + sum(1.0 / level.std_rpm**2 for level in levels))
         return with_levels if levels else sampled, {

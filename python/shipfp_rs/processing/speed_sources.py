@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -150,7 +151,7 @@ def read_edges(path: Path, tacho: Tacho) -> Array:
     return np.asarray(times)
 
 
-def _table_of_text(path: Path) -> "pa.Table":  # noqa: F821, UP037  pyarrow is loaded where it is needed
+def _table_of_text(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.csv
 
