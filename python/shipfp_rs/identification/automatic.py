@@ -12,9 +12,9 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, Chooser, Fitted, State
 from shipfp_rs.identification.estimates import estimates
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
-from shipfp_rs.identification.verdict import ALARM, shown
+from shipfp_rs.identification.verdict import shown
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Torque
 

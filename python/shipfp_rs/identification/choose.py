@@ -13,8 +13,9 @@ from scipy.stats import chi2
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
-from shipfp_rs.identification.search import Minimum, Search
+from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
+from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.structures.ties import bare
@@ -232,7 +233,7 @@ class Chooser:
         top = -np.inf
         for block, values in search.each(origin.minimum.vector):
             equations = replace(bare(search.structure.equations), outputs=("dM",), gauge=False)  # type: ignore[type-var]
-            torque = equations.simulate(values, block.data)
+            torque = equations.simulate(values, block.data)  # type: ignore[arg-type]
             top = max(top, float(np.max(torque)))
         return tuple(1.0 + share * top for share in LEVELS)
 

@@ -160,11 +160,20 @@ def identify(
         time_limit_s=time_limit_s,
         progress=progress,
     )
-    narrow = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
     if structure is None:
-        return _chosen(data, options, vessel=vessel, **narrow)
-    for name, given in narrow.items():
-        if given is not None:
+        return _chosen(
+            data,
+            options,
+            vessel=vessel,
+            elements=elements,
+            torque=torque,
+            outputs=outputs,
+            fixed=fixed,
+            priors=priors,
+        )
+    narrow = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
+    for name, value in narrow.items():
+        if value is not None:
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
@@ -183,13 +192,14 @@ def _chosen(
     priors: Mapping[str, tuple[float, float]] | None,
 ) -> Fingerprint:
     """Let the data choose the elements, and say what holds after the choice."""
-    experiments = [data] if isinstance(data, Experiment) else list(data)  # type: ignore[arg-type]
-    for item in experiments:
+    given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    for item in given:
         if not isinstance(item, Experiment):
             raise InputError(
                 f"identify: data of type {type(item).__name__} without a structure, expected an Experiment; "
                 "give a structure for a FrequencyResponse"
             )
+    experiments = [item for item in given if isinstance(item, Experiment)]
     if not experiments:
         raise InputError("identify: no data given, expected an Experiment")
     require_excited(experiments)

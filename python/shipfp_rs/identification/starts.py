@@ -201,9 +201,9 @@ def _solved(gram: Array, held: float | None = None) -> Array:
     size = np.diag(gram)[:3] + 1e-300
     ridge = 1e-10 * np.diag(size)
     if held is None:
-        return np.linalg.solve(gram[:3, :3] + ridge, gram[:3, 3])
+        return np.asarray(np.linalg.solve(gram[:3, :3] + ridge, gram[:3, 3]))
     rest = np.linalg.solve((gram[:3, :3] + ridge)[1:, 1:], gram[1:3, 3] - held * gram[1:3, 0])
-    return np.append(held, rest)
+    return np.asarray(np.append(held, rest))
 
 
 def _values(

@@ -9,10 +9,10 @@ import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.linear_extended import ExtendedLinear
+from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
@@ -77,7 +77,7 @@ class ShipEquations(Equations):
     def _columns(self, names: Sequence[str]) -> list[int]:
         return [_INDEX[_KERNEL.get(name, name)] for name in names]
 
-    def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, str]:
+    def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
         load = experiment.normalised("M_load") if self.loaded else np.empty(0)
         return 1.0 + experiment.dn_set, load, 1.0 / experiment.rate_hz, 0, experiment.hold
 
@@ -118,7 +118,7 @@ class ShipEquations(Equations):
         self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) of the linearisation and its derivatives with respect to `names`, shape (W, O, F)."""
-        place = "propeller" if self.propeller_speed else "engine"
+        place: Place = "propeller" if self.propeller_speed else "engine"
         linear = ExtendedLinear(self.outputs, self.gauge, place).equations()
         damping = values.get("damping", 0.0)
         known = {**values, "p": values["p"] + damping}
