@@ -15,7 +15,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
-from shipfp_rs.identification.weighted_problem import Minimum
+from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.structures.ties import bare
@@ -171,6 +171,10 @@ class Chooser:
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
         best = min(ends, key=lambda end: end.criterion)
+        if _is_exact(search, best):
+            # Nothing but rounding is left, which no noise model describes.
+            self.options["noise"] = "white"
+            search = replace(search, noise="white")
         return Fitted(elements, search, search.refine(best))
 
     def with_elements(
@@ -277,6 +281,8 @@ STARTS: Mapping[str, tuple[float, ...]] = {
 """Where the search for a new element's parameter starts."""
 
 
+EXACT = 1e-5
+"""Residual over spread of an output below which there is no noise."""
 LEVELS = (0.95, 0.85, 0.7)
 """Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
 HOPELESS = 0.5
@@ -313,6 +319,13 @@ def _best_promise(
         if share > 0.0 and share * across > best:
             best, begin = float(share * across), start
     return Promise(best, {name: float(begin)}, limit)
+
+
+def _is_exact(search: Search, minimum: Minimum) -> bool:
+    """Whether the residuals are rounding beside every output's spread: a simulation without noise."""
+    count, scatter = mean_scatter(minimum.sums)
+    spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
+    return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
 
 
 def cost(fitted: Fitted | Minimum) -> float:

@@ -193,9 +193,9 @@ class EngineSpeed:
 
         start_s, stop_s = self.stretch_s
         grid = np.arange(start_s, stop_s, 1.0 / self.rate_hz)
-        speed_rps, std_rps = fit.at(grid)
+        speed_rps, deviation_rps = fit.at(grid)
         reports = {train.name: fit.report(train.name) for train in useful}
-        std_rpm = float(np.sqrt(np.nanmean(std_rps**2))) * own.rpm_per_rps
+        std_rpm = float(np.sqrt(np.nanmean(deviation_rps**2))) * own.rpm_per_rps
         found = (
             _Level.beside(
                 train, self.speeds[train.name], grid, speed_rps * own.rpm_per_rps, std_rpm, self.rate_hz
