@@ -53,7 +53,9 @@ mod tests {
     #[test]
     fn neighbours_make_one_stretch() {
         let mut gaps = Gaps::default();
-        [3, 4, 5, 9].into_iter().for_each(|place| gaps.missing(place));
+        for place in [3, 4, 5, 9] {
+            gaps.missing(place);
+        }
         assert_eq!(gaps.spans().collect::<Vec<_>>(), [(3, 6), (9, 10)]);
         assert_eq!(gaps.count(), 2);
     }

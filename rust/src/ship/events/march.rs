@@ -343,7 +343,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // At most MOST_STEPS.
         for number in 0..parts as usize {
             self.steps += 1;
-            if self.steps % LOOK_EVERY == 0 {
+            if self.steps.is_multiple_of(LOOK_EVERY) {
                 self.stop.check()?;
             }
             self.now = start + part * number as f64;
@@ -378,7 +378,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
                     break;
                 }
                 self.switches += 1;
-                let broken = self.arrivals.next().map_or(f64::INFINITY, |time| time.value());
+                let broken = self.arrivals.next().map_or(f64::INFINITY, Scalar::value);
                 let end = self.now.value() + left.value();
                 if self.switches < MOST_SWITCHES && broken < end - self.same(end) {
                     return false;

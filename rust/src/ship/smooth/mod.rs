@@ -93,7 +93,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
         let loaded = !run.load.is_empty();
         let longest = longest(&model, run);
-        let handed_on = if model.k_d != 0.0 { 4 } else { usize::from(task.wrt.contains(&at::K_D)) };
+        let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
         let levels = LEVELS + usize::from(run.hold == Hold::Zero) + handed_on;
         let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
         let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
@@ -114,7 +114,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
-            if count % 4096 == 0 {
+            if count.is_multiple_of(4096) {
                 stop.check()?;
             }
             let (step, window, place) = steps.next();

@@ -265,16 +265,16 @@ impl Sources {
                 let returned = history.get_mut(place * packs + pack);
                 match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
                     (true, false) => {
-                        self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                     (true, true) => {
-                        self.terms::<S, true, true>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, true, true>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                     (false, false) => {
-                        self.terms::<S, false, false>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, false, false>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                     (false, true) => {
-                        self.terms::<S, false, true>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, false, true>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                 }
             }
