@@ -40,6 +40,10 @@ CANDIDATES = (
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
+SLOW = ("torque_limit", "rack_rate", "twist")
+"""Elements whose passes over a record go from event to event and take twenty times as long."""
+TRIAL_EVALUATIONS = 25
+"""Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 ALIKE = ("dead_time_loop", "actuator_lag")
@@ -186,6 +190,8 @@ class Chooser:
         """
         ordered = self.ordered(elements)
         search = replace(self.search(ordered), weights=origin.minimum.noise)
+        if set(ordered) & set(SLOW) - set(origin.elements):
+            search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
             begin or {}
         )
@@ -243,7 +249,7 @@ class Chooser:
 
     def refined(self, fitted: Fitted) -> Fitted:
         """Fit weights and noise models of its own to a structure."""
-        search = replace(fitted.search, weights=None)
+        search = replace(fitted.search, weights=None, max_evaluations=int(self.options["max_evaluations"]))  # type: ignore[call-overload]
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
