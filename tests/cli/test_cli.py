@@ -156,7 +156,8 @@ class TestInit:
         )
         assert [tacho.column for tacho in found.tachos.values()] == ['Impuls "4"']
         text = (tmp_path / "TRIAL.toml").read_text()
-        assert f"# The log has Sollwert [V], {torque} [mV], Impuls" in text
+        assert re.search(r"(?m)^# Sollwert \[V\], [\d.]+ Hz: set point by its name$", text)
+        assert f"# {torque} [mV]" in text
         assert "20 pulses a second" in text
 
     def test_what_is_recorded_in_rpm_and_knm_needs_no_calibration(self, tmp_path, capsys) -> None:

@@ -166,8 +166,8 @@ class EngineSpeed:
         ]
         if not useful:
             source, account = self.best()
-            std_rps = float(np.median(self.speeds[own.name].std_rps))
-            return source, {**account, "std_rpm": std_rps * own.rpm_per_rps}
+            level_std = float(np.median(self.speeds[own.name].std_rps))
+            return source, {**account, "std_rpm": level_std * own.rpm_per_rps}
         try:
             fit, bandwidth_hz = fused_angle(
                 [

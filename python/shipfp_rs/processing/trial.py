@@ -128,6 +128,8 @@ class Trial(Section):
         name = Path(self.align.reference).name
         (reference,) = [log for log in logs if Path(log.name).name == name]
         others = [log for log in logs if log is not reference]
+        if self.align.common is None:
+            return [Log.merge(reference, *others, name=reference.name)]
         return [merged(reference, others, self.align.common, pulses=self.align.pulses)]
 
     def windows_of(self, log: str) -> tuple[Window, ...]:

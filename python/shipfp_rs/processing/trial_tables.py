@@ -46,8 +46,9 @@ class Align(Section):
 
     reference: str
     """File name of the log whose clock counts; all windows are on it."""
-    common: str
-    """Channel that every log holds, such as the set point's voltage or a pulse train."""
+    common: str | None = None
+    """Channel that every log holds, such as the set point's voltage or a pulse train; without one the logs share a
+    clock, and their time stamps count."""
     pulses: bool = False
     """Whether the common channel is a pulse train."""
 
