@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 
 NOT_HERE = ("--address", "sweep duration", "shipfp demo", "shipfp view")
-"""A cluster of the reader's; hundreds of trials of eight minutes; what `.ci/run` runs on its own; a page that is served until Ctrl-C."""
+"""A cluster of the reader's; hundreds of trials of eight minutes; what `.ci/run` runs on its own; a page until Ctrl-C."""
 
 
 def type_in(command: str) -> None:
