@@ -230,7 +230,8 @@ def test_a_batch_has_the_bits_of_its_members_for_any_number_of_threads():
     many, same_counts = _core.ship_products_batch(ships, *arguments, wrt, 3)
     np.testing.assert_array_equal(one, many)
     np.testing.assert_array_equal(counts, same_counts)
-    assert np.isinf(one[3]).all() and counts[3] == 0
+    assert np.isinf(one[3]).all()
+    assert counts[3] == 0
     alone, count = _core.ship_products(ships[5], *arguments, wrt)
     np.testing.assert_array_equal(alone, one[5])
     assert count == counts[5] == 700
@@ -255,7 +256,8 @@ def test_nothing_finite_makes_it_panic(data):
         )
     except (InputError, SimulationError):
         return
-    assert np.isfinite(values).all() and np.isfinite(slopes).all()
+    assert np.isfinite(values).all()
+    assert np.isfinite(slopes).all()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The ship with sampling, limits, delays and a flexible shaft, by SciPy's DOP853 between events found by its root finder.
 
-Written from the equations alone. Which limits hold is frozen over a stretch, and changed by events and at breaks. Delayed commands are looked up in dense outputs.
+Written from the equations alone. Which limits hold is frozen over a stretch, and changed by events and at breaks. Delayed
+commands are looked up in dense outputs.
 """
 
 from __future__ import annotations
@@ -336,7 +337,6 @@ class _Simulation:
 
     def change_sum(self, t: float, side: int) -> None:
         """What the sum does from now on; where it slides, on which limit."""
-        v = self.v
         self.sum_mode = self.sum_mode_at(t, side)
 
     def asked_slope(self, t: float, x: Array, side: int) -> float:
