@@ -119,7 +119,7 @@ def studies() -> tuple[str, ...]:
 
     return tuple(
         name
-        for path in sorted((ROOT / "tests").glob("test_*.py"))
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
         for name in marked(ast.parse(path.read_text(encoding="utf-8")), str(path.relative_to(ROOT)))
     )
 
