@@ -46,6 +46,8 @@ Intervals = Literal["profile", "symmetric"]
 
 LOGGER = logging.getLogger("shipfp_rs")
 
+OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
+"""Arguments of `identify` that are no options of a search."""
 AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
 
@@ -251,7 +253,7 @@ class Options:
         InputError
             For an option that it has not.
         """
-        usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name != "vessel"}
+        usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name not in OF_A_CALL}
         for name in given:
             if name not in usual:
                 raise InputError(
