@@ -1,6 +1,7 @@
 """The ship with sampling, limits, delays and a flexible shaft, by SciPy's DOP853 between events found by its root finder.
 
-Written from the equations alone. Which limits hold is frozen over a stretch, and changed by events and at breaks. Delayed commands are looked up in dense outputs.
+Written from the equations alone. Which limits hold is frozen over a stretch, and changed by events and at breaks.
+Delayed commands are looked up in dense outputs.
 """
 
 from __future__ import annotations
@@ -161,9 +162,7 @@ class _Simulation:
         else:
             asked = self.command(t, x, side, 0.0)
             if v["K_d"]:
-                asked = _fixed(
-                    lambda a: self.command(t, x, side, outcome(self.clipped(a))[0]) - a, asked
-                )
+                asked = _fixed(lambda a: self.command(t, x, side, outcome(self.clipped(a))[0]) - a, asked)
             rack = self.clipped(asked)
             rate, torque = outcome(rack)
         return rate, asked, rack, torque
@@ -211,9 +210,7 @@ class _Simulation:
         if len(self.load):
             times += list(grid)
         if self.sampled:
-            self.samples = [
-                v["T_0"] % v["T_s"] + k * v["T_s"] for k in range(int(end / v["T_s"]) + 1)
-            ]
+            self.samples = [v["T_0"] % v["T_s"] + k * v["T_s"] for k in range(int(end / v["T_s"]) + 1)]
             times += self.samples + [time + v["T_d"] for time in self.samples]
         else:
             breaks = list(grid + v["T_set"]) + [0.0] + (list(grid) if len(self.load) else [])
@@ -225,9 +222,12 @@ class _Simulation:
         return [time for k, time in enumerate(ordered) if k == 0 or time - ordered[k - 1] > TINY]
 
     def late(self, output: str) -> float:
-        return {"dn": self.v["T_n"], "dn_prop": self.v["T_n"], "dM_b": self.v["T_M"], "dM_g": self.v["T_M"]}.get(
-            output, 0.0
-        )
+        return {
+            "dn": self.v["T_n"],
+            "dn_prop": self.v["T_n"],
+            "dM_b": self.v["T_M"],
+            "dM_g": self.v["T_M"],
+        }.get(output, 0.0)
 
     def run(self, outputs: tuple[str, ...]) -> Array:
         v = self.v
@@ -336,8 +336,7 @@ class _Simulation:
             self.torque_side = int(raw > self.torque_limit(1, n)) - int(raw < self.torque_limit(-1, n))
 
     def change_sum(self, t: float, side: int) -> None:
-        """What the sum does from now on; where it slides, on which limit."""
-        v = self.v
+        """What the sum does from now on."""
         self.sum_mode = self.sum_mode_at(t, side)
 
     def asked_slope(self, t: float, x: Array, side: int) -> float:
@@ -347,14 +346,12 @@ class _Simulation:
         if self.v["T_d"] > 0.0:
             step = 1e-6
             first, last = (0.0, step) if side > 0 else (-step, step) if side == 0 else (-step, 0.0)
-            return (self.past(t + last, side) - self.past(t + first, side)) / step / (
-                2.0 if side == 0 else 1.0
+            return (
+                (self.past(t + last, side) - self.past(t + first, side)) / step / (2.0 if side == 0 else 1.0)
             )
         rates = self.rates(t, x, side)
         slope = self.at(self.u, t, self.v["T_set"], side)[1]
-        return float(
-            self.v["K_p"] * (self.v["s_u"] * slope - rates[N]) + self.v["K_i"] * rates[SUM]
-        )
+        return float(self.v["K_p"] * (self.v["s_u"] * slope - rates[N]) + self.v["K_i"] * rates[SUM])
 
     def beyond(self, t: float, side: int) -> float:
         """Distance of the command from its nearer ceiling."""
@@ -404,7 +401,9 @@ class _Simulation:
         v = self.v
         found: list[Callable[[float, Array], float]] = []
 
-        def add(function: Callable[[float, Array], float], change: Callable[[float], None], way: int = 0) -> None:
+        def add(
+            function: Callable[[float, Array], float], change: Callable[[float], None], way: int = 0
+        ) -> None:
             seen = _away(function, start)
             seen.terminal, seen.direction, seen.change = True, way, change  # type: ignore[attr-defined]
             found.append(seen)
@@ -454,7 +453,9 @@ class _Simulation:
                 continue
             if v["tau_act"] > 0.0:
                 add(
-                    lambda t, x, r=rate: (self.clipped(self.signals(t, x, 0)[1]) - x[RACK]) / v["tau_act"] - r,
+                    lambda t, x, r=rate: (
+                        (self.clipped(self.signals(t, x, 0)[1]) - x[RACK]) / v["tau_act"] - r
+                    ),
                     turn("rate_side", side),
                 )
             elif self.rate_side == 0:
@@ -494,8 +495,9 @@ class _Simulation:
         for above in (1, -1):
             if math.isfinite(self.ceiling(above, self.x[N])[0]):
                 add(
-                    lambda t, x, s=above: self.command(t, x, 0, self.signals(t, x, 0)[0])
-                    - self.ceiling(s, x[N])[0],
+                    lambda t, x, s=above: (
+                        self.command(t, x, 0, self.signals(t, x, 0)[0]) - self.ceiling(s, x[N])[0]
+                    ),
                     lambda t, s=above: cross(t, s),
                 )
         add(error, turned)
