@@ -1,5 +1,6 @@
-"""The event path of the ship: every element against solutions with located events, and odd parameters."""
+"""The ship with sampling, limits, delays and twist against its twin, by every parameter; the smooth path; odd parameters."""
 
+import _thread
 import math
 import threading
 import time
@@ -133,8 +134,7 @@ def test_derivatives_are_those_of_an_exact_solution(case):
     load = load_of(values, len(u))
     _, slopes = sensitivities(values, u, load, names=names)
     for name, slope in zip(names, slopes, strict=True):
-        # The solver steps over kinks that come out of a dead time, which small steps would make much of.
-        share = 2e-5 if name.startswith("T_") else 2e-4 if case.startswith("late") else 5e-5
+        share = 2e-5 if name.startswith("T_") else 5e-5
         step = share * max(abs(values[name]), 0.1)
 
         def at(change, name=name):
@@ -247,7 +247,7 @@ def test_derivatives_that_fade_do_not_slow_down():
 
 
 def test_more_samples_than_anyone_waits_for_are_refused():
-    for more in ({"T_s": 1e-9}, {"M_max": 2.0, "tau_act": 1e-6}, {"tau_twist": 1e-15}):
+    for more in ({"T_s": 1e-9}, {"tau_twist": 1e-15}):
         with pytest.raises(InputError, match="expected at most"):
             sensitivities({**SHIP, **more}, record(10))
 
@@ -320,13 +320,13 @@ def ends(values, hold):
     names = [name for name in ("tau_n", "K_i", "T_d") if name in values]
     try:
         found, slopes = sensitivities(values, u, hold=hold, names=names)
-    except (InputError, SimulationError) as error:
-        told = str(error)
-        if "\n" in told:
-            pytest.fail(told)
+    except (InputError, SimulationError) as found_wrong:
+        error = found_wrong
     else:
         assert np.isfinite(found).all()
         assert np.isfinite(slopes).all()
+        return
+    assert "\n" not in str(error)
 
 
 @given(likely, st.sampled_from(["zero", "first"]))
@@ -343,8 +343,6 @@ def test_odd_ships_end_in_a_result_or_one_line(values, more, hold):
 
 def test_ctrl_c_ends_a_long_run():
     """The kernel looks at the stop flag within a sample, too."""
-    import _thread
-
     values = {**SHIP, **TORQUE, "tau_act": 5e-5}
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()

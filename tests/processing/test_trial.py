@@ -42,9 +42,7 @@ def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
 def test_several_logs_share_the_windows(tmp_path: Path) -> None:
     text = template("TRIAL").replace('log = "run.parquet"  ', 'log = ["run1.parquet", "run2.parquet"]  ', 1)
     text = text.replace('n_e_rpm = "auto"', "n_e_rpm = 1183.8").replace('M_Nm = "auto"', "M_Nm = 1725.0")
-    text = text.replace(
-        "[identify]", '[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n[identify]'
-    )
+    text += '\n[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n'
     trial = load(tmp_path, text)
     assert [w.name for w in trial.windows_of("elsewhere/run1.parquet")] == ["C11"]
     assert [w.name for w in trial.windows_of("run2.parquet")] == ["S2"]
@@ -71,9 +69,13 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("[10.0, 70.0]", "[70.0, 10.0]", r"operating_point\.steady_s: found \[70\.0, 10\.0\]"),
         ("rate_hz = 50.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
         ("rate_hz = 50.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
-        ('weighting = "determinant"', 'weighting = "det"', r"identify\.weighting: found 'det'"),
-        ("offsets = true", 'offsets = "absolute"', r"identify\.offsets: found 'absolute'"),
-        ("free_exponent", "free_exponents", r"identify\.free_exponents: .*did you mean 'free_exponent'"),
+        ("# [identify]", '[identify]\nweighting = "det"', r"identify\.weighting: found 'det'"),
+        ("# [identify]", '[identify]\noffsets = "absolute"', r"identify\.offsets: found 'absolute'"),
+        (
+            "# [identify]",
+            "[identify]\nfree_exponents = 1",
+            r"identify\.free_exponents: .*did you mean 'free_exponent'",
+        ),
         ('n_e_rpm = "auto"', 'n_e_rpm = "automatic"', r"operating_point\.n_e_rpm: found 'automatic'"),
         ("start_s = 100.0", "start_s = 100.0\nlog = 'x.csv'", r"windows: found log 'x.csv' in 'C11'"),
         ('kind = "chirp"', 'kind = "chirp"\n[[windows]]\nname = "C11"', r"windows"),

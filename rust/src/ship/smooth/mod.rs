@@ -36,7 +36,7 @@ use steps::Steps;
 /// where the governor's derivative term hands breaks on as strong as they come, through more of them.
 const LEVELS: usize = 3;
 /// Length of a piece over the shortest time constant.
-const FINE: f64 = 0.3;
+const FINE: f64 = 0.18;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
 /// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
