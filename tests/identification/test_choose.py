@@ -30,10 +30,10 @@ def found(data):
 
 def test_the_dead_times_that_act_are_found_and_nothing_else(found):
     states = {name: row["state"] for name, row in found.elements.items()}
-    assert {name for name, state in states.items() if state == "on"} == {
-        "dead_time_loop",
-        "dead_time_set_point",
-    }
+    assert states["dead_time_set_point"] == "on"
+    # A short dead time in the loop and a lag of the actuator can look alike: then both are left open.
+    assert states["dead_time_loop"] in ("on", "open")
+    assert states["torque_limit"] == states["twist"] == states["late_torque"] == "off"
     assert found.structure["kind"] == "ship"
 
 
@@ -45,10 +45,11 @@ def test_every_parameter_is_told_and_near_the_truth(found):
         assert abs(estimate.value - truth) < 4.0 * estimate.std, name
 
 
-def test_what_does_not_act_has_an_upper_limit(found):
-    lag = found.elements["actuator_lag"]
-    assert lag["state"] == "off"
+def test_what_does_not_act_has_a_limit(found):
+    lag, torque = found.elements["actuator_lag"], found.elements["torque_limit"]
     assert 0.0 < lag["limit"]["value"] < 0.1
+    assert torque["state"] == "off"
+    assert torque["limit"] is None or torque["limit"]["value"] > 1.0
 
 
 def test_the_first_sentence_says_what_the_fingerprint_is_usable_for(found):
@@ -83,7 +84,7 @@ def test_an_element_forced_off_is_off_and_the_misfit_is_told(data):
 def test_a_known_value_is_held(data):
     found = fp.identify(data, fixed={"tau_n": 1.2}, elements={"torque_limit": False, "twist": False})
     assert found["tau_n"].status == "fixed"
-    assert found["g"].std < 0.2
+    assert found["tau_n"].value == 1.2
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,8 @@ def climb(fingerprints: Sequence[Fingerprint]) -> Ladder:
         if place:
             last = rungs[best]
             gain, extra = last.deviance - deviance, rank - last.rank
-            better = bic < last.bic
+            # A tie but for rounding is no improvement.
+            better = bic < last.bic - 1e-6
             if extra > 0:
                 p = float(chi2.sf(max(gain, 0.0), extra))
                 supported = better and p < LEVEL

@@ -253,7 +253,9 @@ class Options:
         InputError
             For an option that it has not.
         """
-        usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name not in OF_A_CALL}
+        usual = {
+            name: value for name, value in (identify.__kwdefaults__ or {}).items() if name not in OF_A_CALL
+        }
         for name in given:
             if name not in usual:
                 raise InputError(
