@@ -72,7 +72,6 @@ CASES = {
     "twist at limits": {**TWIST, **TORQUE, "K_d": 0.05},
     "damping, load and channels": {**FAR, **REST},
     "late command at a torque limit": {"T_d": 0.073, "T_set": 0.03, "M_max": 1.12},
-    "late command at rack limits, anti-windup": {"T_d": 0.073, "tau_act": 0.05, **RACK, "anti_windup": 1.0},
     "late command at rate limits": {"T_d": 0.073, **RATE},
     "everything": {
         **SAMPLED,
