@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,9 +13,11 @@ import numpy.typing as npt
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import autoregressive_model
+from shipfp_rs.identification.descent import descend
 from shipfp_rs.identification.variable_projection import Elimination
 from shipfp_rs.identification.weighted_problem import Minimum, Noise, WeightedProblem, mean_scatter
 from shipfp_rs.optimise.least_squares import STOPPED, Solution, approach, minimise
+from shipfp_rs.optimise.normal_equations import Products
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support.arrays import Array
 
@@ -27,6 +29,10 @@ CRITERION_TOLERANCE = 1e-8
 """Change of N ln det(E'E/N) that ends the iteration of the weights: parameters then move by 1e-4 of their deviation."""
 ROUGH = 1e-2
 """The same where noise models are still to be fitted."""
+LITTLE = 0.1
+"""Fall of the deviance that ends a descent whose noise models are still to be fitted."""
+NOTHING = 1e-6
+"""The same that ends the last one: a thousandth of a standard deviation."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends it where there is no noise to measure the change by."""
 
@@ -90,11 +96,27 @@ class Search(WeightedProblem):
         self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
     ) -> Minimum:
         problem, linear = Elimination(self, start), self.linear
-        kept, used, criterion = start[~linear], 0, np.inf
+        kept, used, criterion, limit = start[~linear], 0, np.inf, ""
+        if self._descends:
+            reached = descend(
+                self,
+                problem,
+                kept,
+                noise,
+                reweighs=self._reweighs,
+                enough=LITTLE if tolerance >= ROUGH else NOTHING,
+                max_evaluations=self.max_evaluations,
+                time_limit_s=self.time_limit_s,
+                tick=tick,
+            )
+            kept, noise, used, limit = reached.kept, reached.noise, reached.passes, reached.limit
+        if limit or (self._descends and tolerance >= ROUGH):
+            vector, sums = problem.complete(kept, noise)
+            message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
+            criterion = self._criterion(vector, noise, sums)
+            return Minimum(vector, criterion, False, message, used, noise, sums)
         # While the weights still change much, a minimum for the present ones is worth no more than a few steps.
-        rough = self._reweighs and noise.models is None
-        if noise.models is not None and self._reweighs:
-            noise, _ = self.noise_at(start, noise, *mean_scatter(problem.complete(kept, noise)[1]))
+        rough = self._reweighs and noise.models is None and not self._descends
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
             solution = self._solve(problem, kept, noise, tick, rough=rough)
             used += solution.evaluations
@@ -119,6 +141,17 @@ class Search(WeightedProblem):
             noise=noise,
             sums=sums,
         )
+
+    @property
+    def _descends(self) -> bool:
+        """Whether the search goes down by steps of its own: residuals in units of their deviation, none of them bent."""
+        return self._whitens and self.huber is None
+
+    def _criterion(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> float:
+        """What the minima are ranked by."""
+        if self._reweighs:
+            return self.noise_at(vector, noise, *mean_scatter(sums))[1]
+        return float(self.gram(vector, noise, sums)[-1, -1])
 
     def _solve(
         self,

@@ -197,6 +197,17 @@ class WeightedProblem:
             table[row, -1] = (nominal - vector[index]) * factor
         return table
 
+    def curved(self, kept: Array, step: Array, held: int | None = None) -> Array:
+        """Return where a step of the unknowns in which the model is not linear leads along the structure's valley."""
+        return self.structure.equations.curved(self.kept_names, kept, step, held)
+
+    @cached_property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of the unknowns in which the model is not linear, a block's own ones without its name."""
+        own = [name for block in self.blocks for name in block.nuisance]
+        names = [*self.names, *own]
+        return tuple(name for name, linear in zip(names, self.linear, strict=True) if not linear)
+
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the full vector; a block's own unknowns have none."""
         open_end = np.full(self.size - len(self.free), np.inf)

@@ -24,7 +24,7 @@ ROUNDS = 8
 """Times that a search whose end is in doubt may go on from there, as long as it gains."""
 WORTHWHILE = 1e-12
 """Part of an entry below which a step of it, near a minimum, is not worth an evaluation."""
-DEVIATIONS = 1e-7
+DEVIATIONS = 1e-3
 """Standard deviations of the estimates below which a step, near a minimum, is not."""
 HIDDEN = 1e-3
 """The same below which a step along the bent floor of a valley, which the search can't take, leaves no doubt of its end."""

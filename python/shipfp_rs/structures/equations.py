@@ -81,6 +81,14 @@ class Equations(ABC):
         """Whether the closed loop is stable; True where the equations can't tell."""
         return True
 
+    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+        """Return where a step from values of these names leads along the curve on which the outputs change least.
+
+        To first order that is their sum, which it is where the equations know no better. The entry `held` takes its
+        step as it is.
+        """
+        return vector + step
+
     def passed(self, rows: Array, experiment: Experiment) -> Array:
         """Return measured outputs (O, N) behind the filter that simulated ones go through; unchanged without one."""
         return rows

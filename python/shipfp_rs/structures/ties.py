@@ -111,6 +111,10 @@ class Behind(Equations):
         """Whether the closed loop is stable, as far as the equations can tell."""
         return self.equations.stable(self._values(values))
 
+    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+        """Return where a step leads along the equations' own valley, as they have it without ties."""
+        return self.equations.curved(names, vector, step, held)
+
     def passed(self, rows: Array, experiment: Experiment) -> Array:
         """Return measured outputs behind the filter of the equations, if they have one."""
         return self.equations.passed(rows, experiment)
