@@ -42,6 +42,10 @@ FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 SLOW = ("torque_limit", "rack_rate", "twist")
 """Elements whose passes over a record go from event to event and take twenty times as long."""
+SAME = 1.0
+"""Difference of the deviance below which two starts ended in the same minimum."""
+TRIAL_FALL = 0.02
+"""Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 25
 """Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
 PART_BEHIND = 0.9
@@ -170,6 +174,10 @@ class Chooser:
                 ends.append(search.minimise(self._vector(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
+            ends.sort(key=lambda end: end.criterion)
+            if len(ends) > 1 and ends[1].criterion - ends[0].criterion < SAME:
+                # Two ways led there, so the others are not worth going.
+                break
         if not ends:
             raise IdentificationError(
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
@@ -182,14 +190,19 @@ class Chooser:
         return Fitted(elements, search, search.refine(best))
 
     def with_elements(
-        self, origin: Fitted, elements: Sequence[str], begin: Mapping[str, float] | None = None
+        self,
+        origin: Fitted,
+        elements: Sequence[str],
+        begin: Mapping[str, float] | None = None,
+        worth: float = np.inf,
     ) -> Fitted | None:
         """Fit other elements with the weights of a fit, from its end; None where that can't be simulated.
 
-        `begin` holds the start of a new element's parameter; otherwise all of `STARTS` are tried.
+        `begin` holds the start of a new element's parameter; otherwise all of `STARTS` are tried. A fit that can't get
+        its cost below `worth` is given up.
         """
         ordered = self.ordered(elements)
-        search = replace(self.search(ordered), weights=origin.minimum.noise)
+        search = replace(self.search(ordered), weights=origin.minimum.noise, enough=TRIAL_FALL, worth=worth)
         if set(ordered) & set(SLOW) - set(origin.elements):
             search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
@@ -249,7 +262,7 @@ class Chooser:
 
     def refined(self, fitted: Fitted) -> Fitted:
         """Fit weights and noise models of its own to a structure."""
-        search = replace(fitted.search, weights=None, max_evaluations=int(self.options["max_evaluations"]))  # type: ignore[call-overload]
+        search = replace(fitted.search, weights=None, enough=None, worth=np.inf, max_evaluations=int(self.options["max_evaluations"]))  # type: ignore[call-overload]
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
@@ -344,17 +357,19 @@ def choose(chooser: Chooser) -> Choice:
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
     # Without what does not act, every later fit is cheaper.
-    current, _, _ = _backward(chooser, chooser.first(), level, ladder)
+    slim, rises, poorer = _backward(chooser, chooser.first(), level, ladder)
+    current = slim
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
         current = chooser.refined(best)
-    kept, rises, poorer = _backward(chooser, current, level, ladder)
-    if kept is not current:
-        # Weights and base are those of the structure that is left.
-        current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
+    if current is not slim:
+        kept, rises, poorer = _backward(chooser, current, level, ladder)
+        if kept is not current:
+            # Weights and base are those of the structure that is left.
+            current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
     rivals = (*poorer, *_rivals(chooser, current, gains, level, ladder))
     evidence = rises | {name: gain.fall for name, gain in gains.items()}
     states: dict[str, State] = {}
@@ -416,7 +431,8 @@ def _backward(
         for name in current.elements:
             if name not in chooser.candidates or base is None:
                 continue
-            trial = chooser.with_elements(current, [other for other in current.elements if other != name])
+            without = [other for other in current.elements if other != name]
+            trial = chooser.with_elements(current, without, worth=cost(base) + 2.0 * level)
             rises[name] = np.inf if trial is None else cost(trial) - cost(base)
             if trial is not None:
                 trials[name] = trial
@@ -440,7 +456,7 @@ def _rivals(
     for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):
         for name in (name for name in gains if name in ALIKE):
             swapped = [*(other for other in current.elements if other != out), name]
-            trial = chooser.with_elements(current, swapped)
+            trial = chooser.with_elements(current, swapped, worth=cost(base) + 2.0 * level)
             if trial is None:
                 continue
             rise = cost(trial) - cost(base)

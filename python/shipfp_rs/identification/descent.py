@@ -25,6 +25,9 @@ EASIER, HARDER = 0.1, 5.0
 GOOD, POOR = 0.75, 0.25
 """Parts of the promised fall from which on a step kept its promise, and below which it did not."""
 
+HOPE = 3.0
+"""How much farther than promised the deviance may fall."""
+
 
 @dataclass(frozen=True)
 class Reached:
@@ -54,11 +57,12 @@ def descend(
     *,
     reweighs: bool,
     enough: float,
+    worth: float = np.inf,
     max_evaluations: int,
     time_limit_s: float | None = None,
     tick: Callable[[], None] | None = None,
 ) -> Reached:
-    """Descend to where a Gauss-Newton step promises less than `enough` of the deviance.
+    """Descend to where a Gauss-Newton step promises less than `enough` of the deviance, or too little to get below `worth`.
 
     With weights that follow the residuals (`reweighs`) the deviance is N ln det of their scatter, whose Gauss-Newton
     step is that of the sum of squares weighted by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974,
@@ -78,7 +82,9 @@ def descend(
         raise IdentificationError(f"the start vector can't be evaluated: {error}; choose another") from None
     damping = FIRST_DAMPING
     while True:
-        if gauss_newton_step(place.point, walk.bounds).promise < enough or damping > MOST_DAMPING:
+        promise = gauss_newton_step(place.point, walk.bounds).promise
+        hopeless = HOPE * promise < place.objective - worth
+        if promise < enough or hopeless or damping > MOST_DAMPING:
             return Reached(place.point.vector, place.noise, walk.passes, "")
         if walk.passes >= max_evaluations:
             return Reached(place.point.vector, place.noise, walk.passes, f"{walk.passes} evaluations")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -55,7 +55,8 @@ class Profile:
     """
 
     def __init__(self, search: Search, best: Minimum) -> None:
-        self._search, self._noise = search, best.noise
+        # Only changes of the cost count, which an error far below the noise leaves as they are.
+        self._search, self._noise = search, replace(best.noise, sharp=best.noise.models is None)
         self._problem = Elimination(search, best.vector, best)
         kept = ~search.linear
         lower, upper = search.bounds()

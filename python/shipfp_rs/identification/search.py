@@ -44,17 +44,21 @@ class Search(WeightedProblem):
     max_evaluations: int
     tolerance: float
     time_limit_s: float | None = None
+    enough: float | None = None
+    """Fall of the deviance that is not worth a step; None: as little as the estimates' last digits ask for."""
+    worth: float = np.inf
+    """Deviance that a descent gives up on when it can't get below."""
 
     def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
         """Search from `start`; the weights are refitted until they agree with the residuals."""
-        return self._weighted(
-            start, self.initial_noise(), tick, ROUGH if self._refines else CRITERION_TOLERANCE
-        )
+        noise = replace(self.initial_noise(), sharp=not self._refines and self.enough is None)
+        return self._weighted(start, noise, tick, ROUGH if self._refines else CRITERION_TOLERANCE)
 
     def refine(self, minimum: Minimum, tick: Callable[[], None] | None = None) -> Minimum:
         """Go on from a minimum with AR noise models fitted to its residuals, until these agree too."""
         for tolerance in (ROUGH, CRITERION_TOLERANCE) if self._refines else ():
-            minimum = self._weighted(minimum.vector, self._with_models(minimum), tick, tolerance)
+            noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH)
+            minimum = self._weighted(minimum.vector, noise, tick, tolerance)
         return minimum
 
     @property
@@ -104,13 +108,14 @@ class Search(WeightedProblem):
                 kept,
                 noise,
                 reweighs=self._reweighs,
-                enough=LITTLE if tolerance >= ROUGH else NOTHING,
+                enough=(LITTLE if tolerance >= ROUGH else NOTHING) if self.enough is None else self.enough,
+                worth=self.worth,
                 max_evaluations=self.max_evaluations,
                 time_limit_s=self.time_limit_s,
                 tick=tick,
             )
             kept, noise, used, limit = reached.kept, reached.noise, reached.passes, reached.limit
-        if limit or (self._descends and tolerance >= ROUGH):
+        if limit or (self._descends and (tolerance >= ROUGH or self.enough is not None)):
             vector, sums = problem.complete(kept, noise)
             message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
             criterion = self._criterion(vector, noise, sums)

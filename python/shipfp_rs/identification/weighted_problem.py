@@ -25,6 +25,8 @@ class Noise:
 
     root: Array
     models: tuple[Array, ...] | None = None
+    sharp: bool = True
+    """Whether a pass over the records must be exact beyond what noise lets see; on the way to a minimum it need not."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,10 @@ class WeightedProblem:
     def sums(self, vector: Array, noise: Noise) -> list[Products]:
         """Pass over the data once: every block's sums of products, filtered by the noise's models."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return [block.products(values, self.names, noise.models) for block, values in self.each(vector)]
+            return [
+                block.products(values, self.names, noise.models, sharp=noise.sharp)
+                for block, values in self.each(vector)
+            ]
 
     def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
         """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.

@@ -20,6 +20,8 @@ class Against(NamedTuple):
     """Added to the simulated outputs, shape (O,)."""
     filters: Array
     """FIR filter of each output's residual (O, T), the sample's own tap first."""
+    sharp: bool = True
+    """Whether the outputs must be exact; otherwise an error far below the noise may buy time."""
 
 
 class Equations(ABC):

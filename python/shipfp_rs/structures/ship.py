@@ -141,8 +141,9 @@ class ShipEquations(Equations):
             self.vector(values),
             *self._inputs(experiment),
             self._kernel_outputs,
-            *against,
+            *against[:3],
             self._columns(names),
+            against.sharp,
         )
 
     def response(

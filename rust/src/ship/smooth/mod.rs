@@ -94,7 +94,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let loaded = !run.load.is_empty();
         let longest = longest(&model, run);
         let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
-        let levels = LEVELS + usize::from(run.hold == Hold::Zero) + handed_on;
+        let levels = if run.sharp { LEVELS } else { 1 } + usize::from(run.hold == Hold::Zero) + handed_on;
         let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
         let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
         let mut load_feed = loaded.then(|| Feed::new(run.load, run.hold, run.dt, 0.0));
