@@ -17,6 +17,7 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.ship import TORQUE_SCALE, ShipEquations
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.structures.ties import bare
 from shipfp_rs.support.arrays import Array
@@ -237,10 +238,12 @@ class Chooser:
             changes = np.zeros((len(starts), *still.shape))
             for place, start in enumerate(starts):
                 try:
-                    moved = with_it.simulate({**values, parameter.name: start}, block.data)  # type: ignore[arg-type]
+                    if name == "torque_limit":
+                        changes[place] = self._limited(search, values, block, start) - still
+                    else:
+                        changes[place] = with_it.simulate({**values, parameter.name: start}, block.data) - still  # type: ignore[arg-type]
                 except SimulationError:
                     continue
-                changes[place] = moved - still
             changes *= block.valid
             made = Evaluation(np.zeros_like(still), changes, block.valid)
             if minimum.noise.models is not None:
@@ -259,6 +262,21 @@ class Chooser:
             torque = equations.simulate(values, block.data)  # type: ignore[arg-type]
             top = max(top, float(np.max(torque)))
         return tuple(1.0 + share * top for share in LEVELS)
+
+    def _limited(self, search: Search, values: Mapping[str, float], block: Block, level: float) -> Array:
+        """Outputs with the torque limited, to first order: what is above the level is a load that slows the shaft down."""
+        equations = bare(search.structure.equations)
+        assert isinstance(equations, ShipEquations)
+        experiment = block.data
+        assert isinstance(experiment, Experiment)
+        engine = replace(equations, outputs=("dM",), gauge=False).simulate(
+            {**values, TORQUE_SCALE: 0.0}, experiment
+        )[0]
+        above = np.maximum(1.0 + engine - level, 0.0)
+        outputs = equations.simulate_loaded(values, experiment, above)
+        if "dM" in equations.outputs:
+            outputs[equations.outputs.index("dM")] -= (1.0 + values[TORQUE_SCALE]) * above
+        return outputs
 
     def refined(self, fitted: Fitted) -> Fitted:
         """Fit weights and noise models of its own to a structure."""

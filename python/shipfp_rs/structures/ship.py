@@ -125,6 +125,12 @@ class ShipEquations(Equations):
         """Return the normalised outputs, shape (O, N)."""
         return _core.simulate_ship(self.vector(values), *self._inputs(experiment), self._kernel_outputs)
 
+    def simulate_loaded(self, values: Mapping[str, float], experiment: Experiment, load: Array) -> Array:
+        """Return the outputs (O, N) with another load torque on the shaft, over the operating point's, shape (N,)."""
+        set_point, _, *rest = self._inputs(experiment)
+        vector = self.vector({**values, "k_L": 1.0})
+        return _core.simulate_ship(vector, set_point, load, *rest, self._kernel_outputs)
+
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
     ) -> tuple[Array, Array]:

@@ -37,6 +37,8 @@ use steps::Steps;
 const LEVELS: usize = 3;
 /// Length of a piece over the shortest time constant.
 const FINE: f64 = 0.18;
+/// The same where a millionth of a step does not count.
+const ROUGH: f64 = 0.5;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
 /// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
@@ -71,7 +73,8 @@ fn longest(model: &Model, run: &Run<'_>) -> f64 {
     if model.tau_act > 0.0 {
         fastest += 1.0 / model.tau_act;
     }
-    let mut longest = (FINE / (fastest * run.dt)).min(1.0);
+    let fine = if run.sharp { FINE } else { ROUGH };
+    let mut longest = (fine / (fastest * run.dt)).min(1.0);
     longest = longest.min(1.0 / run.substeps.max(1) as f64);
     if model.t_d > 0.0 {
         longest = longest.min(model.t_d / run.dt);
