@@ -10,11 +10,12 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.choose import Choice, Chooser, Fitted, State
+from shipfp_rs.identification.choose import Choice, Chooser, Fitted, Neglect, State
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.verdict import shown
+from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Torque
 
@@ -109,6 +110,64 @@ def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool
     widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
     std = None if estimate.std is None else estimate.std * widened
     return replace(estimate, ci95=(low, high), std=std)
+
+
+def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
+    """Return the fingerprint with intervals that also hold where an element acts that was left out.
+
+    With the strength s of the element the estimate is at theta + c s, to first order, and the deviance rises by
+    ((s - s_hat) / sigma)^2 from the best s that is not negative; what is left of the quantile's square is for theta
+    itself. The ends are those over all s, and what several elements add to a side is added in quadrature.
+    """
+    groups = {"parameters": dict(fingerprint.parameters), "derived": dict(fingerprint.derived)}
+    values = {name: estimate.value for name, estimate in fingerprint.parameters.items()}
+    for group in groups.values():
+        for name, estimate in group.items():
+            if estimate.status not in KNOWN or estimate.ci95 is None or estimate.value is None:
+                continue
+            more = np.zeros(2)
+            for neglect in choice.neglected.values():
+                slope = (
+                    neglect.shift.get(name, 0.0)
+                    if group is groups["parameters"]
+                    else _slope_of(name, values, neglect.shift)
+                )
+                more += np.square(_beyond(estimate, slope, neglect))
+            low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
+            widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
+            std = None if estimate.std is None else estimate.std * widened
+            group[name] = replace(estimate, ci95=(float(low), float(high)), std=std)
+    return replace(fingerprint, **groups)
+
+
+def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, float]:
+    """How far below and above an interval the estimate may be with the element."""
+    if slope == 0.0 or not np.isfinite([slope, neglect.estimate, neglect.deviation]).all():
+        return 0.0, 0.0
+    best = max(neglect.estimate, 0.0)
+    seen = best + np.linspace(0.0, 1.0, 41) * 1.96 * neglect.deviation
+    seen = np.concatenate([np.linspace(0.0, best, 21), seen])
+    rise = np.square((seen - neglect.estimate) / neglect.deviation)
+    rise -= np.square((best - neglect.estimate) / neglect.deviation)
+    left = np.sqrt(np.maximum(1.0 - rise / 1.96**2, 0.0))
+    moved = slope * seen ** (1.0 / neglect.power)
+    assert estimate.ci95 is not None and estimate.value is not None
+    low, high = estimate.ci95[0] - estimate.value, estimate.ci95[1] - estimate.value
+    inside = rise <= 1.96**2 * (1.0 + 1e-9)
+    lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
+    return max(low - lowest, 0.0), max(highest - high, 0.0)
+
+
+def _slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
+    """Change of a combination for a unit of the element's strength."""
+    _, function = COMBINATIONS[name]
+    known = {key: value for key, value in values.items() if value is not None}
+    try:
+        step = 1e-6
+        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
+        return (function(moved) - function(known)) / step
+    except (KeyError, ZeroDivisionError):
+        return 0.0
 
 
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:

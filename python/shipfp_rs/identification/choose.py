@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.ship import TORQUE_SCALE, ShipEquations
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.structures.ties import bare
@@ -37,18 +38,28 @@ CANDIDATES = (
     "torque_limit",
     "twist",
     "late_torque",
+    "sampling",
 )
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 SLOW = ("torque_limit", "rack_rate", "twist")
 """Elements whose passes over a record go from event to event and take twenty times as long."""
-SAME = 1.0
-"""Difference of the deviance below which two starts ended in the same minimum."""
+SAME = 0.5
+"""Difference of the deviance that is not worth another choice."""
+NEARLY = 100.0
+"""Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
+NEARBY_S = 0.02
+"""Difference of every delay within which two ends are one [s]."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 25
 """Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
+UNSEEN = ("sampling",)
+"""Elements that records at the rate of an experiment hardly show, and no search can find: a period has a minimum of its own
+beside every multiple of the record's length. What they may do to the estimates widens the intervals."""
+PHASES = 4
+"""Times within a sampling period at which the governor may sample, over which its effect is averaged."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 ALIKE = ("dead_time_loop", "actuator_lag")
@@ -84,6 +95,21 @@ class Promise:
     fall: float
     start: Mapping[str, float]
     limit: float | None
+    neglect: Neglect | None = None
+
+
+@dataclass(frozen=True)
+class Neglect:
+    """What leaving an element out does to the estimates, to first order in its strength."""
+
+    estimate: float
+    """Strength that the residuals ask for, which may be below zero."""
+    deviation: float
+    """Standard deviation of that strength."""
+    shift: Mapping[str, float]
+    """Change of each parameter for a unit of strength."""
+    power: int = 1
+    """What the residuals see grows with this power of the strength; estimate and deviation are of that power."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +125,8 @@ class Choice:
     limits: Mapping[str, float]
     """Element that is not taken on to the strength above which the data reject it, in its parameter's unit."""
     ladder: tuple[Rung, ...] = ()
+    neglected: Mapping[str, Neglect] = field(default_factory=dict)
+    """What elements that are off may do to the estimates all the same."""
 
 
 def threshold(candidates: int, probability: float = FALSE_ALARM) -> float:
@@ -133,6 +161,8 @@ class Chooser:
             if name not in excluded and name not in forced and (ELEMENTS[name].needs != "gauge" or gauge)
         )
         self.narrow = narrow or {}
+        self.elsewhere: list[dict[str, float]] = []
+        """Ends of other starts that fit nearly as well as the best one."""
         self.options = {"weighting": "determinant", "noise": "ar", "max_evaluations": 200, "tolerance": 1e-10}
         self.options |= dict(search or {})
 
@@ -175,15 +205,13 @@ class Chooser:
                 ends.append(search.minimise(self._vector(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
-            ends.sort(key=lambda end: end.criterion)
-            if len(ends) > 1 and ends[1].criterion - ends[0].criterion < SAME:
-                # Two ways led there, so the others are not worth going.
-                break
         if not ends:
             raise IdentificationError(
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
-        best = min(ends, key=lambda end: end.criterion)
+        ends.sort(key=lambda end: end.criterion)
+        best = ends[0]
+        self.elsewhere = _apart(search, ends)
         if _is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
@@ -240,6 +268,8 @@ class Chooser:
                 try:
                     if name == "torque_limit":
                         changes[place] = self._limited(search, values, block, start) - still
+                    elif name == "sampling":
+                        changes[place] = _sampled(with_it, values, block.data, start) - still  # type: ignore[arg-type]
                     else:
                         changes[place] = with_it.simulate({**values, parameter.name: start}, block.data) - still  # type: ignore[arg-type]
                 except SimulationError:
@@ -251,7 +281,10 @@ class Chooser:
             rows = np.concatenate([part, minimum.noise.root @ made.jacobian])
             flat = rows.reshape(len(rows), -1)
             gram += flat @ flat.T
-        return _best_promise(gram, search.size, parameter.name, starts, falling=name == "torque_limit")
+        power = 2 if name == "sampling" and "dead_time_loop" in origin.elements else 1
+        return _best_promise(
+            gram, search.unknowns, parameter.name, starts, falling=name == "torque_limit", power=power
+        )
 
     def _levels(self, origin: Fitted) -> tuple[float, ...]:
         """Levels of a torque limit near the top of what the engine gives in the fit without one."""
@@ -288,13 +321,21 @@ class Chooser:
         new = [name for name in search.names if name not in values]
         first = self._vector(search, values)
         vectors = [first]
+        # What an element did that goes is done by another delay, as well as that can.
+        gone = [values[name] for name in DELAYS if name in values and name not in search.names]
+        for name in DELAYS if gone else ():
+            if name in search.names and name in values:
+                vector = first.copy()
+                place = search.names.index(name)
+                vector[place] = np.clip(vector[place] + sum(gone), *(bound[place] for bound in search.bounds()))
+                vectors.append(vector)
         for name in new:
             parameter = search.structure[name]
             for start in STARTS.get(name, (parameter.start,)):
                 vector = first.copy()
                 vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
                 vectors.append(vector)
-        return vectors[1:] if new else vectors
+        return vectors[1:] if new and len(vectors) > 1 else vectors
 
     def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
         starts = {parameter.name: parameter.start for parameter in search.free}
@@ -314,10 +355,13 @@ STARTS: Mapping[str, tuple[float, ...]] = {
     "tau_twist": (1e-3,),
     "T_M": (2e-3,),
     "T_n": (2e-3,),
+    "T_s": (0.0137,),
 }
 """Where the search for a new element's parameter starts."""
 
 
+DELAYS = ("T_d", "T_set", "tau_act")
+"""Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 EXACT = 1e-5
 """Residual over spread of an output below which there is no noise."""
 LEVELS = (0.95, 0.85, 0.7)
@@ -327,18 +371,25 @@ HOPELESS = 0.5
 
 
 def _best_promise(
-    gram: Array, unknowns: int, name: str, starts: Sequence[float], *, falling: bool
+    gram: Array,
+    names: Sequence[str],
+    name: str,
+    starts: Sequence[float],
+    *,
+    falling: bool,
+    power: int = 1,
 ) -> Promise:
     """Judge each start from the products of [-J, e, D1, D2, ...].
 
     A limit of an effect in proportion to its parameter follows from its estimate and deviation; of one that acts the
     more, the lower it is, it is the highest level that the residual contradicts.
     """
+    unknowns = len(names)
     own, residual = slice(0, unknowns), unknowns
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
     inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
-    best, begin, limit = 0.0, starts[0], None
+    best, begin, limit, neglect = 0.0, starts[0], None, None
     for place, start in enumerate(starts, start=unknowns + 1):
         along = unit[own, place]
         across = (
@@ -352,10 +403,27 @@ def _best_promise(
             if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
                 limit = start if limit is None else max(limit, start)
         elif limit is None:
-            limit = float(start * (max(share, 0.0) + 1.645 * deviation))
+            limit = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
+            # What the element does along the unknowns, they take over with the other sign.
+            taken = (inverse @ along) * size[place] / size[own] / start
+            neglect = Neglect(
+                float(share * start**power),
+                float(deviation * start**power),
+                dict(zip(names, map(float, taken), strict=True)),
+                power,
+            )
         if share > 0.0 and share * across > best:
             best, begin = float(share * across), start
-    return Promise(best, {name: float(begin)}, limit)
+    return Promise(best, {name: float(begin)}, limit, neglect)
+
+
+def _sampled(equations: Equations, values: dict[str, float], experiment: Experiment, period: float) -> Array:
+    """Outputs with a governor that samples, averaged over when it does."""
+    phases = [
+        equations.simulate({**values, "T_s": period, "T_0": period * phase / PHASES}, experiment)
+        for phase in range(PHASES)
+    ]
+    return np.asarray(np.mean(phases, axis=0))
 
 
 def _is_exact(search: Search, minimum: Minimum) -> bool:
@@ -363,6 +431,19 @@ def _is_exact(search: Search, minimum: Minimum) -> bool:
     count, scatter = mean_scatter(minimum.sums)
     spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
     return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
+
+
+def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:
+    """Values at ends that fit nearly as well as the first and lie elsewhere."""
+    found: list[dict[str, float]] = []
+    delays = [place for place, name in enumerate(search.names) if name in DELAYS]
+    seen = [ends[0].vector]
+    for end in ends[1:]:
+        near = any((np.abs(end.vector - other)[delays] < NEARBY_S).all() for other in seen)
+        if end.criterion - ends[0].criterion < NEARLY and not near:
+            found.append(dict(zip(search.unknowns, map(float, end.vector), strict=True)))
+            seen.append(end.vector)
+    return found
 
 
 def cost(fitted: Fitted | Minimum) -> float:
@@ -374,28 +455,50 @@ def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
-    # Without what does not act, every later fit is cheaper.
-    slim, rises, poorer = _backward(chooser, chooser.first(), level, ladder)
-    current = slim
+    current = chooser.first()
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
         current = chooser.refined(best)
-    if current is not slim:
-        kept, rises, poorer = _backward(chooser, current, level, ladder)
-        if kept is not current:
-            # Weights and base are those of the structure that is left.
-            current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
-    rivals = (*poorer, *_rivals(chooser, current, gains, level, ladder))
-    evidence = rises | {name: gain.fall for name, gain in gains.items()}
+    kept, rises, poorer = _backward(chooser, current, level, ladder)
+    if kept is not current:
+        # Weights and base are those of the structure that is left.
+        current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
+    rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
+    better = min(rivals, key=cost, default=current)
+    if cost(better) < _base_cost(chooser, current) - SAME:
+        # What fits best stands for all; the others stay its rivals.
+        rivals = [one for one in rivals if one is not better] + [current]
+        current = chooser.refined(better)
+    evidence = rises | {name: gain.fall for name, gain in gains.items() if name not in rises}
     states: dict[str, State] = {}
     for name in chooser.candidates:
         held = {name in fitted.elements for fitted in (current, *rivals)}
-        states[name] = "open" if len(held) == 2 else "on" if True in held else "off"
+        seen = name in UNSEEN and evidence.get(name, 0.0) > level
+        # An element that is let act although the data do not ask for it keeps the others' intervals honest.
+        asked = name in current.elements and rises.get(name, np.inf) <= level
+        states[name] = "open" if len(held) == 2 or seen or asked else "on" if True in held else "off"
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
-    return Choice(current, rivals, evidence, states, limits, tuple(ladder))
+    neglected = {name: gain.neglect for name, gain in gains.items() if gain.neglect is not None}
+    return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
+
+
+def _base_cost(chooser: Chooser, current: Fitted) -> float:
+    base = chooser.with_elements(current, current.elements)
+    return np.inf if base is None else cost(base)
+
+
+def _elsewhere(chooser: Chooser, current: Fitted) -> list[Fitted]:
+    """Fits of the same structure that ended elsewhere and are not rejected: the data do not say which it is."""
+    least, found = _base_cost(chooser, current), []
+    for values in chooser.elsewhere:
+        begin = {name: value for name, value in values.items() if name in current.search.unknowns}
+        trial = chooser.with_elements(current, current.elements, begin, worth=least + threshold(1, REJECTED))
+        if trial is not None and cost(trial) < least + threshold(1, REJECTED):
+            found.append(trial)
+    return found
 
 
 @dataclass(frozen=True)
@@ -405,6 +508,7 @@ class Gain:
     fall: float
     limit: float | None
     trial: Fitted | None = None
+    neglect: Neglect | None = None
 
 
 Gains = dict[str, Gain]
@@ -420,13 +524,13 @@ def _gains(
         if base is None or name in current.elements:
             continue
         promise = chooser.promise(base, name)
-        gains[name] = Gain(promise.fall, promise.limit)
-        if promise.fall < HOPELESS * level:
+        gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
+        if name in UNSEEN or promise.fall < HOPELESS * level:
             ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
             continue
         trial = chooser.with_elements(current, (*current.elements, name), promise.start)
         if trial is not None:
-            gains[name] = Gain(cost(base) - cost(trial), promise.limit, trial)
+            gains[name] = Gain(cost(base) - cost(trial), promise.limit, trial, promise.neglect)
             said = "better" if gains[name].fall > level else "no better"
             ladder.append(Rung(trial.elements, -gains[name].fall, said))
     fitted = [gain for gain in gains.values() if gain.trial is not None and gain.fall > level]
@@ -456,10 +560,18 @@ def _backward(
                 trials[name] = trial
                 said = "too poor" if rises[name] > level else "poorer" if rises[name] > limit else "as good"
                 ladder.append(Rung(trial.elements, rises[name], said))
-        least = min(trials, key=lambda name: rises[name], default=None)
-        if least is None or rises[least] > limit:
+        idle = [name for name in trials if rises[name] <= limit and (name not in FIRST or _is_off(current, name))]
+        least = min(idle, key=lambda name: rises[name], default=None)
+        if least is None:
             return current, rises, [trials[name] for name in trials if rises[name] <= level]
         current = chooser.refined(trials[least])
+
+
+def _is_off(fitted: Fitted, name: str) -> bool:
+    """Whether an element's parameter stands on the bound at which it does as good as nothing."""
+    parameter = fitted.search.structure[ELEMENTS[name].parameters[0].name]
+    values = dict(zip(fitted.search.names, fitted.minimum.vector, strict=False))
+    return bool(values.get(parameter.name, np.inf) <= parameter.lower * (1.0 + 1e-6) + 1e-9)
 
 
 def _rivals(

@@ -22,6 +22,7 @@ from shipfp_rs.identification.automatic import (
     element_rows,
     reworded,
     widened_by_bias,
+    widened_by_neglect,
     with_rivals,
 )
 from shipfp_rs.identification.blocks import Block, Data, Offsets
@@ -219,7 +220,7 @@ def _chosen(
     found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
     fingerprint = with_rivals(fingerprint_of(found, vessel=vessel), choice)
     adequate = adequacy(fingerprint, choice.best)
-    fingerprint = widened_by_bias(fingerprint, adequate["bias"])
+    fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
 
