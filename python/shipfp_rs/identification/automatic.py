@@ -16,7 +16,7 @@ from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.structures.combinations import COMBINATIONS
-from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
 from shipfp_rs.structures.structure import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
@@ -68,6 +68,22 @@ def chooser_of(
         narrow=narrow,
         search=search,
     )
+
+
+def with_limits(fingerprint: Fingerprint) -> Fingerprint:
+    """Return the fingerprint in which a parameter that ended on a bound of the search has a limit in place of a value."""
+    parameters = dict(fingerprint.parameters)
+    for name, estimate in parameters.items():
+        if estimate.status != "at_bound" or estimate.value is None:
+            continue
+        if estimate.ci95 is None:
+            reason = f"the fit wants it beyond {estimate.value:.3g}, where no ship is"
+        elif estimate.value <= estimate.ci95[0]:
+            reason = f"the data only say that it is below {estimate.ci95[1]:.3g} (95 %)"
+        else:
+            reason = f"the data only say that it is above {estimate.ci95[0]:.3g} (95 %)"
+        parameters[name] = Estimate(None, None, None, estimate.unit, "unidentifiable", reason)
+    return replace(fingerprint, parameters=parameters)
 
 
 def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
@@ -134,6 +150,11 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
                 )
                 more += np.square(_beyond(estimate, slope, neglect))
             low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
+            if group is groups["parameters"]:
+                parameter = choice.best.search.structure[name]
+                least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
+                low = min(max(low, least), estimate.ci95[0])
+                high = max(min(high, parameter.upper), estimate.ci95[1])
             widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
             std = None if estimate.std is None else estimate.std * widened
             group[name] = replace(estimate, ci95=(float(low), float(high)), std=std)
