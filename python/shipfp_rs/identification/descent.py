@@ -14,7 +14,7 @@ from shipfp_rs.identification.weighted_problem import Noise, WeightedProblem, me
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
 from shipfp_rs.support.arrays import Array
 
-FIRST_DAMPING = 1e-2
+FIRST_DAMPING = 1e-3
 """Damping of the first step, as a part of each column's square."""
 LEAST_DAMPING = 1e-5
 """Damping below which a step is a plain Gauss-Newton one."""

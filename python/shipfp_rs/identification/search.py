@@ -149,8 +149,8 @@ class Search(WeightedProblem):
 
     @property
     def _descends(self) -> bool:
-        """Whether the search goes down by steps of its own: residuals in units of their deviation, none of them bent."""
-        return self._whitens and self.huber is None
+        """Whether steps of our own go down: residuals in units of their deviation, none of them bent, along a known valley."""
+        return self._whitens and self.huber is None and self.structure.equations.has_valley
 
     def _criterion(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> float:
         """What the minima are ranked by."""
@@ -175,7 +175,14 @@ class Search(WeightedProblem):
             return problem(kept, noise)
 
         search = (
-            approach if rough else partial(minimise, tolerance=self.tolerance, near=samples * self._whitens)
+            approach
+            if rough
+            else partial(
+                minimise,
+                tolerance=self.tolerance,
+                near=samples * self._whitens,
+                deviations=NOTHING**0.5 if self._descends else None,
+            )
         )
         return search(
             both,

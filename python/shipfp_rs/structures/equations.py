@@ -47,6 +47,11 @@ class Equations(ABC):
         """Whether the states hold the errors of the operating point, so that outputs need no constants added."""
         return False
 
+    @property
+    def has_valley(self) -> bool:
+        """Whether `curved` knows along which curve the outputs change least."""
+        return False
+
     @abstractmethod
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""

@@ -54,6 +54,7 @@ class ShipEquations(Equations):
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
     has_products: bool = True
+    has_valley: bool = True
     """The errors of the operating points stand among the states, so `identify` adds no constants."""
 
     @property

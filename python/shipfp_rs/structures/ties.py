@@ -107,6 +107,11 @@ class Behind(Equations):
         """Whether the equations sum up products in a pass of their own."""
         return self.equations.has_products
 
+    @property
+    def has_valley(self) -> bool:
+        """Whether the equations know a valley."""
+        return self.equations.has_valley
+
     def stable(self, values: Mapping[str, float]) -> bool:
         """Whether the closed loop is stable, as far as the equations can tell."""
         return self.equations.stable(self._values(values))
