@@ -10,7 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.choose import Choice, Chooser, Fitted, Neglect, State
+from shipfp_rs.identification.choose import SLOW, Choice, Chooser, Fitted, Neglect, State
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
@@ -94,8 +94,10 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     for rival in choice.rivals:
-        # A rival's own profile would cost as much as the choice's, to move an end of a union by little.
-        found = estimates(replace(rival.search, intervals="symmetric"), rival.minimum)
+        slow = set(rival.elements) & set(SLOW)
+        # Where a pass takes long, a rival's own profile would cost as much as the choice's, to move an end by little.
+        search = replace(rival.search, intervals="symmetric") if slow else rival.search
+        found = estimates(search, rival.minimum)
         others = {**found.parameters, **found.derived}
         words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
         for group in (parameters, derived):

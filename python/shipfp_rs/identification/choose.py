@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
@@ -96,6 +97,8 @@ class Promise:
     start: Mapping[str, float]
     limit: float | None
     neglect: Neglect | None = None
+    moves: Mapping[str, float] = field(default_factory=dict)
+    """What the other unknowns then change by, to first order."""
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,8 @@ class Chooser:
             if name not in excluded and name not in forced and (ELEMENTS[name].needs != "gauge" or gauge)
         )
         self.narrow = narrow or {}
+        self.band_limited = False
+        """Whether the set point between its samples is taken for a band-limited signal."""
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
         self.options = {"weighting": "determinant", "noise": "ar", "max_evaluations": 200, "tolerance": 1e-10}
@@ -210,13 +215,31 @@ class Chooser:
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
         ends.sort(key=lambda end: end.criterion)
-        best = ends[0]
         self.elsewhere = _apart(search, ends)
+        search, best = self._interpolated(elements, search, ends[0])
         if _is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
         return Fitted(elements, search, search.refine(best))
+
+    def _interpolated(
+        self, elements: Sequence[str], search: Search, best: Minimum
+    ) -> tuple[Search, Minimum]:
+        """Take the set point between its samples for what the outputs follow better: straight lines, or a band-limited signal."""
+        smoothed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
+        straight, self.experiments = self.experiments, smoothed
+        other = self.search(elements)
+        try:
+            trial = other.minimise(best.vector)
+        except (IdentificationError, SimulationError) as error:
+            LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
+        else:
+            if trial.criterion < best.criterion - SAME:
+                self.band_limited = True
+                return other, trial
+        self.experiments = straight
+        return search, best
 
     def with_elements(
         self,
@@ -364,7 +387,7 @@ DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 EXACT = 1e-5
 """Residual over spread of an output below which there is no noise."""
-LEVELS = (0.95, 0.85, 0.7)
+LEVELS = (0.98, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5)
 """Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
 HOPELESS = 0.5
 """Part of the deviance that takes an element on below which what it promises is not worth a fit."""
@@ -390,6 +413,7 @@ def _best_promise(
     unit = gram / np.outer(size, size)
     inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
     best, begin, limit, neglect = 0.0, starts[0], None, None
+    moves: dict[str, float] = {}
     for place, start in enumerate(starts, start=unknowns + 1):
         along = unit[own, place]
         across = (
@@ -399,22 +423,27 @@ def _best_promise(
         if left < 1e-9 * size[place] ** 2 or left <= 0.0:
             continue
         share, deviation = across / left, left**-0.5
+        # What the element does along the unknowns, they take over with the other sign.
+        taken = (inverse @ along) * size[place] / size[own]
         if falling:
             if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
                 limit = start if limit is None else max(limit, start)
-        elif limit is None:
+            # Its effect is not in proportion to anything: it is there as a whole, or not.
+            fall, part = left * (2.0 * share - 1.0), 1.0
+        else:
+            fall, part = share * across if share > 0.0 else 0.0, share
+        if not falling and limit is None:
             limit = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
-            # What the element does along the unknowns, they take over with the other sign.
-            taken = (inverse @ along) * size[place] / size[own] / start
             neglect = Neglect(
                 float(share * start**power),
                 float(deviation * start**power),
-                dict(zip(names, map(float, taken), strict=True)),
+                dict(zip(names, map(float, taken / start), strict=True)),
                 power,
             )
-        if share > 0.0 and share * across > best:
-            best, begin = float(share * across), start
-    return Promise(best, {name: float(begin)}, limit, neglect)
+        if fall > best:
+            best, begin = float(fall), start
+            moves = dict(zip(names, map(float, taken * part ** (1.0 / power)), strict=True))
+    return Promise(best, {name: float(begin)}, limit, neglect, moves)
 
 
 def _sampled(equations: Equations, values: dict[str, float], experiment: Experiment, period: float) -> Array:
@@ -582,7 +611,7 @@ def _rivals(
     if base is None:
         return ()
     limit = threshold(1, REJECTED)
-    kept = [gain.trial for gain in gains.values() if gain.trial is not None and limit < gain.fall <= level]
+    kept = []
     for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):
         for name in (name for name in gains if name in ALIKE):
             swapped = [*(other for other in current.elements if other != out), name]

@@ -218,10 +218,15 @@ def _chosen(
         experiments, torque=torque, outputs=outputs, elements=elements or {}, narrow=narrow, search=limits
     )
     choice = choose(chooser)
-    settings = {"structure": "chosen by the data", "ladder": [rung.to_dict() for rung in choice.ladder]}
+    settings = {
+        "structure": "chosen by the data",
+        "ladder": [rung.to_dict() for rung in choice.ladder],
+        "set_point": "band-limited" if chooser.band_limited else "straight lines",
+    }
     found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
-    fingerprint = with_rivals(with_limits(fingerprint_of(found, vessel=vessel)), choice)
+    fingerprint = with_limits(fingerprint_of(found, vessel=vessel))
     adequate = adequacy(fingerprint, choice.best)
+    fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
