@@ -54,6 +54,8 @@ NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
+SLOW_FALL = 1e-3
+"""The same for the last step of a fit with an element whose passes take long."""
 TRIAL_EVALUATIONS = 25
 """Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
 UNSEEN = ("sampling",)
@@ -255,7 +257,7 @@ class Chooser:
         """
         ordered = self.ordered(elements)
         search = replace(self.search(ordered), weights=origin.minimum.noise, enough=TRIAL_FALL, worth=worth)
-        if set(ordered) & set(SLOW) - set(origin.elements):
+        if set(ordered) & set(SLOW):
             search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
             begin or {}
@@ -336,7 +338,9 @@ class Chooser:
 
     def refined(self, fitted: Fitted) -> Fitted:
         """Fit weights and noise models of its own to a structure."""
-        search = replace(fitted.search, weights=None, enough=None, worth=np.inf, max_evaluations=int(self.options["max_evaluations"]))  # type: ignore[call-overload]
+        slow = set(fitted.elements) & set(SLOW)
+        enough, intervals = (SLOW_FALL, "symmetric") if slow else (None, str(self.options.get("intervals", "profile")))
+        search = replace(fitted.search, weights=None, enough=enough, intervals=intervals, worth=np.inf, max_evaluations=int(self.options["max_evaluations"]))  # type: ignore[call-overload]
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
@@ -497,7 +501,7 @@ def choose(chooser: Chooser) -> Choice:
         current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
     better = min(rivals, key=cost, default=current)
-    if cost(better) < _base_cost(chooser, current) - SAME:
+    if cost(better) < _base_cost(current) - SAME:
         # What fits best stands for all; the others stay its rivals.
         rivals = [one for one in rivals if one is not better] + [current]
         current = chooser.refined(better)
@@ -514,14 +518,24 @@ def choose(chooser: Chooser) -> Choice:
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
 
 
-def _base_cost(chooser: Chooser, current: Fitted) -> float:
-    base = chooser.with_elements(current, current.elements)
-    return np.inf if base is None else cost(base)
+def _base_cost(current: Fitted) -> float:
+    return cost(_base(current))
+
+
+def _base(fitted: Fitted) -> Fitted:
+    """Return a fit as one among its own trials: with the same weights, the same passes, and the sum of squares as its cost."""
+    noise = replace(fitted.minimum.noise, sharp=False)
+    search = replace(fitted.search, weights=noise, enough=TRIAL_FALL)
+    sums = search.sums(fitted.minimum.vector, noise)
+    criterion = float(search.gram(fitted.minimum.vector, noise, sums)[-1, -1])
+    return Fitted(
+        fitted.elements, search, replace(fitted.minimum, noise=noise, criterion=criterion, sums=sums)
+    )
 
 
 def _elsewhere(chooser: Chooser, current: Fitted) -> list[Fitted]:
     """Fits of the same structure that ended elsewhere and are not rejected: the data do not say which it is."""
-    least, found = _base_cost(chooser, current), []
+    least, found = _base_cost(current), []
     for values in chooser.elsewhere:
         begin = {name: value for name, value in values.items() if name in current.search.unknowns}
         trial = chooser.with_elements(current, current.elements, begin, worth=least + threshold(1, REJECTED))
@@ -548,9 +562,9 @@ def _gains(
 ) -> tuple[Fitted | None, Gains]:
     """Return the best structure with one element more if it is worth it, and each element's fall of the deviance."""
     gains: Gains = {}
-    base = chooser.with_elements(current, current.elements)
+    base = _base(current)
     for name in chooser.candidates:
-        if base is None or name in current.elements:
+        if name in current.elements:
             continue
         promise = chooser.promise(base, name)
         gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
@@ -576,11 +590,11 @@ def _backward(
     """
     limit = threshold(1, REJECTED)
     while True:
-        base = chooser.with_elements(current, current.elements)
+        base = _base(current)
         rises: dict[str, float] = {}
         trials: dict[str, Fitted] = {}
         for name in current.elements:
-            if name not in chooser.candidates or base is None:
+            if name not in chooser.candidates:
                 continue
             without = [other for other in current.elements if other != name]
             trial = chooser.with_elements(current, without, worth=cost(base) + 2.0 * level)
@@ -607,9 +621,7 @@ def _rivals(
     chooser: Chooser, current: Fitted, gains: Gains, level: float, ladder: list[Rung]
 ) -> tuple[Fitted, ...]:
     """Fit neighbours in which an element is swapped for another, and keep them and additions that are not rejected."""
-    base = chooser.with_elements(current, current.elements)
-    if base is None:
-        return ()
+    base = _base(current)
     limit = threshold(1, REJECTED)
     kept = []
     for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):

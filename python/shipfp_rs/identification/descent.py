@@ -14,8 +14,8 @@ from shipfp_rs.identification.weighted_problem import Noise, WeightedProblem, me
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
 from shipfp_rs.support.arrays import Array
 
-FIRST_DAMPING = 1e-3
-"""Damping of the first step, as a part of each column's square."""
+FAR_DAMPING, NEAR_DAMPING = 0.1, 1e-3
+"""Damping of the first step far from a minimum and near one, as a part of each column's square."""
 LEAST_DAMPING = 1e-5
 """Damping below which a step is a plain Gauss-Newton one."""
 MOST_DAMPING = 1e6
@@ -38,6 +38,8 @@ class Reached:
     passes: int
     limit: str
     """Which limit stopped it; empty where none did."""
+    settled: bool = False
+    """Whether no step promises more than was asked for."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ def descend(
     noise: Noise,
     *,
     reweighs: bool,
+    near: bool,
     enough: float,
     worth: float = np.inf,
     max_evaluations: int,
@@ -67,7 +70,7 @@ def descend(
     With weights that follow the residuals (`reweighs`) the deviance is N ln det of their scatter, whose Gauss-Newton
     step is that of the sum of squares weighted by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974,
     section 5-10): every step has the weights of the point where it starts, and none is taken that the deviance does
-    not fall by. Steps follow the problem's own valley (`Equations.curved`).
+    not fall by. From a start that is not `near` a minimum the first steps are short. Steps follow the problem's own valley (`Equations.curved`).
 
     Raises
     ------
@@ -80,12 +83,12 @@ def descend(
         place = walk.at(kept, noise)
     except (SimulationError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise IdentificationError(f"the start vector can't be evaluated: {error}; choose another") from None
-    damping = FIRST_DAMPING
+    damping = NEAR_DAMPING if near else FAR_DAMPING
     while True:
         promise = gauss_newton_step(place.point, walk.bounds).promise
         hopeless = HOPE * promise < place.objective - worth
         if promise < enough or hopeless or damping > MOST_DAMPING:
-            return Reached(place.point.vector, place.noise, walk.passes, "")
+            return Reached(place.point.vector, place.noise, walk.passes, "", promise < enough)
         if walk.passes >= max_evaluations:
             return Reached(place.point.vector, place.noise, walk.passes, f"{walk.passes} evaluations")
         if time.monotonic() > until:
@@ -100,7 +103,7 @@ def next_damping(damping: float, kept_promise: float) -> float:
     if kept_promise > GOOD:
         return damping * EASIER if damping > LEAST_DAMPING else 0.0
     if kept_promise < POOR:
-        return max(damping * HARDER, LEAST_DAMPING if kept_promise > 0.0 else FIRST_DAMPING)
+        return max(damping * HARDER, LEAST_DAMPING if kept_promise > 0.0 else NEAR_DAMPING)
     return damping
 
 

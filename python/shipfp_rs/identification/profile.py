@@ -84,10 +84,8 @@ class Profile:
             return End(bound, "bound")
         near, inner, outer = self._origin, (0.0, 0.0), (np.inf, np.inf)
         beyond = near
-        # Beyond half its value a parameter may be another ship's.
-        reach = max(0.5 * abs(start), abs(step) * CLOSE)
         self._damping = 0.0
-        deviation, doubts = float(np.clip(step, -reach, reach)), DOUBTS
+        deviation, doubts = step, DOUBTS
         for _ in range(TRIALS):
             cut = abs(deviation) >= abs(room)
             deviation = room if cut else deviation

@@ -108,6 +108,7 @@ class Search(WeightedProblem):
                 kept,
                 noise,
                 reweighs=self._reweighs,
+                near=self.weights is not None or noise.models is not None,
                 enough=(LITTLE if tolerance >= ROUGH else NOTHING) if self.enough is None else self.enough,
                 worth=self.worth,
                 max_evaluations=self.max_evaluations,
@@ -119,7 +120,7 @@ class Search(WeightedProblem):
             vector, sums = problem.complete(kept, noise)
             message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
             criterion = self._criterion(vector, noise, sums)
-            return Minimum(vector, criterion, False, message, used, noise, sums)
+            return Minimum(vector, criterion, reached.settled, message, used, noise, sums)
         # While the weights still change much, a minimum for the present ones is worth no more than a few steps.
         rough = self._reweighs and noise.models is None and not self._descends
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
