@@ -48,6 +48,8 @@ SLOW = ("torque_limit", "rack_rate", "twist")
 """Elements whose passes over a record go from event to event and take twenty times as long."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
+TOLD = 10.0
+"""Fall of the deviance from which on the outputs tell how the set point runs between its samples."""
 NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
 NEARBY_S = 0.02
@@ -237,7 +239,7 @@ class Chooser:
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
         else:
-            if trial.criterion < best.criterion - SAME:
+            if trial.criterion < best.criterion - TOLD:
                 self.band_limited = True
                 return other, trial
         self.experiments = straight
@@ -500,8 +502,8 @@ def choose(chooser: Chooser) -> Choice:
         # Weights and base are those of the structure that is left.
         current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
-    better = min(rivals, key=cost, default=current)
-    if cost(better) < _base_cost(current) - SAME:
+    better = min(rivals, key=cost, default=None)
+    if better is not None and cost(better) < _base_cost(current) - SAME:
         # What fits best stands for all; the others stay its rivals.
         rivals = [one for one in rivals if one is not better] + [current]
         current = chooser.refined(better)

@@ -57,7 +57,7 @@ class Search(WeightedProblem):
     def refine(self, minimum: Minimum, tick: Callable[[], None] | None = None) -> Minimum:
         """Go on from a minimum with AR noise models fitted to its residuals, until these agree too."""
         for tolerance in (ROUGH, CRITERION_TOLERANCE) if self._refines else ():
-            noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH)
+            noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH and self.enough is None)
             minimum = self._weighted(minimum.vector, noise, tick, tolerance)
         return minimum
 
