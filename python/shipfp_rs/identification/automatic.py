@@ -239,12 +239,14 @@ def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
     p = fingerprint.fit.get("overall", {}).get("structure_p")
     unchallenged = p is None or p >= ALARM
     dispersion = 1.0 if unchallenged else dispersion
+    stands = unchallenged or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
+    # A miss that counts need not be spread evenly over what the set point drives: all of it may lie along one estimate.
+    beyond = (dispersion - 1.0) * (1.0 if stands else freedom)
     bias = {
-        name: estimate.std * float(np.sqrt(dispersion - 1.0))
+        name: estimate.std * float(np.sqrt(beyond))
         for name, estimate in fingerprint.parameters.items()
         if estimate.status in KNOWN and estimate.std is not None
     }
-    stands = unchallenged or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
     return {"stands": bool(stands), "misses_pct": misses, "bias": bias, "dispersion": dispersion}
 
 

@@ -63,6 +63,8 @@ TRIAL_EVALUATIONS = 25
 UNSEEN = ("sampling",)
 """Elements that records at the rate of an experiment hardly show, and no search can find: a period has a minimum of its own
 beside every multiple of the record's length. What they may do to the estimates widens the intervals."""
+PROPELLER_PART = 0.3
+"""Part of the inertia that is taken to be the propeller's where no torque between the two tells it."""
 PHASES = 4
 """Times within a sampling period at which the governor may sample, over which its effect is averaged."""
 PART_BEHIND = 0.9
@@ -161,11 +163,10 @@ class Chooser:
     ) -> None:
         self.experiments, self.torque, self.outputs = experiments, torque, tuple(outputs)
         self.forced = tuple(forced)
-        gauge = torque == "gauge" and "dM" in outputs
         self.candidates = tuple(
             name
             for name in CANDIDATES
-            if name not in excluded and name not in forced and (ELEMENTS[name].needs != "gauge" or gauge)
+            if name not in excluded and name not in forced
         )
         self.narrow = narrow or {}
         self.band_limited = False
@@ -281,7 +282,10 @@ class Chooser:
         """
         search, minimum = origin.search, origin.minimum
         parameter = ELEMENTS[name].parameters[0]
-        with_it = self.structure((*origin.elements, name)).equations
+        made = self.structure((*origin.elements, name))
+        with_it = made.equations
+        others = {parameter.name: parameter.start for parameter in made.parameters}
+        others["tau_prop"] = PROPELLER_PART * origin.search.values(minimum.vector)["tau_n"]
         starts = STARTS.get(parameter.name, (parameter.start,))
         if name == "torque_limit":
             starts = self._levels(origin)
@@ -298,7 +302,8 @@ class Chooser:
                     elif name == "sampling":
                         changes[place] = _sampled(with_it, values, block.data, start) - still  # type: ignore[arg-type]
                     else:
-                        changes[place] = with_it.simulate({**values, parameter.name: start}, block.data) - still  # type: ignore[arg-type]
+                        full = {**others, **values, parameter.name: start}
+                        changes[place] = with_it.simulate(full, block.data) - still  # type: ignore[arg-type]
                 except SimulationError:
                     continue
             changes *= block.valid
