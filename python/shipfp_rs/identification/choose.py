@@ -44,7 +44,7 @@ CANDIDATES = (
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
-SLOW = ("torque_limit", "rack_rate", "twist")
+SLOW = ("torque_limit", "rack_rate")
 """Elements whose passes over a record go from event to event and take twenty times as long."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
@@ -286,9 +286,9 @@ class Chooser:
         with_it = made.equations
         others = {parameter.name: parameter.start for parameter in made.parameters}
         others["tau_prop"] = PROPELLER_PART * origin.search.values(minimum.vector)["tau_n"]
-        starts = STARTS.get(parameter.name, (parameter.start,))
-        if name == "torque_limit":
-            starts = self._levels(origin)
+        starts = self._levels(origin) if name == "torque_limit" else STARTS.get(parameter.name, (parameter.start,))
+        begins = [{parameter.name: start, **beside} for beside in BESIDE.get(name, ({},)) for start in starts]
+        starts = tuple(begin[parameter.name] for begin in begins)
         evaluations = search.filtered(minimum.vector, minimum.noise)
         gram = np.zeros((search.size + 1 + len(starts),) * 2)
         parts = search.parts(evaluations, minimum.noise)
@@ -302,7 +302,7 @@ class Chooser:
                     elif name == "sampling":
                         changes[place] = _sampled(with_it, values, block.data, start) - still  # type: ignore[arg-type]
                     else:
-                        full = {**others, **values, parameter.name: start}
+                        full = {**others, **values, **begins[place]}
                         changes[place] = with_it.simulate(full, block.data) - still  # type: ignore[arg-type]
                 except SimulationError:
                     continue
@@ -315,7 +315,7 @@ class Chooser:
             gram += flat @ flat.T
         power = 2 if name == "sampling" and "dead_time_loop" in origin.elements else 1
         return _best_promise(
-            gram, search.unknowns, parameter.name, starts, falling=name == "torque_limit", power=power
+            gram, search.unknowns, begins, starts, falling=name == "torque_limit", power=power
         )
 
     def _levels(self, origin: Fitted) -> tuple[float, ...]:
@@ -386,7 +386,7 @@ STARTS: Mapping[str, tuple[float, ...]] = {
     "T_d": (0.02,),
     "T_set": (0.05,),
     "tau_act": (0.03, 0.12),
-    "tau_twist": (1e-3,),
+    "tau_twist": (1e-3, 4e-3),
     "T_M": (2e-3,),
     "T_n": (2e-3,),
     "T_s": (0.0137,),
@@ -394,6 +394,10 @@ STARTS: Mapping[str, tuple[float, ...]] = {
 """Where the search for a new element's parameter starts."""
 
 
+BESIDE: Mapping[str, tuple[dict[str, float], ...]] = {
+    "twist": ({"zeta_twist": 0.2}, {"zeta_twist": 1.5}),
+}
+"""Where an element's other parameters start, each with all starts of the first one."""
 DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 EXACT = 1e-5
@@ -407,7 +411,7 @@ HOPELESS = 0.5
 def _best_promise(
     gram: Array,
     names: Sequence[str],
-    name: str,
+    begins: Sequence[Mapping[str, float]],
     starts: Sequence[float],
     *,
     falling: bool,
@@ -423,7 +427,7 @@ def _best_promise(
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
     inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
-    best, begin, limit, neglect = 0.0, starts[0], None, None
+    best, begin, limit, neglect = 0.0, begins[0], None, None
     moves: dict[str, float] = {}
     for place, start in enumerate(starts, start=unknowns + 1):
         along = unit[own, place]
@@ -452,9 +456,9 @@ def _best_promise(
                 power,
             )
         if fall > best:
-            best, begin = float(fall), start
+            best, begin = float(fall), begins[place - unknowns - 1]
             moves = dict(zip(names, map(float, taken * part ** (1.0 / power)), strict=True))
-    return Promise(best, {name: float(begin)}, limit, neglect, moves)
+    return Promise(best, begin, limit, neglect, moves)
 
 
 def _sampled(equations: Equations, values: dict[str, float], experiment: Experiment, period: float) -> Array:
