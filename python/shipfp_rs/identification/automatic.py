@@ -144,13 +144,17 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
             if estimate.status not in KNOWN or estimate.ci95 is None or estimate.value is None:
                 continue
             more = np.zeros(2)
-            for neglect in choice.neglected.values():
-                slope = (
-                    neglect.shift.get(name, 0.0)
-                    if group is groups["parameters"]
-                    else _slope_of(name, values, neglect.shift)
-                )
-                more += np.square(_beyond(estimate, slope, neglect))
+            for ways in choice.neglected.values():
+                # The ways in which an element may act exclude each other: the widest of them counts.
+                each = [(0.0, 0.0)]
+                for neglect in ways:
+                    slope = (
+                        neglect.shift.get(name, 0.0)
+                        if group is groups["parameters"]
+                        else _slope_of(name, values, neglect.shift)
+                    )
+                    each.append(_beyond(estimate, slope, neglect))
+                more += np.square(np.max(each, axis=0))
             low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
             if group is groups["parameters"]:
                 parameter = choice.best.search.structure[name]

@@ -63,6 +63,8 @@ TRIAL_EVALUATIONS = 25
 UNSEEN = ("sampling",)
 """Elements that records at the rate of an experiment hardly show, and no search can find: a period has a minimum of its own
 beside every multiple of the record's length. What they may do to the estimates widens the intervals."""
+TAKEN_S = 0.02
+"""What a delay on its bound takes from another one, to see whether it acts all the same [s]."""
 PROPELLER_PART = 0.3
 """Part of the inertia that is taken to be the propeller's where no torque between the two tells it."""
 PHASES = 4
@@ -102,7 +104,7 @@ class Promise:
     fall: float
     start: Mapping[str, float]
     limit: float | None
-    neglect: Neglect | None = None
+    neglect: tuple[Neglect, ...] = ()
     moves: Mapping[str, float] = field(default_factory=dict)
     """What the other unknowns then change by, to first order."""
 
@@ -134,7 +136,7 @@ class Choice:
     limits: Mapping[str, float]
     """Element that is not taken on to the strength above which the data reject it, in its parameter's unit."""
     ladder: tuple[Rung, ...] = ()
-    neglected: Mapping[str, Neglect] = field(default_factory=dict)
+    neglected: Mapping[str, tuple[Neglect, ...]] = field(default_factory=dict)
     """What elements that are off may do to the estimates all the same."""
 
 
@@ -300,10 +302,11 @@ class Chooser:
                     if name == "torque_limit":
                         changes[place] = self._limited(search, values, block, start) - still
                     elif name == "sampling":
-                        changes[place] = _sampled(with_it, values, block.data, start) - still  # type: ignore[arg-type]
+                        changes[place] = _sampled(with_it, values, block.data, begins[place]) - still  # type: ignore[arg-type]
                     else:
-                        full = {**others, **values, **begins[place]}
-                        changes[place] = with_it.simulate(full, block.data) - still  # type: ignore[arg-type]
+                        # A small step: what the others take over of a large one, they don't to first order.
+                        full = {**others, **values, **begins[place], parameter.name: SMALL * start}
+                        changes[place] = (with_it.simulate(full, block.data) - still) / SMALL  # type: ignore[arg-type]
                 except SimulationError:
                     continue
             changes *= block.valid
@@ -394,8 +397,11 @@ STARTS: Mapping[str, tuple[float, ...]] = {
 """Where the search for a new element's parameter starts."""
 
 
+SMALL = 0.1
+"""Part of an element's start by which its effect is judged to first order."""
 BESIDE: Mapping[str, tuple[dict[str, float], ...]] = {
     "twist": ({"zeta_twist": 0.2}, {"zeta_twist": 1.5}),
+    "sampling": ({"update": 0.0}, {"update": 1.0}),
 }
 """Where an element's other parameters start, each with all starts of the first one."""
 DELAYS = ("T_d", "T_set", "tau_act")
@@ -427,7 +433,8 @@ def _best_promise(
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
     inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
-    best, begin, limit, neglect = 0.0, begins[0], None, None
+    best, begin, limit = 0.0, begins[0], None
+    neglects: list[Neglect] = []
     moves: dict[str, float] = {}
     for place, start in enumerate(starts, start=unknowns + 1):
         along = unit[own, place]
@@ -447,24 +454,29 @@ def _best_promise(
             fall, part = left * (2.0 * share - 1.0), 1.0
         else:
             fall, part = share * across if share > 0.0 else 0.0, share
-        if not falling and limit is None:
-            limit = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
-            neglect = Neglect(
-                float(share * start**power),
-                float(deviation * start**power),
-                dict(zip(names, map(float, taken / start), strict=True)),
-                power,
-            )
+        if not falling:
+            top = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
+            limit = top if limit is None else max(top, limit)
+            shift = dict(zip(names, map(float, taken / start), strict=True))
+            if "T_s" in begins[0] and "T_d" in shift:
+                shift["T_d"] -= 0.5
+            seen = float(share * start**power), float(deviation * start**power)
+            neglects.append(Neglect(*seen, shift, power))
         if fall > best:
             best, begin = float(fall), begins[place - unknowns - 1]
             moves = dict(zip(names, map(float, taken * part ** (1.0 / power)), strict=True))
-    return Promise(best, begin, limit, neglect, moves)
+    return Promise(best, begin, limit, tuple(neglects), moves)
 
 
-def _sampled(equations: Equations, values: dict[str, float], experiment: Experiment, period: float) -> Array:
-    """Outputs with a governor that samples, averaged over when it does."""
+def _sampled(
+    equations: Equations, values: dict[str, float], experiment: Experiment, begin: Mapping[str, float]
+) -> Array:
+    """Outputs with a governor that samples, averaged over when it does; half its period is taken off a dead time in the loop."""
+    period = begin["T_s"]
+    if "T_d" in values:
+        values = {**values, "T_d": max(values["T_d"] - 0.5 * period, 0.0)}
     phases = [
-        equations.simulate({**values, "T_s": period, "T_0": period * phase / PHASES}, experiment)
+        equations.simulate({**values, **begin, "T_0": period * phase / PHASES}, experiment)
         for phase in range(PHASES)
     ]
     return np.asarray(np.mean(phases, axis=0))
@@ -525,7 +537,7 @@ def choose(chooser: Chooser) -> Choice:
         asked = name in current.elements and rises.get(name, np.inf) <= level
         states[name] = "open" if len(held) == 2 or seen or asked else "on" if True in held else "off"
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
-    neglected = {name: gain.neglect for name, gain in gains.items() if gain.neglect is not None}
+    neglected = {name: gain.neglect for name, gain in gains.items()}
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
 
 
@@ -562,7 +574,7 @@ class Gain:
     fall: float
     limit: float | None
     trial: Fitted | None = None
-    neglect: Neglect | None = None
+    neglect: tuple[Neglect, ...] = ()
 
 
 Gains = dict[str, Gain]
@@ -618,7 +630,22 @@ def _backward(
         least = min(idle, key=lambda name: rises[name], default=None)
         if least is None:
             return current, rises, [trials[name] for name in trials if rises[name] <= level]
-        current = chooser.refined(trials[least])
+        inside = _inside(chooser, current, least) if least in FIRST else None
+        current = chooser.refined(trials[least] if inside is None else inside)
+
+
+def _inside(chooser: Chooser, current: Fitted, name: str) -> Fitted | None:
+    """Return a fit in which a delay that stands on its bound acts, if there is one as good: from others some is taken."""
+    own = ELEMENTS[name].parameters[0].name
+    values = dict(zip(current.search.unknowns, map(float, current.minimum.vector), strict=True))
+    for other in DELAYS:
+        if other == own or values.get(other, 0.0) < 1.5 * TAKEN_S:
+            continue
+        begin = {**values, own: TAKEN_S, other: values[other] - TAKEN_S}
+        trial = chooser.with_elements(current, current.elements, begin)
+        if trial is not None and cost(trial) < _base_cost(current) - SAME and not _is_off(trial, name):
+            return trial
+    return None
 
 
 def _is_off(fitted: Fitted, name: str) -> bool:
