@@ -10,12 +10,14 @@ import numpy.typing as npt
 
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+@checked
 def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
     """Draw the signals of an experiment against time, one panel a unit, masked samples marked at the bottom.
 
@@ -51,6 +53,7 @@ def units(experiment: Experiment) -> tuple[str, ...]:
     return tuple(dict.fromkeys(UNITS[name] for name in experiment.signals))
 
 
+@checked
 def fit(
     experiment: Experiment, simulated: Mapping[str, npt.ArrayLike], axes: Sequence[Axes] | None = None
 ) -> Sequence[Axes]:

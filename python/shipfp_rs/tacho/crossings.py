@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter
 
 from shipfp_rs._core import PulseCrossings, pulse_levels
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.tracks import require_positive
 
 Array = npt.NDArray[np.float64]
@@ -56,6 +57,7 @@ class PulseTimes:
         return float(1.0 / (self.rate_hz * np.sqrt(12.0)))
 
 
+@checked
 def pulse_times(
     samples: npt.NDArray[Any] | Iterable[npt.ArrayLike],
     rate_hz: float,
