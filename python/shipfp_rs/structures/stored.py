@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.ties import Tie, resolved, tied
 from shipfp_rs.support.toml import validated
 from shipfp_rs.vessel.vessel import Vessel
-
-if TYPE_CHECKING:
-    from shipfp_rs.structures.structure import Structure
 
 LINEAR_OPTIONS = (
     "torque",
@@ -35,7 +32,7 @@ PLANT_OPTIONS = ("torque", "products", "free_exponent", "free_limit", "dead_time
 GREY_BOX_OPTIONS = ("torque", "pass_hz")
 
 
-def to_dict(structure: Structure) -> dict[str, Any]:
+def to_dict(structure: Any) -> dict[str, Any]:
     """Return the JSON form kept in a fingerprint; a bound without end is None."""
     return {
         "name": structure.name,
@@ -56,15 +53,15 @@ def _row(parameter: Parameter) -> dict[str, Any]:
     }
 
 
-def from_dict(declare: type[Structure], content: Mapping[str, Any]) -> Structure:
-    """Return the structure that `to_dict` wrote; `declare` has the constructors.
+def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
+    """Return the structure that `to_dict` wrote; `declare` is the class `Structure`, which imports this.
 
     Raises
     ------
     InputError
         For equations of a user's own, which JSON can't hold, and for what `to_dict` did not write.
     """
-    ways: Mapping[str, Callable[[Mapping[str, Any]], Structure]] = {
+    ways: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
         "linear": lambda told: declare.linear(**_options(told, LINEAR_OPTIONS)),
         "ship": lambda told: declare.ship(**_options(told, SHIP_OPTIONS)),
         "plant": lambda told: declare.plant(_vessel(told), **_options(told, PLANT_OPTIONS)),

@@ -872,7 +872,8 @@ class Structure:
         >>> Structure.from_dict(ship.to_dict()) == ship
         True
         """
-        return stored.from_dict(cls, content)
+        made: Structure = stored.from_dict(cls, content)
+        return made
 
     def __repr__(self) -> str:
         free = [parameter.name for parameter in self.free]
