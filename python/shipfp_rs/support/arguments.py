@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import functools
 import inspect
 import math
@@ -126,6 +127,8 @@ class _Names(dict[str, Any]):
     """Names of a module, and beside them the package's public ones, which a type checker only may have loaded."""
 
     def __missing__(self, name: str) -> Any:
+        if hasattr(builtins, name):
+            raise KeyError(name)
         return getattr(sys.modules["shipfp_rs"], name, Any)
 
 
