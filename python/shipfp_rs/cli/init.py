@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from shipfp_rs.cli.output import print_text, progress
 from shipfp_rs.errors import InputError
+
+if TYPE_CHECKING:
+    from shipfp_rs.logs.log import Log
 
 
 def init(
@@ -40,7 +43,7 @@ def init(
     path = _new(folder / "TRIAL.toml")
     text = TRIAL_TEMPLATE
     if log is not None:
-        from shipfp_rs.inspection.channels import pulse_rate
+        from shipfp_rs.inspection.pulse_channels import pulse_rate
         from shipfp_rs.logs.channel_reader import Rows
         from shipfp_rs.logs.log import Log
         from shipfp_rs.processing.trial_template import filled_in, set_point_of
@@ -50,13 +53,17 @@ def init(
         with progress() as notify:
             notify("looking for windows")
             channel = set_point or set_point_of(recording)
-            found = find_windows(recording, channel)
+            found = find_windows(recording, channel) if _is_long(recording, channel) else []
             rates = {
                 name: pulse_rate(Rows(recording, name)) for name in recording.channels if name != channel
             }
         trains = {name: rate for name, rate in rates.items() if rate is not None}
         text = filled_in(text, recording, log.resolve(), channel, trains, found, rate_hz)
-        kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
+        kinds = (
+            "no windows"
+            if not found
+            else ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
+        )
         print_text(f"{log}, {channel}: {kinds}")
         if trains:
             told = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in trains.items())
@@ -66,9 +73,19 @@ def init(
                 "no channel is a pulse train, from which speed is found; of a speed recorded as such make a "
                 "shipfp_rs.Experiment in Python"
             )
-        if all(window.kind == "steady" for window in found):
+        if not found:
+            print_text("too short to find windows in: those in the file are examples")
+        elif all(window.kind == "steady" for window in found):
             print_text("nothing but rest: the windows in the file are examples")
     _write(path, text, "run", "ship, calibrations and pulses")
+
+
+def _is_long(recording: Log, channel: str) -> bool:
+    from shipfp_rs.processing.windows import LEAST_REST_S
+
+    about = recording.channel(channel)
+    # Of one that is sampled too slowly it is told that it is.
+    return about.samples >= LEAST_REST_S * about.rate_hz or about.rate_hz < 20.0
 
 
 def _new(path: Path) -> Path:
