@@ -33,8 +33,8 @@ class Level:
         return 0.5 * (self.bottom + self.top)
 
 
-def noise(samples: Array, stretches: int) -> float:
-    """The quarter quantile, over stretches, of the least of three medians of differences."""
+def noises(samples: Array, stretches: int) -> list[float]:
+    """Of each stretch the least of three medians of differences."""
     size = min(STRETCH, len(samples))
     count = 1 if size < STRETCH else min(stretches, len(samples) // size)
     found = []
@@ -47,19 +47,15 @@ def noise(samples: Array, stretches: int) -> float:
             for order in (2, 4, 6):
                 stretch = stretch[:-2] - 2 * stretch[1:-1] + stretch[2:]
                 magnitude = np.sort(np.abs(stretch))
-                medians.append(
-                    magnitude[len(magnitude) // 2]
-                    / (0.6744897501960817 * math.sqrt(math.comb(2 * order, order)))
-                )
-            found.append(min(medians))
-    return sorted(found)[len(found) // 4] / 0.91 if found else 0.0
+                gain = 0.6744897501960817 * math.sqrt(math.comb(2 * order, order))
+                medians.append(magnitude[len(magnitude) // 2] / gain)
+            found.append(min(medians) / 0.91)
+    return found
 
 
-def _usable_stretches(samples: Array, stretches: int) -> int:
-    size = min(STRETCH, len(samples))
-    count = 1 if size < STRETCH else min(stretches, len(samples) // size)
-    firsts = [(len(samples) - size) * k // max(count - 1, 1) for k in range(count)]
-    return sum(np.isfinite(samples[first : first + size]).sum() >= 16 for first in firsts)
+def quarter(values: list[float]) -> float:
+    """The value that a quarter are below."""
+    return sorted(values)[len(values) // 4] if values else 0.0
 
 
 def extremes(samples: Array) -> list[tuple[float, float]]:
@@ -163,16 +159,17 @@ def track(
 ) -> tuple[Array, Array]:
     """Crossings and heights of a train in windows."""
     starts = np.cumsum([0, *(len(window) for window in windows)]).tolist()
-    noises: list[float] = []
-    taken = 0
+    sigmas: list[float] = []
+    pool: list[float] = []
     for window in windows:
-        stretches = max(4, 64 - taken)
-        noises.append(noise(window, stretches))
-        taken = min(taken + _usable_stretches(window, stretches), 64)
+        of_window = noises(window, max(4, 64 - len(pool)))
+        pool = [*pool, *sorted(of_window)][-64:]
+        own, pooled = quarter(of_window), quarter(pool)
+        sigmas.append(pooled if own < 1.5 * pooled and pooled < 1.5 * own else own)
     blocks: list[tuple[int, float, float, float]] = []
     turns_after: list[list[tuple[int, float]]] = []
     closed_in: list[float] = []
-    for start, window, sigma in zip(starts, windows, noises, strict=False):
+    for start, window, sigma in zip(starts, windows, sigmas, strict=False):
         of_window = extremes(window)
         back = reversal(of_window, sigma)
         blocks += [(start + BLOCK * k, *pair, back) for k, pair in enumerate(of_window)]
@@ -188,12 +185,12 @@ def track(
         closed = len(levels(large(turns, surely=True), closed=True))
         known = levels(large(turns))
         for k, level in enumerate(known):
-            level.noise = closed_in[k] if k < closed else noises[w]
+            level.noise = closed_in[k] if k < closed else sigmas[w]
         known = [level for level in known if _thresholds(level, level, 0, threshold, hysteresis)]
         if not known:
             bottom, top = pulse_levels(window)
-            if None not in (threshold, hysteresis) or top - bottom > 14 * noises[w]:
-                level = Level(starts[w], (starts[w], starts[w + 1]), bottom, top, noises[w])
+            if None not in (threshold, hysteresis) or top - bottom > 14 * sigmas[w]:
+                level = Level(starts[w], (starts[w], starts[w + 1]), bottom, top, sigmas[w])
                 known = [level] if _thresholds(level, level, 0, threshold, hysteresis) else []
         pieces = _pieces(known, starts[w], starts[w + 1], threshold, hysteresis)
         stops = [*(start for start, _ in pieces[1:]), starts[w + 1]]
@@ -201,8 +198,8 @@ def track(
             _cross(window, starts[w], first, stop, piece, state, times, heights)
         if threshold is None or hysteresis is None:
             for k in range(counted, len(times)):
-                if not any(_tells_of(level, times[k]) for level in known):
-                    heights[k] = 0.0
+                told = any(_tells_of(level, times[k]) for level in known)
+                heights[k] = _height_at(times[k], known) if told else 0.0
         counted = len(times)
         if not pieces:
             state |= {"armed": False, "previous": float(window[-1]), "middle": 0.0}
@@ -210,8 +207,23 @@ def track(
 
 
 def _tells_of(level: Level, time: float) -> bool:
-    beside = (level.span[1] - level.span[0]) / 8 + BLOCK
+    beside = 0.375 * (level.span[1] - level.span[0]) + BLOCK
     return level.span[0] - beside <= time <= level.span[1] + beside
+
+
+def _height_at(time: float, known: list[Level]) -> float:
+    at = max(sum(level.centre <= time for level in known) - 1, 0)
+    here = known[at]
+    between = here.centre <= time and at + 1 < len(known)
+    other = at + 1 if between or at == 0 else at - 1
+    if other == len(known):
+        return here.height
+    there = known[other]
+    if max(here.height / there.height, there.height / here.height) > 2.0:
+        late = between and time >= (here.span[1] + there.span[0]) // 2
+        return there.height if late else here.height
+    line = here.height + (time - here.centre) * (there.height - here.height) / (there.centre - here.centre)
+    return line if between else min(max(line, 0.0), here.height)
 
 
 def _pieces(known, first, end, threshold, hysteresis):

@@ -13,7 +13,15 @@ from scipy.ndimage import median_filter
 from shipfp_rs._core import PulseTracker, pulse_levels
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.spans import Spans
-from shipfp_rs.tacho.clarity import AT_REST, NEAR_LIMIT, Flags, clear_pulses, unclear
+from shipfp_rs.tacho.clarity import (
+    AT_REST,
+    FAR_FROM_LIMIT,
+    NEAR_LIMIT,
+    Flags,
+    clear_pulses,
+    unclear,
+    without_noise,
+)
 from shipfp_rs.tacho.tracks import require_positive
 
 Array = npt.NDArray[np.float64]
@@ -196,10 +204,10 @@ class _Found:
         # The largest of the windows', a disturbed one or two apart.
         usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if known else 0.0
         least = [float(np.min(height, initial=np.inf)) for height in heights]
-        if (np.array(least) >= np.maximum(NEAR_LIMIT * np.array(self.limit), AT_REST * usual)).all():
+        if (np.array(least) >= np.maximum(FAR_FROM_LIMIT * np.array(self.limit), AT_REST * usual)).all():
             return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
         limits = np.repeat(self.limit, [len(height) for height in heights])
-        every = np.concatenate(heights)
+        every = without_noise(times, np.concatenate(heights), limits)
         return clear_pulses(times, every, limits, usual), every < NEAR_LIMIT * limits
 
 

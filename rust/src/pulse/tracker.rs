@@ -22,9 +22,13 @@ const LIMIT: f64 = 14.0;
 /// Levels whose middle moves by less than this share of the noise, and whose height by less than that of itself, stay.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
-/// Stretches whose noise is taken together to tell how well crossings are timed, and how many a window adds at least.
+/// Share of the span of nine pulses beside it in which levels hold: the last three turning points are no group.
+const REACH: f64 = 0.375;
+/// Stretches whose noise is taken together and how many a window adds at least.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
+/// Ratio of a window's noise to that of those before it from which on it has changed.
+const CHANGED: f64 = 1.5;
 /// Ratio of heights up to which a train went from one to the other step by step.
 const STEADY: f64 = 2.0;
 
@@ -113,9 +117,14 @@ impl PulseTracker {
         stop.check()?;
         block_extremes(window, &mut self.extremes);
         let stretches = noises(window, LEAST_STRETCHES.max(STRETCHES - self.stretches.len()));
-        let noise = quarter(&stretches);
+        let own = quarter(&stretches);
         self.stretches.extend(stretches);
         self.stretches.drain(..self.stretches.len().saturating_sub(STRETCHES));
+        let mut pooled: Vec<f64> = self.stretches.iter().copied().collect();
+        pooled.sort_by(f64::total_cmp);
+        let pooled = quarter(&pooled);
+        // Few stretches scatter; only noise that has changed shows in them.
+        let noise = if own < CHANGED * pooled && pooled < CHANGED * own { pooled } else { own };
         let mut found = Vec::new();
         let grouping = &mut self.grouping;
         self.swings.feed(&self.extremes, reversal(&self.extremes, noise), self.looked, |turn| {
@@ -162,14 +171,12 @@ impl PulseTracker {
             pulses.levels.push([piece.levels.low, piece.levels.high, piece.levels.middle]);
         }
         if self.threshold.is_none() || self.hysteresis.is_none() {
-            unless_supported(&edges, &mut pulses.heights, &known);
+            pulses.heights = heights_along(&edges, &known);
         }
-        let mut stretches: Vec<f64> = self.stretches.iter().copied().collect();
-        stretches.sort_by(f64::total_cmp);
-        pulses.timing = Timing::of(samples, first, &edges, &pulses.heights, quarter(&stretches));
+        pulses.timing = Timing::of(samples, first, &edges, &pulses.heights, window.noise);
         pulses.times = edges.into_iter().map(|edge| edge.time).collect();
-        // Of the levels that lie behind only the last is asked for again.
-        while self.levels.len() > 1 && self.levels[1].centre < end {
+        // Of the levels that lie behind only the last two are asked for again.
+        while self.levels.len() > 2 && self.levels[2].centre < end {
             self.levels.pop_front();
         }
         Ok(pulses)
@@ -233,8 +240,7 @@ impl PulseTracker {
             if stays {
                 continue;
             }
-            let ratio = (other.height() / one.height()).max(one.height() / other.height());
-            if ratio <= STEADY {
+            if ratio(one, other) <= STEADY {
                 put(one.centre, one, other);
                 put(other.centre, other, other);
             } else {
@@ -275,21 +281,47 @@ impl PulseTracker {
     }
 }
 
-/// Levels hold where turning points tell them, and about a pulse beside: further away the height is not known.
-fn unless_supported(edges: &[Edge], heights: &mut [f64], known: &[Level]) {
+/// Heights of the train at crossings, along lines between levels; 0 where no turning points tell of it.
+///
+/// Beyond the first and the last level the line goes on where it goes down: pulses that fade are not as high as those
+/// before. Levels hold where turning points tell them, and about three pulses beside.
+fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
     let mut at = 0;
-    for (edge, height) in edges.iter().zip(heights) {
-        let beside = |level: &Level| 0.125 * (level.span.1 - level.span.0) as f64 + BLOCK as f64;
-        while at + 1 < known.len() && edge.time > known[at].span.1 as f64 + beside(&known[at]) {
-            at += 1;
-        }
-        let level = &known[at];
-        let within = edge.time >= level.span.0 as f64 - beside(level)
-            && edge.time <= level.span.1 as f64 + beside(level);
-        if !within {
-            *height = 0.0;
-        }
+    edges
+        .iter()
+        .map(|edge| {
+            while at + 1 < known.len() && edge.time >= known[at + 1].centre as f64 {
+                at += 1;
+            }
+            let told = |level: &Level| {
+                let beside = REACH * (level.span.1 - level.span.0) as f64 + BLOCK as f64;
+                edge.time >= level.span.0 as f64 - beside && edge.time <= level.span.1 as f64 + beside
+            };
+            // At a level's centre or past it, but for the first.
+            let near = &known[at.saturating_sub(1)..(at + 2).min(known.len())];
+            if near.iter().any(told) { height_at(edge.time, known, at) } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Height at a time past the centre of level `at`, but for what lies before the first.
+fn height_at(time: f64, known: &[Level], at: usize) -> f64 {
+    let here = &known[at];
+    let between = time >= here.centre as f64 && at + 1 < known.len();
+    let other = if at == 0 || between { at + 1 } else { at - 1 };
+    let Some(other) = known.get(other) else { return here.height() };
+    if ratio(here, other) > STEADY {
+        let parted = u64::midpoint(here.span.1, other.span.0) as f64;
+        return if between && time >= parted { other.height() } else { here.height() };
     }
+    let way = (time - here.centre as f64) / (other.centre as f64 - here.centre as f64);
+    let height = here.height() + way * (other.height() - here.height());
+    if between { height } else { height.clamp(0.0, here.height()) }
+}
+
+/// Of the greater height to the smaller.
+fn ratio(one: &Level, other: &Level) -> f64 {
+    (other.height() / one.height()).max(one.height() / other.height())
 }
 
 #[allow(clippy::cast_possible_truncation)] // within a slice
