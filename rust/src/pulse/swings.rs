@@ -43,22 +43,35 @@ pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) 
             #[allow(clippy::needless_range_loop)]
             for lane in 0..LANES {
                 let x = row[lane];
-                low[lane] = if x >= T::LEAST && x < low[lane] { x } else { low[lane] };
-                high[lane] = if x <= T::MOST && x > high[lane] { x } else { high[lane] };
+                low[lane] = if (x >= T::LEAST) & (x < low[lane]) { x } else { low[lane] };
+                high[lane] = if (x <= T::MOST) & (x > high[lane]) { x } else { high[lane] };
             }
         }
-        for half in [8, 4, 2, 1] {
-            for lane in 0..half {
-                low[lane] = if low[lane + half] < low[lane] { low[lane + half] } else { low[lane] };
-                high[lane] = if high[lane + half] > high[lane] { high[lane + half] } else { high[lane] };
-            }
-        }
-        extremes.push((low[0].into(), high[0].into()));
+        extremes.push((reduced(&low, least).into(), reduced(&high, most).into()));
     }
     if !rest.is_empty() {
         let usable = || rest.iter().copied().filter(|&x| x >= T::LEAST && x <= T::MOST).map(Into::into);
         extremes.push((usable().fold(T::MOST.into(), f64::min), usable().fold(T::LEAST.into(), f64::max)));
     }
+}
+
+/// One of all lanes, by halves: each half is one vector.
+#[inline(always)]
+fn reduced<T: Sample>(lanes: &[T; LANES], of: impl Fn(T, T) -> T) -> T {
+    let eight: [T; 8] = std::array::from_fn(|k| of(lanes[k], lanes[k + 8]));
+    let four: [T; 4] = std::array::from_fn(|k| of(eight[k], eight[k + 4]));
+    let two: [T; 2] = std::array::from_fn(|k| of(four[k], four[k + 2]));
+    of(two[0], two[1])
+}
+
+#[inline(always)]
+fn least<T: Sample>(one: T, other: T) -> T {
+    if other < one { other } else { one }
+}
+
+#[inline(always)]
+fn most<T: Sample>(one: T, other: T) -> T {
+    if other > one { other } else { one }
 }
 
 /// By how much a signal must turn back to have turned.
@@ -180,10 +193,14 @@ impl Swings {
 /// Turning points to levels: those of swings much smaller than others nearby are left out, the rest taken in groups.
 #[derive(Debug, Clone, Default)]
 pub struct Grouping {
-    /// The turns that were not yet compared, and so many before them as one is compared with.
+    /// The turns that were not yet compared.
     turns: VecDeque<Turn>,
-    /// Place of the next one to compare among them.
+    /// The last one that was.
+    before: Option<Turn>,
+    /// Number of the swing that leads to the first of the turns; of the first turn of all there is none.
     next: usize,
+    /// Swings that may be the largest nearby, with their numbers: each is larger than all that follow it.
+    largest: VecDeque<(usize, f64)>,
     /// The extreme since the last turn that was taken.
     held: Option<(Turn, bool)>,
     group: Vec<Turn>,
@@ -192,13 +209,16 @@ pub struct Grouping {
 impl Grouping {
     /// Take a turning point; a group that it completes goes to `found`.
     pub fn push(&mut self, turn: Turn, noise: f64, found: &mut Vec<Level>) {
-        self.turns.push_back(turn);
-        while self.next + NEAR < self.turns.len() {
-            self.compare(noise, found);
-            if self.next > NEAR + 1 {
-                self.turns.pop_front();
-                self.next -= 1;
+        if let Some(last) = self.turns.back().or(self.before.as_ref()) {
+            let size = (turn.value - last.value).abs();
+            while self.largest.back().is_some_and(|&(_, other)| other <= size) {
+                self.largest.pop_back();
             }
+            self.largest.push_back((self.next + self.turns.len(), size));
+        }
+        self.turns.push_back(turn);
+        if self.turns.len() > NEAR {
+            self.compare(noise, found);
         }
     }
 
@@ -206,7 +226,7 @@ impl Grouping {
     pub fn rest(&self, noise: f64) -> Vec<Level> {
         let mut end = self.clone();
         let mut found = Vec::new();
-        while end.next < end.turns.len() {
+        while !end.turns.is_empty() {
             end.compare(noise, &mut found);
         }
         if let Some((turn, _)) = end.held {
@@ -218,23 +238,19 @@ impl Grouping {
 
     /// Take the next turn, if the swing to it is large among those nearby.
     fn compare(&mut self, noise: f64, found: &mut Vec<Level>) {
-        let next = self.next;
+        let Some(turn) = self.turns.pop_front() else { return };
+        let swing = self.next;
         self.next += 1;
-        let turn = self.turns[next];
-        if next == 0 {
-            return;
-        }
+        let Some(before) = self.before.replace(turn) else { return };
         let Some((held, up)) = self.held else {
-            let before = self.turns[next - 1];
             self.take(before, noise, found);
             self.held = Some((turn, turn.value > before.value));
             return;
         };
-        // Swing k goes from turn k to the next.
-        let first = (next - 1).saturating_sub(NEAR);
-        let last = (next - 1 + NEAR).min(self.turns.len() - 2);
-        let largest =
-            (first..=last).map(|k| (self.turns[k + 1].value - self.turns[k].value).abs()).fold(0.0, f64::max);
+        while self.largest.front().is_some_and(|&(number, _)| number + NEAR < swing) {
+            self.largest.pop_front();
+        }
+        let largest = self.largest.front().map_or(0.0, |&(_, size)| size);
         let further = if up { turn.value - held.value } else { held.value - turn.value };
         if further > 0.0 {
             self.held = Some((turn, up));
@@ -281,8 +297,11 @@ fn median<'a>(turns: impl Iterator<Item = &'a Turn>) -> f64 {
     let mut sorted = [0.0; GROUP];
     let mut count = 0;
     for turn in turns {
-        let place = sorted[..count].partition_point(|&x| x < turn.value);
-        sorted.copy_within(place..count, place + 1);
+        let mut place = count;
+        while place > 0 && sorted[place - 1] > turn.value {
+            sorted[place] = sorted[place - 1];
+            place -= 1;
+        }
         sorted[place] = turn.value;
         count += 1;
     }
