@@ -6,7 +6,9 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
+from shipfp_rs import _core
 from shipfp_rs.reproduce import Reproduction
 
 
@@ -16,6 +18,32 @@ def fullscale() -> Reproduction:
     from shipfp_rs.reproduce.fullscale import reproduce
 
     return reproduce()
+
+
+# A method of a class has a new object for each instruction set; it keeps nothing between them.
+settings.register_profile("sets", suppress_health_check=[HealthCheck.differing_executors])
+settings.load_profile("sets")
+
+KERNEL_MODULES = ("_kernel", ".test_drive_train_sensitivities", ".test_long_records", ".test_events")
+"""Ends of the names of modules whose tests run with every instruction set that this machine has."""
+OWN_CHOICE = ("test_pulse_kernel",)
+"""Of kernels that choose their instruction set themselves."""
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run the tests of kernels with each instruction set."""
+    name = metafunc.module.__name__
+    if name.endswith(KERNEL_MODULES) and not name.endswith(OWN_CHOICE):
+        metafunc.fixturenames.append("instruction_set")
+        metafunc.parametrize("instruction_set", _core._instruction_sets(), indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
+def instruction_set(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Let the kernels use an instruction set, and the widest one again afterwards."""
+    _core._set_instruction_set(request.param)
+    yield request.param
+    _core._set_instruction_set(None)
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from shipfp_rs.errors import LogWarning
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.isolation import in_child
 
 SAMPLES = 1000

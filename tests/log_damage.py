@@ -19,7 +19,8 @@ from shipfp_rs.logs.faults import simulated
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.support.spans import Spans, marks
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -247,7 +248,7 @@ def _missing_pulses(arrays: Arrays, draw: np.random.Generator, window: tuple[int
     start, stop = _stretch(draw, window, 1000, 6000)
     arrays["PTM_4"][start:stop] = draw.normal(0.0, 0.02, stop - start)
     # What is lost are whole pulses: a pitch at either end may be sound.
-    return Damaged(arrays, ("B",), "PTM_4", _span(start, stop), slack=110)
+    return Damaged(arrays, ("B", "faint"), "PTM_4", _span(start, stop), slack=110)
 
 
 def _pulses_per_rev(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:

@@ -12,13 +12,20 @@ __all__ = [
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
+    "SHIP_OFF",
+    "SHIP_OUTPUTS",
+    "SHIP_PARAMETERS",
     "Decimator",
+    "Extremes",
     "PulseCrossings",
     "PulseTracker",
     "RepeatScan",
     "__version__",
+    "_instruction_sets",
     "_panic_for_test",
+    "_set_instruction_set",
     "_spin_for_test",
+    "coarser_extremes",
     "drive_train_products",
     "drive_train_rates",
     "drive_train_sensitivities",
@@ -32,10 +39,15 @@ __all__ = [
     "linear_sensitivities",
     "pulse_levels",
     "running_median",
+    "ship_products",
+    "ship_products_batch",
+    "ship_scatter_batch",
+    "ship_sensitivities",
     "simulate_drive_train",
     "simulate_linear",
     "simulate_plant",
     "simulate_plant_batch",
+    "simulate_ship",
     "simulate_statespace",
     "slope_at_even_times",
     "statespace_response",
@@ -43,6 +55,8 @@ __all__ = [
 
 __version__: str
 
+def _instruction_sets() -> tuple[str, ...]: ...
+def _set_instruction_set(name: str | None) -> None: ...
 def _panic_for_test(message: str) -> None: ...
 def _spin_for_test() -> None: ...
 
@@ -194,6 +208,70 @@ def linear_products(
     wrt: Sequence[int],
 ) -> tuple[NDArray[np.float64], int]: ...
 
+SHIP_PARAMETERS: tuple[str, ...]
+SHIP_OUTPUTS: tuple[str, ...]
+SHIP_OFF: tuple[float, ...]
+
+def simulate_ship(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+) -> NDArray[np.float64]: ...
+def ship_sensitivities(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def ship_products(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    wrt: Sequence[int],
+) -> tuple[NDArray[np.float64], int]: ...
+def ship_products_batch(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    wrt: Sequence[int],
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
+def ship_scatter_batch(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    load: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    measured: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    filters: NDArray[np.float64],
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
+
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 
 @final
@@ -279,3 +357,17 @@ class RepeatScan:
     def __new__(cls) -> Self: ...
     def feed(self, samples: NDArray[np.float32]) -> None: ...
     def candidates(self) -> NDArray[np.int64]: ...
+
+@final
+class Extremes:
+    def __new__(cls, block: int) -> Self: ...
+    def feed(self, samples: _Samples) -> NDArray[np.float64]: ...
+    def finish(self) -> NDArray[np.float64]: ...
+    @property
+    def seen(self) -> int: ...
+    @property
+    def gaps(self) -> NDArray[np.int64]: ...
+    @property
+    def gap_count(self) -> int: ...
+
+def coarser_extremes(pairs: NDArray[np.float64], factor: int) -> NDArray[np.float64]: ...

@@ -4,9 +4,10 @@
 //! signals that outputs are made of and their derivatives in the few directions the loop depends on. Cost, gradient,
 //! Gauss-Newton matrix and scatter are then small combinations of these sums, so many parameters cost no more than few.
 
-mod abreast;
 mod batch;
 pub(crate) mod columns;
+mod many_vectors;
+pub(crate) mod measured;
 mod products;
 pub(crate) mod sums;
 

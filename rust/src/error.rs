@@ -26,6 +26,12 @@ pub enum Error {
         /// How it failed.
         error: Box<Error>,
     },
+    /// The system has no room for what an argument asks for.
+    #[error("no memory for {bytes} bytes; use fewer samples, outputs or directions")]
+    Memory {
+        /// What was asked for.
+        bytes: usize,
+    },
     /// The caller asked to stop.
     #[error("stopped on request")]
     Stopped,

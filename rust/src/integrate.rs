@@ -7,12 +7,11 @@ mod scheme;
 
 use std::marker::PhantomData;
 
-use multiversion::multiversion;
-use multiversion::target::target_cfg_f;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::error::{Result, require};
+use crate::instruction_set::arch;
 use crate::plant::{Envelope, Library, Limit, Polynomial, Power, Registers, Square};
 use crate::pool::on_threads;
 use crate::stop::Stop;
@@ -81,7 +80,7 @@ fn alone<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result<(
 }
 
 fn march_abreast<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
-    Arch::new().dispatch(Abreast { group, limit, kind: PhantomData::<(M, P)> })
+    arch().dispatch(Abreast { group, limit, kind: PhantomData::<(M, P)> })
 }
 
 fn abreast<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result<()> {
@@ -94,16 +93,32 @@ fn abreast<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma"))]
 fn march_alone<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
-    if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
-        march::<M, L, 1>(group, limit, &Alone::<M, P, true>(PhantomData))
-    } else {
-        march::<M, L, 1>(group, limit, &Alone::<M, P, false>(PhantomData))
+    arch().dispatch(One { group, limit, kind: PhantomData::<(M, P)> })
+}
+
+/// One run by itself, compiled for the machine's instructions.
+struct One<'a, M, P, L> {
+    group: Group<'a>,
+    limit: L,
+    kind: PhantomData<(M, P)>,
+}
+
+impl<M: Method, P: Power, L: Limit> WithSimd for One<'_, M, P, L> {
+    type Output = Result<()>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Result<()> {
+        // Wherever there are vectors there are fused multiply-adds.
+        if S::F64_LANES > 1 {
+            march::<M, L, 1>(self.group, self.limit, &Alone::<M, P, true>(PhantomData))
+        } else {
+            march::<M, L, 1>(self.group, self.limit, &Alone::<M, P, false>(PhantomData))
+        }
     }
 }
 
-/// One run by itself.
+/// How one run is taken through a tile.
 struct Alone<M, P, const FUSED: bool>(PhantomData<(M, P)>);
 
 impl<M: Method, P: Power, L: Limit, const FUSED: bool> Advance<L, 1> for Alone<M, P, FUSED> {

@@ -2,20 +2,25 @@
 
 pub mod cost;
 pub mod drive_train;
+pub mod duplicate_rows;
 pub mod error;
 pub mod filter;
 mod finite;
+pub mod instruction_set;
 pub mod integrate;
-pub mod leftover;
 pub mod linear;
+pub mod memory;
 pub mod plant;
 pub mod pool;
 pub mod pulse;
-pub mod repeats;
+pub mod pyramid;
+pub mod residual_correlation;
 pub mod scalar;
 pub mod sensitivity;
+pub mod ship;
 pub mod statespace;
 pub mod stop;
+mod subnormal;
 
 #[cfg(feature = "python")]
 mod python;

@@ -5,6 +5,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use pulp::{Simd, WithSimd};
 
 use crate::plant::{Polynomial, Power, Square, power_and_slopes};
+use crate::subnormal::{cut, cut_all};
 
 /// What the equations of a component ask of a number.
 pub trait Scalar:
@@ -17,6 +18,9 @@ pub trait Scalar:
     + Add<f64, Output = Self>
     + Mul<f64, Output = Self>
 {
+    /// Whether numbers of this kind carry derivatives at all.
+    const CARRIES: bool;
+
     /// A number of the same kind that depends on nothing.
     #[must_use]
     fn constant(self, value: f64) -> Self;
@@ -39,6 +43,10 @@ pub trait Scalar:
         self.value() == 0.0 && self.is_constant()
     }
 
+    /// What has decayed, in value or derivatives, cut to zero.
+    #[must_use]
+    fn cut(self) -> Self;
+
     /// Do what is long and wanted in several places: once for all of them where numbers carry derivatives.
     fn apart<Op: WithSimd>(self, op: Op) -> Op::Output;
 
@@ -59,6 +67,8 @@ pub fn smaller<T: Scalar>(number: T, other: T) -> T {
 }
 
 impl Scalar for f64 {
+    const CARRIES: bool = false;
+
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         value
@@ -77,6 +87,11 @@ impl Scalar for f64 {
     #[inline(always)]
     fn function(self, value: f64, _slope: f64) -> f64 {
         value
+    }
+
+    #[inline(always)]
+    fn cut(self) -> f64 {
+        cut(self)
     }
 
     #[inline(always)]
@@ -137,6 +152,29 @@ impl<S: Simd, const N: usize> Dual<S, N> {
         Tangent { value: self.value, slopes: self.slopes }
     }
 
+    /// A value whose derivative is 1 in one direction, if there is that one, and 0 in the others.
+    #[inline(always)]
+    #[must_use]
+    pub fn along(self, value: f64, direction: usize) -> Self {
+        let mut slopes = [0.0; N];
+        if let Some(slope) = slopes.get_mut(direction) {
+            *slope = 1.0;
+        }
+        Self { value, slopes, ..self }
+    }
+
+    /// The same without derivatives that no sum would notice, which would slow down as they fade below the normal numbers.
+    #[inline(always)]
+    #[must_use]
+    pub fn without_dust(mut self) -> Self {
+        const DUST: f64 = 1e-200;
+        let dust = self.simd.splat_f64s(DUST);
+        for slope in S::as_mut_simd_f64s(&mut self.slopes).0 {
+            *slope = self.simd.sub_f64s(self.simd.add_f64s(*slope, dust), dust);
+        }
+        self
+    }
+
     /// The derivatives times `own`, plus the other's times `others`, about a value.
     #[inline(always)]
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
@@ -160,6 +198,8 @@ impl<S: Simd, const N: usize> Dual<S, N> {
 }
 
 impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
+    const CARRIES: bool = N > 0;
+
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         Self { value, slopes: [0.0; N], ..self }
@@ -182,6 +222,12 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     #[inline(always)]
     fn function(self, value: f64, slope: f64) -> Self {
         self.scaled(slope, value)
+    }
+
+    #[inline(always)]
+    fn cut(mut self) -> Self {
+        cut_all(&mut self.slopes);
+        Self { value: cut(self.value), ..self }
     }
 
     #[inline(always)]

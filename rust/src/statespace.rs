@@ -13,9 +13,10 @@ use nalgebra::{Complex, DMatrix, DVector};
 use crate::error::{Error, Result, require};
 use crate::integrate::Hold;
 use crate::stop::Stop;
+use crate::subnormal::cut_all;
 
-/// Samples between two looks at the stop flag and the results.
-const BLOCK: usize = 1024;
+/// Samples between two looks at the stop flag and the results, and two cuts of what has decayed.
+const BLOCK: usize = 256;
 
 /// A checked continuous-time model.
 #[derive(Debug, Clone, PartialEq)]
@@ -202,6 +203,7 @@ fn walk<S: AsRef<[f64]> + AsMut<[f64]> + Clone>(
             }
             state.as_mut().copy_from_slice(next.as_ref());
         }
+        cut_all(state.as_mut());
         for row in output.chunks_exact(samples) {
             if let Some(bad) = row[from..to].iter().position(|value| !value.is_finite()) {
                 let sample = from + bad;

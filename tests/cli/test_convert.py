@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import cli
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 
 FAMOS = Path(__file__).parents[1] / "data" / "logs" / "famos"
@@ -48,3 +49,33 @@ def test_fails_in_one_line(
     (tmp_path / "log.csv").write_text("time,a\n0,1\n1,2\n")
     assert cli.main(["convert", *(str(tmp_path / name) for name in names)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_breakage_c6_convert_asks_before_it_replaces(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "in.parquet", tmp_path / "out.parquet"
+    Log.from_arrays({"a": np.arange(9.0)}, rate_hz=1.0).write(source)
+    out.write_text("precious")
+    assert cli.main(["convert", str(source), str(out)]) == 2
+    assert "out.parquet: is there already" in capsys.readouterr().err
+    assert out.read_text() == "precious"
+    assert cli.main(["convert", str(source), str(out), "--force"]) == 0
+    assert len(Log.open(out).read("a")) == 9
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_breakage_c6_a_log_is_never_written_over_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], linked: bool
+) -> None:
+    source, out = tmp_path / "in.parquet", tmp_path / "in.parquet"
+    Log.from_arrays({"a": np.arange(9.0)}, rate_hz=1.0).write(source)
+    if linked:
+        out = tmp_path / "link.parquet"
+        out.symlink_to(source)
+    before = source.read_bytes()
+    assert cli.main(["convert", str(source), str(out), "--force"]) == 2
+    assert "is the log itself" in capsys.readouterr().err
+    with pytest.raises(InputError, match="is the log itself"):
+        Log.open(source).write(out)
+    assert source.read_bytes() == before

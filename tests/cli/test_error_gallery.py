@@ -15,11 +15,11 @@ import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, sine_response
-from shipfp_rs.logs import log
+from shipfp_rs.logs import formats, log
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.plausibility import require_sense
-from shipfp_rs.processing.trial import TRIAL_TEMPLATE
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.toml import template
 from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = (Path(fp.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(encoding="utf-8")
@@ -34,8 +34,8 @@ def ship(old: str, new: str) -> tuple[dict[str, str], list[str]]:
 
 def trial(old: str, new: str) -> tuple[dict[str, str], list[str]]:
     """Return the template of a trial with one slip in it, and the command that meets it."""
-    assert old in TRIAL_TEMPLATE
-    return {"TRIAL.toml": TRIAL_TEMPLATE.replace(old, new)}, ["run", "TRIAL.toml"]
+    assert old in template("TRIAL")
+    return {"TRIAL.toml": template("TRIAL").replace(old, new)}, ["run", "TRIAL.toml"]
 
 
 COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
@@ -97,7 +97,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         trial('log = "run.parquet"', 'log = "run.prquet"'),
-        "run.prquet: unknown log format '.prquet', expected one of .parquet, .pq, .feather, .arrow, .arrows, .csv, .txt, .asc, .raw, .dat, .tdms, .d7d, .dxd, .mf4, .mdf, .h5, .hdf5, .mat; did you mean '.parquet'?",
+        "run.prquet: unknown log format '.prquet', expected one of .parquet, .pq, .feather, .arrow, .arrows, .csv, .txt, .tsv, .tab, .prn, .lvm, .log, .asc, .raw, .dat, .tdms, .d7d, .dxd, .mf4, .mdf, .h5, .hdf5, .mat, .blf, .trc, .json, .jsonl, .xml; did you mean '.parquet'?",
     ),
     (
         trial("[trial]", "[trial"),
@@ -133,10 +133,10 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({"log.csv": "torque\n1\n2\n3\n"}, ["convert", "log.csv", "out.parquet"]),
-        "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz (--rate)",
+        "log.csv: no time base for 'torque': neither a column 'time' nor a rate; add the column or give rate_hz (--rate), or name the column of time (--time)",
     ),
     (
-        ({"TRIAL.toml": TRIAL_TEMPLATE}, ["inspect", "TRIAL.toml"]),
+        ({"TRIAL.toml": template("TRIAL")}, ["inspect", "TRIAL.toml"]),
         "TRIAL.toml: a TRIAL.toml, expected the log first: shipfp inspect LOG TRIAL.toml",
     ),
     (
@@ -275,7 +275,7 @@ def test_a_slip_at_the_command_line_costs_one_line_and_writes_nothing(
     files, arguments = given
     monkeypatch.chdir(tmp_path)
     # Other tests register readers of their own, which would stand among those expected.
-    for suffix in set(log._READERS) - set(log._MODULES):
+    for suffix in set(log._READERS) - set(formats.MODULES):
         monkeypatch.delitem(log._READERS, suffix)
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")

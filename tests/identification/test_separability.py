@@ -13,10 +13,12 @@ import pytest
 
 from shipfp_rs import Fingerprint, Structure, Vessel, identify, process, signals, simulate
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.runs.run import structure_of
-from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.runs.fit import structure_of
+from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.vessel.linear_model import linearise
 
 LAUNCH = Vessel.load("stan-launch-804")
@@ -148,7 +150,10 @@ def recorded() -> tuple[Log, str]:
     text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth).replace(
         "[channels.PTM_1]", rack + "[channels.PTM_1]", 1
     )
-    text = text.replace("rate_hz = 50.0", "rate_hz = 20.0").replace("products = true\n", "")
+    text = (
+        text.replace("rate_hz = 50.0", "rate_hz = 20.0")
+        + '\n[identify]\ntorque = "gauge"\nfree_exponent = true\n'
+    )
     return log, text
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.processing.low_pass import PASSBAND, taps
+from shipfp_rs.support.fir import PASSBAND, taps
 from tests.kernels.test_drive_train_kernel import ELEMENTS, FIRING, QUADRANTS, SIX, UNEQUAL
 from tests.kernels.test_plant_kernel import SEVEN_POINTS, wander
 from tests.twins.drive_train import NO_QUADRANTS, vector

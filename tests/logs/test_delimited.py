@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import delimited
 from tests.logger_files import WRITERS
 
@@ -130,7 +131,8 @@ def test_a_file_cut_at_any_byte_loses_one_record_at_most(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\xff\xfet\0i\0m\0e\0\n\0", "UTF-16"),
+        (b"\xff\xfet\0i\0m\0e\0\n\0", "without rows of numbers"),
+        (b"t\0\0\0i\0\0m\0e\0\n\0", "no text, it holds zero bytes"),
         (b"time,u\n", "empty or without rows of numbers"),
         (b"on,off\nyes,no\n", "empty or without rows of numbers"),
         (b"time,u\n0,1\n1,2\n2,3,4\n", "line 4.*Expected 2 columns, got 3"),

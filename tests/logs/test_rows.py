@@ -7,8 +7,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import KEPT, Rows, Stopped
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Log
 from shipfp_rs.support.threads import side_by_side
 
 COUNT = 3 * KEPT

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, gauss_newton_step
-from shipfp_rs.optimise.least_squares import minimise, search
+from shipfp_rs.optimise.least_squares import minimise
 
 INF = np.inf
 
@@ -219,8 +219,6 @@ class TestFailingModel:
             IdentificationError, match="start vector can't be evaluated: diverged at sample 3"
         ):
             minimise(function, [1.0], 0, 2)
-        with pytest.raises(IdentificationError, match="start vector can't be evaluated"):
-            search(function, [1.0], 0, 2)
 
     def test_other_exceptions_pass(self):
         def function(q):
@@ -259,37 +257,3 @@ def test_tick_is_called_before_every_evaluation_and_may_stop():
 
     with pytest.raises(KeyboardInterrupt):
         minimise(rosenbrock, [-1.2, 1.0], -INF, INF, tick=stop)
-
-
-class TestSearch:
-    t = np.linspace(0, 10, 200)
-
-    def sine(self, q):
-        """The frequency of a sine has a minimum every half period of the record; the true one is at 7."""
-        phase = q[1] * self.t
-        return np.sin(7 * self.t) - q[0] * np.sin(phase), -np.stack(
-            [np.sin(phase), q[0] * self.t * np.cos(phase)], axis=1
-        )
-
-    def test_finds_the_lowest_of_many_minima(self):
-        start, lower, upper = [1.0, 2.0], [0.1, 1.0], [3.0, 12.0]
-        one = minimise(self.sine, start, lower, upper)
-        assert one.cost > 50
-        ends = search(self.sine, start, lower, upper, restarts=40)
-        assert ends[0].converged
-        np.testing.assert_allclose(ends[0].vector, [1.0, 7.0], rtol=1e-12)
-        costs = [end.cost for end in ends]
-        assert costs == sorted(costs)
-        assert any(abs(cost - one.cost) < 1e-9 * one.cost for cost in costs)
-
-    def test_draws_the_same_starts_again(self):
-        first, second = (search(self.sine, [1.0, 2.0], [0.1, 1.0], [3.0, 12.0], restarts=5) for _ in range(2))
-        assert [end.vector.tolist() for end in first] == [end.vector.tolist() for end in second]
-
-    def test_without_bounds_draws_about_the_start(self):
-        ends = search(freudenstein_roth, [0.5, -2.0], -INF, INF)
-        assert ends[0].converged
-        np.testing.assert_allclose(ends[0].vector, [5.0, 4.0], rtol=1e-12)
-
-    def test_keeps_its_time_limit(self):
-        assert len(search(self.sine, [1.0, 2.0], [0.1, 1.0], [3.0, 12.0], time_limit_s=0.0)) == 1

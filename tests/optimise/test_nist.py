@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shipfp_rs.optimise.least_squares import minimise, search
+from shipfp_rs.optimise.least_squares import minimise
 from tests.nist_strd import MODELS, Problem, solve
 
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
@@ -49,12 +49,3 @@ def test_merged_and_vanished_terms_are_not_taken_for_a_minimum(start):
     problem = Problem.read("MGH17")
     solution = minimise(problem.function, start, -np.inf, np.inf, max_evaluations=2000)
     assert not solution.converged or solution.cost <= problem.sum_of_squares * (1 + 1e-6)
-
-
-def test_stubborn_search_goes_past_merged_terms():
-    problem = Problem.read("MGH17")
-    best, *_ = search(problem.function, [1.0, 1.0, 1.0, 0.5, 0.6], -np.inf, np.inf)
-    assert best.converged
-    swapped = [0, 2, 1, 4, 3]
-    parameters = best.vector if best.vector[3] < best.vector[4] else best.vector[swapped]
-    np.testing.assert_allclose(parameters, problem.certified, rtol=1e-9)

@@ -9,12 +9,14 @@ import os
 import pickle
 import subprocess
 import sys
+from functools import partial
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 import shipfp_rs as fp
+from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 
@@ -184,10 +186,10 @@ class TestNotebooks:
         from matplotlib.axes import Axes
 
         monkeypatch.setattr(pyplot, "show", lambda *_: pytest.fail("show was called"))
-        for thing, panels in ((chirp, 2), (response, 2)):
-            axes = thing.plot()
+        for draw, panels in ((partial(plot.time_series, chirp), 2), (partial(plot.bode, response), 2)):
+            axes = draw()
             assert [isinstance(ax, Axes) for ax in axes] == [True] * panels
-            assert list(thing.plot(ax=axes)) == list(axes)  # drawn into those given
+            assert list(draw(axes=axes)) == list(axes)  # drawn into those given
             pyplot.close(axes[0].figure)
 
 
@@ -263,7 +265,7 @@ trial: fp.Experiment = fp.simulate(launch, fp.signals.steps([13.0, -13.0], 10.0)
 response: fp.FrequencyResponse = fp.linearise(launch).frequency_response([0.1, 1.0])
 samples: float = float(trial.signals["n_e"][0])
 back: fp.Experiment = fp.Experiment.from_arrow(trial.to_arrow())
-print(fit([back], 1.51), response.plot(), samples)
+print(fit([back], 1.51), fp.plot.bode(response), samples)
 """
 
 

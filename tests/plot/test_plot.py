@@ -18,6 +18,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.plot import style
 from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
 UNIT = re.compile(r"\[(rpm|Nm|rev|rev/s|mm|s|Hz|deg|-|%)\]$")
@@ -88,7 +89,7 @@ def test_intervals_are_drawn_in_per_cent_of_the_truth_and_a_miss_is_red(fingerpr
     assert labels_have_units([ax])
     assert [text.get_text() for text in ax.get_yticklabels()] == ["vK_p = 10", "p = 2.17", "tau_n = 1.17 s"]
     bars = [line for line in ax.get_lines() if len(line.get_xdata()) == 2 and line.get_linewidth() == 2.0]
-    assert [line.get_color() for line in bars] == [plot.BLUE, plot.BLUE, plot.RED]
+    assert [line.get_color() for line in bars] == [style.BLUE, style.BLUE, style.RED]
     np.testing.assert_allclose(bars[2].get_xdata(), [100.0 * (1.13 / 1.3 - 1.0), 100.0 * (1.21 / 1.3 - 1.0)])
 
 
@@ -114,7 +115,7 @@ def test_thinning_keeps_every_extreme_and_every_long_gap() -> None:
     samples[77] = -9.0
     samples[20_000:40_000] = np.nan
     samples[60_000] = np.nan
-    thin_time, thin = plot.envelope(time, samples, bins=500)
+    thin_time, thin = style.envelope(time, samples, bins=500)
     assert thin.size == thin_time.size == 1000
     assert np.nanmax(thin) == 9.0
     assert np.nanmin(thin) == -9.0
@@ -127,7 +128,7 @@ def test_thinning_keeps_every_extreme_and_every_long_gap() -> None:
 
 def test_a_short_signal_is_drawn_as_it_is() -> None:
     time, samples = np.arange(10.0), np.arange(10.0)
-    assert plot.envelope(time, samples)[1] is samples
+    assert style.envelope(time, samples)[1] is samples
 
 
 def test_a_response_is_drawn_with_bars_of_two_standard_deviations_and_on_the_model_s_turn() -> None:

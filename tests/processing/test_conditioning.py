@@ -8,8 +8,9 @@ import pytest
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.conditioning import about_local_point, detrended, torque_across_inertia
 from shipfp_rs.processing.low_pass import LowPass
 from shipfp_rs.simulation.simulate import simulate
@@ -79,7 +80,7 @@ def test_a_trend_of_the_set_point_is_no_drift():
         detrended(rising)
     with pytest.raises(InputError, match="degree: found 4"):
         detrended(SINE, 4)
-    with pytest.raises(InputError, match="side: found 'gauge'"):
+    with pytest.raises(InputError, match="side is 'gauge', expected one of engine, propeller"):
         torque_across_inertia(SINE, TUG, "gauge")
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.support.toml import template
 
 
 def load(tmp_path: Path, text: str) -> Trial:
@@ -16,21 +17,21 @@ def load(tmp_path: Path, text: str) -> Trial:
 
 
 def test_the_template_is_valid_as_it_stands(tmp_path: Path) -> None:
-    trial = load(tmp_path, TRIAL_TEMPLATE)
+    trial = load(tmp_path, template("TRIAL"))
     assert list(trial.channels.tachos) == ["PTM_4", "PTM_e"]
     assert trial.trial.log == (str(tmp_path / "run.parquet"),)
     assert trial.operating_point.n_e_rpm is None
 
 
 def test_the_templates_defaults_are_the_models_defaults(tmp_path: Path) -> None:
-    stated = load(tmp_path, TRIAL_TEMPLATE)
-    content = tomllib.loads(TRIAL_TEMPLATE)
+    stated = load(tmp_path, template("TRIAL"))
+    content = tomllib.loads(template("TRIAL"))
     del content["processing"]
     assert Trial.model_validate(content).processing == stated.processing
 
 
 def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
-    text = TRIAL_TEMPLATE.replace(
+    text = template("TRIAL").replace(
         "{ scale = -251.38, offset = -85.29 }",
         "{ table = [[-3.0309, 676.74], [-4.035, 927.77], [-5.03475, 1184.4], [-6.0236, 1427.9]] }",
     )
@@ -39,11 +40,9 @@ def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
 
 
 def test_several_logs_share_the_windows(tmp_path: Path) -> None:
-    text = TRIAL_TEMPLATE.replace('log = "run.parquet"  ', 'log = ["run1.parquet", "run2.parquet"]  ', 1)
+    text = template("TRIAL").replace('log = "run.parquet"  ', 'log = ["run1.parquet", "run2.parquet"]  ', 1)
     text = text.replace('n_e_rpm = "auto"', "n_e_rpm = 1183.8").replace('M_Nm = "auto"', "M_Nm = 1725.0")
-    text = text.replace(
-        "[identify]", '[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n[identify]'
-    )
+    text += '\n[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n'
     trial = load(tmp_path, text)
     assert [w.name for w in trial.windows_of("elsewhere/run1.parquet")] == ["C11"]
     assert [w.name for w in trial.windows_of("run2.parquet")] == ["S2"]
@@ -51,7 +50,7 @@ def test_several_logs_share_the_windows(tmp_path: Path) -> None:
 
 def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("")
-    trial = load(tmp_path, TRIAL_TEMPLATE.replace("stan-tug-1205", "mine.toml"))
+    trial = load(tmp_path, template("TRIAL").replace("stan-tug-1205", "mine.toml"))
     assert trial.trial.vessel == str(tmp_path / "mine.toml")
 
 
@@ -70,30 +69,34 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("[10.0, 70.0]", "[70.0, 10.0]", r"operating_point\.steady_s: found \[70\.0, 10\.0\]"),
         ("rate_hz = 50.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
         ("rate_hz = 50.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
-        ('weighting = "determinant"', 'weighting = "det"', r"identify\.weighting: found 'det'"),
-        ("offsets = true", 'offsets = "absolute"', r"identify\.offsets: found 'absolute'"),
-        ("free_exponent", "free_exponents", r"identify\.free_exponents: .*did you mean 'free_exponent'"),
+        ("# [identify]", '[identify]\nweighting = "det"', r"identify\.weighting: found 'det'"),
+        ("# [identify]", '[identify]\noffsets = "absolute"', r"identify\.offsets: found 'absolute'"),
+        (
+            "# [identify]",
+            "[identify]\nfree_exponents = 1",
+            r"identify\.free_exponents: .*did you mean 'free_exponent'",
+        ),
         ('n_e_rpm = "auto"', 'n_e_rpm = "automatic"', r"operating_point\.n_e_rpm: found 'automatic'"),
         ("start_s = 100.0", "start_s = 100.0\nlog = 'x.csv'", r"windows: found log 'x.csv' in 'C11'"),
         ('kind = "chirp"', 'kind = "chirp"\n[[windows]]\nname = "C11"', r"windows"),
     ],
 )
 def test_slips_are_named_by_their_key(tmp_path: Path, old: str, new: str, message: str) -> None:
-    assert old in TRIAL_TEMPLATE
+    assert old in template("TRIAL")
     with pytest.raises(InputError, match=message) as caught:
-        load(tmp_path, TRIAL_TEMPLATE.replace(old, new, 1))
+        load(tmp_path, template("TRIAL").replace(old, new, 1))
     assert "\n" not in str(caught.value)
     assert str(tmp_path / "TRIAL.toml") in str(caught.value)
 
 
 def test_several_logs_have_no_common_steady_stretch(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'operating_point: found "auto" with several logs'):
-        load(tmp_path, TRIAL_TEMPLATE.replace('log = "run.parquet" ', 'log = ["a.csv", "b.csv"] ', 1))
+        load(tmp_path, template("TRIAL").replace('log = "run.parquet" ', 'log = ["a.csv", "b.csv"] ', 1))
 
 
 def test_a_trial_without_pulses_has_no_speed(tmp_path: Path) -> None:
-    text = TRIAL_TEMPLATE[: TRIAL_TEMPLATE.index("[channels.PTM_4]")]
-    text += TRIAL_TEMPLATE[TRIAL_TEMPLATE.index("[operating_point]") :]
+    text = template("TRIAL")[: template("TRIAL").index("[channels.PTM_4]")]
+    text += template("TRIAL")[template("TRIAL").index("[operating_point]") :]
     with pytest.raises(InputError, match="no pulse train"):
         load(tmp_path, text)
 

@@ -8,10 +8,11 @@ import pytest
 from shipfp_rs import cli, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial import TRIAL_TEMPLATE, Trial
+from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_template import windows_toml
 from shipfp_rs.processing.windows import find_windows, longest_rest
-from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.sensors import EQUATION_6_7
+from shipfp_rs.support.toml import template
 
 RATE = 400.0
 NOISE_V = 0.004
@@ -85,7 +86,7 @@ def test_rests_are_at_the_level_of_the_pauses():
 
 def test_what_is_found_can_be_pasted_into_a_trial(tmp_path: Path):
     log, truth = schedule(2)
-    text = TRIAL_TEMPLATE[: TRIAL_TEMPLATE.index("[[windows]]")] + windows_toml(find_windows(log, "U"))
+    text = template("TRIAL")[: template("TRIAL").index("[[windows]]")] + windows_toml(find_windows(log, "U"))
     (tmp_path / "TRIAL.toml").write_text(text)
     trial = Trial.load(tmp_path / "TRIAL.toml")
     assert [window.kind for window in trial.windows] == [kind for kind, _, _ in truth]
@@ -123,8 +124,10 @@ def test_init_writes_what_a_log_shows(tmp_path: Path, capsys):
 def test_init_asks_for_the_set_point_where_no_name_tells(tmp_path: Path, capsys):
     log, _ = schedule(3)
     path = log.write(tmp_path / "run.parquet")
-    assert cli.main(["init", str(tmp_path), "--log", str(path)]) == 2
-    assert "no channel is called a set point, found U; name it with --set-point" in capsys.readouterr().err
+    assert cli.main(["init", str(tmp_path), "--log", str(path)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "no set point found: name its channel in the file, or with --set-point" in told
+    assert "# No set point was found" in (tmp_path / "TRIAL.toml").read_text()
 
 
 def test_two_series_of_steps_are_two_windows():

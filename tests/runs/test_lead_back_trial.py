@@ -10,7 +10,8 @@ import pytest
 from shipfp_rs import Fingerprint, Vessel, cli, signals
 from shipfp_rs.assessment.ship_parameters import parameters_of
 from shipfp_rs.simulation.inflow import Inflow
-from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.support.toml import built_in
 
 SHIP = Vessel.load("stan-tug-1205").replace({"actuator.lag_s": 0.06})
@@ -43,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     began = dataclasses.replace(window, start_s=window.start_s - 2.0)
     text = trial_toml("ship.toml", "log.parquet", Sensors(), dataclasses.replace(truth, windows=(began,)))
     known = parameters_of(SHIP)
-    text = text[: text.index("[identify]")].replace("rate_hz = 50.0", "rate_hz = 6.25") + IDENTIFY
+    text = text.replace("rate_hz = 50.0", "rate_hz = 6.25") + IDENTIFY
     (folder / "TRIAL.toml").write_text(text + f"tau_n = {known['tau_n']}\ng = {known['g']}\n")
     (folder / "ship.toml").write_text(FILE)
     return folder

@@ -11,8 +11,8 @@ from shipfp_rs.assessment.prediction import predict, structure_of
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.processing.trial import Identify
-from shipfp_rs.runs.run import structure_from
+from shipfp_rs.processing.trial_tables import Identify
+from shipfp_rs.runs.fit import structure_from
 from shipfp_rs.structures.structure import Parameter
 from shipfp_rs.support.toml import validated
 from tests.identification.test_identifiability import (

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.toml import validated
+from shipfp_rs.support.toml import template, validated
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.sweeps.design import BLOCK, place, seed_of
-from shipfp_rs.sweeps.template import SWEEP_TEMPLATE
 
 TWO_FACTORS: dict[str, Any] = {
     "excitation.amplitude_rpm": {"low": 10.0, "high": 1000.0, "scale": "log"},
@@ -34,13 +33,13 @@ def drawn(of: Plan, key: str) -> np.ndarray:
 class TestFile:
     def test_the_template_is_valid_as_it_stands(self, tmp_path: Path) -> None:
         path = tmp_path / "SWEEP.toml"
-        path.write_text(SWEEP_TEMPLATE, encoding="utf-8")
+        path.write_text(template("SWEEP"), encoding="utf-8")
         assert Plan.load(path).draws == 1000
 
     def test_every_line_of_the_template_that_is_commented_out_is_valid_too(self, tmp_path: Path) -> None:
         text = "\n".join(
             line.removeprefix("# ") if line.startswith(('# "', "# [")) or " = " in line[:20] else line
-            for line in SWEEP_TEMPLATE.splitlines()[2:]
+            for line in template("SWEEP").splitlines()[2:]
         )
         assert "operating_point.n_e_rpm" in tomllib.loads(text)["factors"]
         path = tmp_path / "SWEEP.toml"

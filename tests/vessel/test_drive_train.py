@@ -14,7 +14,8 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
-from shipfp_rs.simulation.raw_log import TABLE_6_6, simulate_raw_log
+from shipfp_rs.simulation.raw_log import simulate_raw_log
+from shipfp_rs.simulation.sensors import TABLE_6_6
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.toml import built_in

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.toml import built_in
+from shipfp_rs.support.toml import built_in, template
 from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
@@ -135,11 +136,6 @@ BAD_FILES = {
         "M_b_Nm = 222.93\nM_s_Nm = 635.0",
         "operating_point.M_b_Nm: found both M_b_Nm and M_s_Nm, expected one of the two",
     ),
-    "no torque": (
-        "M_b_Nm = 222.93",
-        "",
-        "operating_point.M_b_Nm: found neither M_b_Nm nor M_s_Nm, expected one of the two",
-    ),
     "envelope out of order": (
         "600.0, 900.0",
         "900.0, 600.0",
@@ -211,3 +207,44 @@ def test_replace_names_the_ship_and_the_key() -> None:
         LAUNCH.replace({"shaft.inertia_kg_m2": 0.0})
     with pytest.raises(InputError, match="no section 'shat'"):
         LAUNCH.replace({"shat.inertia_kg_m2": 1.0})
+
+
+def test_breakage_c7_a_gear_ratio_is_enough_until_more_is_asked(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "tug"\n[gearbox]\nratio = 3.82\n')
+    tug = Vessel.load(path)
+    assert tug.gearbox.ratio == 3.82
+    assert not tug.given("propeller.blades")
+    assert "gear 3.82" in repr(tug)
+    with pytest.raises(
+        InputError, match=r"lacks gearbox.efficiency, shaft.inertia_kg_m2, governor.K_p, governor.K_i, "
+    ):
+        tug.plant_parameters()
+    with pytest.raises(InputError, match="vessel file: propeller: found nothing"):
+        _ = tug.propeller.blades
+
+
+def test_breakage_c7_an_electric_motor_has_no_cylinders(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'name = "ferry"\n[gearbox]\nratio = 1.0\n[engine]\nrated_power_kW = 500.0\nrated_speed_rpm = 900.0\n'
+    )
+    assert "500 kW at 900 rpm" in repr(Vessel.load(path))
+    with pytest.raises(InputError, match=r"engine\.strokes: found nothing"):
+        _ = Vessel.load(path).firing_interval
+
+
+def test_breakage_c7_all_missing_keys_are_told_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('description = "nothing else"\n')
+    with pytest.raises(InputError, match="name, gearbox: found nothing, expected these keys"):
+        Vessel.load(path)
+
+
+def test_breakage_c7_the_template_is_valid_with_any_of_its_keys(tmp_path: Path) -> None:
+    path = tmp_path / "vessel.toml"
+    path.write_text(template("VESSEL"))
+    assert Vessel.load(path).gearbox.ratio == 3.82
+    whole = re.sub(r"(?m)^# (?=\[|\w+ = )", "", template("VESSEL"))
+    path.write_text(whole)
+    assert len(Vessel.load(path).plant_parameters()) == 12

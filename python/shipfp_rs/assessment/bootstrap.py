@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.assessment.prediction import simulated_about
 from shipfp_rs.errors import IdentificationError, InputError
@@ -15,8 +14,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array, Mask
 
 FEWEST_DRAWS = 20
 FEWEST_BLOCKS = 10
@@ -223,7 +221,7 @@ class _Residuals:
     signals: tuple[str, ...]
     model: Array
     residual: Array
-    valid: npt.NDArray[np.bool_]
+    valid: Mask
     block: int
 
     @classmethod

@@ -15,9 +15,8 @@ from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
+from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.vessel.linear_model import LinearModel, Output
-
-Array = npt.NDArray[np.float64]
 
 QUANTILE = 1.959964
 TOLD = 1e-4
@@ -78,7 +77,7 @@ def closed_loop(fingerprint: Fingerprint) -> dict[str, Estimate]:
     }
 
 
-def poles_of(model: LinearModel) -> npt.NDArray[np.complex128]:
+def poles_of(model: LinearModel) -> ComplexArray:
     """Return the two slowest poles of the loop with its dead time, of pairs the upper one [rad/s], shape (2,) or (1,).
 
     Roots of s (tau_n s + p - g) + v (K_p s + K_i) exp(-s T_d): those that a Pade approximation of the dead time has are
@@ -137,7 +136,7 @@ def _model(values: Mapping[str, float]) -> LinearModel:
     return LinearModel(**{name: known[name] for name in names})
 
 
-def _open_loop(model: LinearModel, frequency_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+def _open_loop(model: LinearModel, frequency_hz: npt.ArrayLike) -> ComplexArray:
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
     governor = model.v * (model.K_p + model.K_i / s) * np.exp(-s * model.T_d)
     return np.asarray(governor / (model.tau_n * s + model.p - model.g))

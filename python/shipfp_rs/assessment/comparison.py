@@ -7,16 +7,15 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2, norm
 
 from shipfp_rs.assessment.comparable import require_comparable
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.identifiability import COMBINATIONS, gradient_of
+from shipfp_rs.identification.identifiability import gradient_of
+from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.ties import declared
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 SAME_DIRECTION = 1e-8
 """Part of the strongest direction of the correlations below which a quantity repeats the others."""

@@ -7,20 +7,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.assessment.ship_parameters import PARAMETERS, parameters_of, with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import Options, fingerprint_of, search_minima
-from shipfp_rs.identification.search import Noise
 from shipfp_rs.identification.verdict import verdict
+from shipfp_rs.identification.weighted_problem import Noise
 from shipfp_rs.simulation.replay import answered
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 ROUNDS = 5
 CLOSE = 0.2

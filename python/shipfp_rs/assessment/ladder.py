@@ -11,9 +11,8 @@ from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.blocks import Data
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.verdict import ALARM
 from shipfp_rs.structures.structure import Structure
 
 LEVEL = 0.01
@@ -145,7 +144,8 @@ def climb(fingerprints: Sequence[Fingerprint]) -> Ladder:
         if place:
             last = rungs[best]
             gain, extra = last.deviance - deviance, rank - last.rank
-            better = bic < last.bic
+            # A tie but for rounding is no improvement.
+            better = bic < last.bic - 1e-6
             if extra > 0:
                 p = float(chi2.sf(max(gain, 0.0), extra))
                 supported = better and p < LEVEL

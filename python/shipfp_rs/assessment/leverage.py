@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import FrequencyResponse
@@ -13,8 +12,7 @@ from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.structures.structure import Structure
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 
 def leverage(

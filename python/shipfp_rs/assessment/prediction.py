@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Array, Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.structures.structure import LINEAR_OPTIONS, Structure
+from shipfp_rs.structures.structure import LINEAR_OPTIONS, SHIP_OPTIONS, Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.toml import validated
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -61,7 +62,7 @@ def simulated_about(
     valid = np.isfinite(measured).all(axis=0)
     state = dict.fromkeys(equations.states, 0.0)
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
-    for _ in range(1 if set(state) <= set(getattr(equations, "linear_in", ())) else CURVED):
+    for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
         model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
         basis = np.concatenate([slopes, offsets])
         error = (measured - model)[:, valid]
@@ -112,6 +113,9 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
     if kind == "linear":
         options = {key: declared[key] for key in (*LINEAR_OPTIONS, "outputs", "name") if key in declared}
         structure = Structure.linear(**options)
+    elif kind == "ship":
+        options = {key: declared[key] for key in (*SHIP_OPTIONS, "outputs", "name") if key in declared}
+        structure = Structure.ship(**options)
     elif kind == "grey box" and isinstance(declared["vessel"], dict):
         vessel = validated(declared["vessel"], Vessel, "the fingerprint's vessel")
         given = {name: row["start"] for name, row in rows.items() if row["fixed"]}
@@ -122,6 +126,10 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
         raise InputError(
             f"structure {declared.get('name')!r} of the fingerprint is not linear, and a file can't hold its "
             "equations; give structure=..."
+        )
+    if kind == "ship":
+        structure = structure.with_fixed(
+            **{name: row["start"] for name, row in rows.items() if row["fixed"] and not structure[name].fixed}
         )
     tied = {name: row["tied"] for name, row in rows.items() if row.get("tied")}
     return structure.with_tied(

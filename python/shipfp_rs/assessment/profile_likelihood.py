@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
@@ -17,11 +16,8 @@ from shipfp_rs.identification.identify import Options, search_minima
 from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 Kind = Literal["bounded", "one-sided", "flat"]
 
 LEVEL = float(chi2.ppf(0.95, 1))
@@ -66,12 +62,6 @@ class Likelihood:
     others: Mapping[str, Array]
     interval: tuple[float, float]
     kind: Kind
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the deviance against the parameter, with the level of the 95 % interval; see `plot.likelihood`."""
-        from shipfp_rs.plot import likelihood
-
-        return likelihood(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; what is infinite is None."""

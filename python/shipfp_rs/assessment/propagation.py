@@ -13,8 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 LEAD_S = 1.0
 """Time before the step."""

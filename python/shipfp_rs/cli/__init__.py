@@ -1,4 +1,7 @@
-"""The command `shipfp`: its frame, its exit statuses, and errors of one line."""
+"""The command `shipfp`: its frame, its exit statuses, and errors of one line.
+
+A command imports what it computes with when it runs: help and a usage error must not wait for SciPy.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
+from shipfp_rs.cli.check import check
 from shipfp_rs.cli.compare import compare
 from shipfp_rs.cli.convert import convert
 from shipfp_rs.cli.demo import demo
@@ -22,6 +26,7 @@ from shipfp_rs.cli.reproduce import reproduce
 from shipfp_rs.cli.run import run
 from shipfp_rs.cli.simulate import simulate
 from shipfp_rs.cli.sweep import sweep
+from shipfp_rs.cli.view import view
 from shipfp_rs.errors import InputError, InternalError, ShipfpError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -32,7 +37,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
-for command in (demo, run, init, inspect, simulate, design, sweep, convert, compare):
+for command in (demo, run, init, check, view, inspect, simulate, design, sweep, convert, compare):
     app.command()(command)
 app.add_typer(reproduce, name="reproduce")
 

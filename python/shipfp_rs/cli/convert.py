@@ -7,22 +7,30 @@ from typing import Annotated
 
 import typer
 
+from shipfp_rs.cli.options import Names, Rate, Time
 from shipfp_rs.cli.output import print_text
+from shipfp_rs.errors import InputError
 
 
 def convert(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Log in any supported format.")],
     out: Annotated[Path, typer.Argument(metavar="OUT.parquet", help="File to write.")],
-    rate_hz: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the file tells none.")
-    ] = None,
+    rate_hz: Rate = None,
+    time: Time = None,
+    names: Names = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUT.parquet if it is there.")] = False,
 ) -> None:
     """Convert a log to Parquet, each channel with its unit, rate, start and type."""
     from shipfp_rs.logs.log import Log
 
-    source = Log.open(log, rate_hz=rate_hz)
+    if out.is_file() and log.exists() and out.samefile(log):
+        raise InputError(f"{out}: is the log itself; choose another name")
+    if out.is_file() and not force:
+        raise InputError(f"{out}: is there already; choose another name, or --force to replace it")
+    source = Log.open(log, rate_hz=rate_hz, time=time, names=names)
     source.write(out)
     print_text(f"wrote {out}: {len(source.channels)} channels")
     for channel in source.channels.values():
         unit = f" [{channel.unit}]" if channel.unit else ""
         print_text(f"  {channel.name}{unit}: {channel.samples} samples at {channel.rate_hz:g} Hz")
+    print_text(*source.notes)

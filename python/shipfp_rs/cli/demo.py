@@ -57,7 +57,8 @@ def demo(
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
     """Write the log, its TRIAL.toml and the truth as a trial's own folder would hold them; return the truth."""
     from shipfp_rs import signals
-    from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+    from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+    from shipfp_rs.simulation.sensors import Sensors
     from shipfp_rs.vessel.vessel import Vessel
 
     sensors = Sensors()

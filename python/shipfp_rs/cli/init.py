@@ -1,17 +1,15 @@
-"""`shipfp init`: a commented TRIAL.toml to fill in, with the windows that a log shows, or a SWEEP.toml."""
+"""`shipfp init`: a commented TRIAL.toml with what a log shows, a vessel file, or a SWEEP.toml, to fill in."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from shipfp_rs.cli.options import Names, Rate, Time
 from shipfp_rs.cli.output import print_text, progress
 from shipfp_rs.errors import InputError
-
-if TYPE_CHECKING:
-    from shipfp_rs.logs.log import Log
 
 
 def init(
@@ -25,67 +23,71 @@ def init(
             "--set-point", metavar="CHANNEL", help="Its set point; by default the channel called so."
         ),
     ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the log tells none.")
-    ] = None,
+    rate_hz: Rate = None,
+    time: Time = None,
+    names: Names = None,
+    vessel: Annotated[bool, typer.Option("--vessel", help="Write a commented vessel file instead.")] = False,
     sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
     """Write a commented TRIAL.toml to fill in; with --log that log's channels, excitations and steady stretch are in it."""
+    from shipfp_rs.support.toml import template
+
     if sweep:
         if log is not None:
             raise InputError("--sweep: expected it without --log; a sweep has no log")
-        from shipfp_rs.sweeps.template import SWEEP_TEMPLATE
-
-        _write(folder / "SWEEP.toml", SWEEP_TEMPLATE, "sweep", "ship, factors and noise")
+        _write(folder / "SWEEP.toml", template("SWEEP"), "sweep", "ship, factors and noise")
         return
-    from shipfp_rs.processing.trial import TRIAL_TEMPLATE
-
+    if vessel:
+        _write(folder / "vessel.toml", template("VESSEL"), "", "the gear ratio, and what else is known")
+        return
     path = _new(folder / "TRIAL.toml")
-    text = TRIAL_TEMPLATE
+    text = template("TRIAL")
     if log is not None:
-        from shipfp_rs.inspection.pulse_channels import pulse_rate
-        from shipfp_rs.logs.channel_reader import Rows
-        from shipfp_rs.logs.log import Log
-        from shipfp_rs.processing.trial_template import filled_in, set_point_of
-        from shipfp_rs.processing.windows import find_windows
-
-        recording = Log.open(log, rate_hz=rate_hz)
-        with progress() as notify:
-            notify("looking for windows")
-            channel = set_point or set_point_of(recording)
-            found = find_windows(recording, channel) if _is_long(recording, channel) else []
-            rates = {
-                name: pulse_rate(Rows(recording, name)) for name in recording.channels if name != channel
-            }
-        trains = {name: rate for name, rate in rates.items() if rate is not None}
-        text = filled_in(text, recording, log.resolve(), channel, trains, found, rate_hz)
-        kinds = (
-            "no windows"
-            if not found
-            else ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
-        )
-        print_text(f"{log}, {channel}: {kinds}")
-        if trains:
-            told = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in trains.items())
-            print_text(f"pulse trains: {told}; say in the file where each is and how many it gives a turn")
-        else:
-            print_text(
-                "no channel is a pulse train, from which speed is found; of a speed recorded as such make a "
-                "shipfp_rs.Experiment in Python"
-            )
-        if not found:
-            print_text("too short to find windows in: those in the file are examples")
-        elif all(window.kind == "steady" for window in found):
-            print_text("nothing but rest: the windows in the file are examples")
+        text = _of_log(text, log, set_point, rate_hz, time, names)
     _write(path, text, "run", "ship, calibrations and pulses")
 
 
-def _is_long(recording: Log, channel: str) -> bool:
-    from shipfp_rs.processing.windows import LEAST_REST_S
+def _of_log(
+    text: str, path: Path, set_point: str | None, rate_hz: float | None, time: str | None, names: Path | None
+) -> str:
+    """Fill in what a log tells; whatever it does not tell stays an example, and is said."""
+    from shipfp_rs.inspection.pulse_channels import pulse_rate
+    from shipfp_rs.logs.channel_reader import Rows
+    from shipfp_rs.logs.log import Log
+    from shipfp_rs.processing.roles import guess_roles
+    from shipfp_rs.processing.trial_template import filled_in
+    from shipfp_rs.processing.windows import FoundWindow, find_windows
 
-    about = recording.channel(channel)
-    # Of one that is sampled too slowly it is told that it is.
-    return about.samples >= LEAST_REST_S * about.rate_hz or about.rate_hz < 20.0
+    log = Log.open(path, rate_hz=rate_hz, time=time, names=names)
+    if set_point is not None:
+        log.channel(set_point)
+    with progress() as notify:
+        notify("looking for pulse trains, the set point and windows")
+        rates = {name: pulse_rate(Rows(log, name)) for name in log.channels if name != set_point}
+        trains = {name: rate for name, rate in rates.items() if rate is not None}
+        roles = guess_roles(log, trains, set_point)
+        found: list[FoundWindow] = []
+        told = "no set point found: name its channel in the file, or with --set-point"
+        if roles.set_point is not None:
+            try:
+                found = find_windows(log, roles.set_point)
+                kinds = ", ".join(
+                    f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found
+                )
+                told = f"{path}, {roles.set_point}: {kinds}"
+            except InputError as error:
+                told = f"no windows found: {error}"
+    print_text(*log.notes, told)
+    if trains:
+        pulses = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in trains.items())
+        print_text(f"pulse trains: {pulses}; say in the file where each is and how many it gives a turn")
+    elif roles.speeds:
+        print_text(f"no channel is a pulse train; the speed is {', '.join(roles.speeds)}, as recorded")
+    else:
+        print_text("no channel is a pulse train or a speed by its unit; give one in the file")
+    if found and all(window.kind == "steady" for window in found):
+        print_text("nothing but rest: the windows in the file are examples")
+    return filled_in(text, log, path.resolve(), roles, trains, found, rate_hz, time, names)
 
 
 def _new(path: Path) -> Path:
@@ -98,4 +100,7 @@ def _write(path: Path, text: str, command: str, what: str) -> None:
     from shipfp_rs.support.files import write_text_atomically
 
     write_text_atomically(_new(path), text)
-    print_text(f"wrote {path}", f"Fill in {what}, then: shipfp {command} {path}")
+    then = (
+        f", then: shipfp {command} {path}" if command else f"; name it in TRIAL.toml: vessel = {path.name!r}"
+    )
+    print_text(f"wrote {path}", f"Fill in {what}{then}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.options import Json, Names, Rate, Time
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
@@ -21,9 +21,9 @@ def inspect(
         Path | None,
         typer.Argument(metavar="[TRIAL.toml]", help="Its trial, for calibrated checks.", show_default=False),
     ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the file tells none.")
-    ] = None,
+    rate_hz: Rate = None,
+    time: Time = None,
+    names: Names = None,
     torque_coefficient: Annotated[
         float | None,
         typer.Option("--cq", metavar="C_Q*", help="Torque coefficient of eq. 6.3, in place of the vessel's."),
@@ -39,7 +39,13 @@ def inspect(
     if log.suffix == ".toml":
         raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
     description = Trial.load(trial) if trial is not None else None
-    recording = Log.open(log, rate_hz=rate_hz or (description.trial.rate_hz if description else None))
+    told = description.trial if description else None
+    recording = Log.open(
+        log,
+        rate_hz=rate_hz or (told.rate_hz if told else None),
+        time=time or (told.time_column if told else None),
+        names=names or (told.names if told else None),
+    )
     with progress() as notify:
         notify("reading the log")
         found = inspect_log(recording, description, C_Q=torque_coefficient)
@@ -51,6 +57,7 @@ def inspect(
         print_json(found.to_dict())
         return
     _print(found)
+    print_text(*recording.notes)
     if out is not None:
         print_text(f"wrote {out}")
 

@@ -47,7 +47,7 @@ def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
     """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
-    from shipfp_rs.identification.wording import rows
+    from shipfp_rs.identification.fingerprint import rounded_rows
 
     head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(
@@ -55,7 +55,7 @@ def print_fingerprint(
         head,
         [
             [row.name, *([row.truth] if truth else []), row.value, row.low, row.high, row.unit, row.status]
-            for row in rows({**fingerprint.parameters, **fingerprint.derived}, truth)
+            for row in rounded_rows({**fingerprint.parameters, **fingerprint.derived}, truth)
         ],
     )
     print_text(*fingerprint.verdict)

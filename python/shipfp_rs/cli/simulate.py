@@ -103,7 +103,8 @@ def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int)
 
 
 def _raw(ship: Vessel, name: str, signal: Excitation, files: dict[str, Path], seed: int) -> dict[str, Any]:
-    from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
+    from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+    from shipfp_rs.simulation.sensors import Sensors
     from shipfp_rs.support.files import write_text_atomically
 
     sensors = Sensors(rate_hz=signal.rate_hz)

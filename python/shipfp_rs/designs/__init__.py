@@ -10,6 +10,7 @@ from typing import get_args
 
 import numpy as np
 
+from shipfp_rs import _core
 from shipfp_rs.designs.limits import TOP_HZ, Generator, Limits
 from shipfp_rs.designs.noise import Noise, sensors_of
 from shipfp_rs.designs.plan import Needed, Plan, needed_for
@@ -20,8 +21,9 @@ from shipfp_rs.designs.subject import Subject
 from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.signals.checks import positive
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.checks import one_of, positive
+from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [
@@ -131,10 +133,8 @@ def design(
     >>> plan.excitation.amplitude_rpm <= 13.0
     True
     """
-    if kind not in get_args(Kind):
-        raise InputError(f"kind is {kind!r}, expected one of {', '.join(get_args(Kind))}")
-    if criterion not in get_args(Criterion):
-        raise InputError(f"criterion is {criterion!r}, expected one of {', '.join(get_args(Criterion))}")
+    one_of("kind", kind, get_args(Kind))
+    one_of("criterion", criterion, get_args(Criterion))
     if duration_s is None and accuracy_pct is None:
         raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
     for name, value in (("duration_s", duration_s), ("accuracy_pct", accuracy_pct)):
@@ -255,9 +255,6 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
     if vessel is None or "g" not in subject.values or not len(vessel.envelope()[0]):
         return ""
     speeds, torques = vessel.envelope()
-    from shipfp_rs import _core
-    from shipfp_rs.vessel.linear_model import linearise
-
     experiment = prediction.experiment
     model = linearise(vessel, subject.operating_point["n_set"])
     dn, brake = _core.simulate_linear(

@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals import Excitation
-from shipfp_rs.signals.checks import bands, positive
+from shipfp_rs.signals.checks import bands
+from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.calibration import Calibration
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.checks import positive
 
 RATES_HZ = (100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 """Sample rates that are tried, highest first; the ships of interest answer up to some hertz."""
@@ -135,7 +134,7 @@ class Limits:
         steepest = math.inf if self.rate_rpm_s is None else self.rate_rpm_s
         return np.minimum(self.amplitude_rpm, steepest / (2.0 * math.pi * frequency_hz))
 
-    def outside(self, frequency_hz: Array) -> npt.NDArray[np.bool_]:
+    def outside(self, frequency_hz: Array) -> Mask:
         """Tell which frequencies (F,) lie in none of the bands."""
         inside = [(low <= frequency_hz) & (frequency_hz <= high) for low, high in self.avoid_hz]
         return ~np.any(inside, axis=0) if inside else np.ones(len(frequency_hz), dtype=bool)

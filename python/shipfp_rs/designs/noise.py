@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import lfilter
 
 from shipfp_rs.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.designs.limits import Generator, Limits, steepest_rpm_s
 from shipfp_rs.designs.noise import Noise
+from shipfp_rs.designs.pictures import figure
 from shipfp_rs.designs.prediction import Prediction
 from shipfp_rs.designs.run_sheet import Stretch, as_html, as_text
 from shipfp_rs.designs.spectrum import Criterion
 from shipfp_rs.designs.waveforms import Kind
 from shipfp_rs.signals import Excitation
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import replacing_folder
-
-Array = npt.NDArray[np.float64]
 
 FILES = (
     "plan.json",
@@ -153,8 +152,6 @@ class Plan:
         InputError
             Where the folder holds other files and `force` is not given, or can't be written.
         """
-        from shipfp_rs.designs.pictures import figure
-
         folder, volts = Path(folder), self.volts()
         title = f"Run sheet: {self.subject}, {self.set_point_rpm:g} rpm"
         with replacing_folder(folder, marker="plan.json", others=FILES, force=force) as made:
@@ -170,7 +167,14 @@ class Plan:
                 (made / "volts_points.csv").write_text(_columns(volts), encoding="ascii")
             (made / "run_sheet.txt").write_text(as_text(title, self.heading(), self.sheet), encoding="utf-8")
             (made / "run_sheet.html").write_text(as_html(title, self.heading(), self.sheet), encoding="utf-8")
-            figure(self).savefig(made / "plan.png", dpi=110)
+            picture = figure(
+                self.excitation,
+                self.spectrum,
+                self.limits,
+                set_point_rpm=self.set_point_rpm,
+                title=f"{self.subject}: {self.kind}, {self.criterion}-optimal",
+            )
+            picture.savefig(made / "plan.png", dpi=110)
         return folder
 
     def heading(self) -> tuple[str, ...]:

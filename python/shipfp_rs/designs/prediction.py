@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import norm
 
 from shipfp_rs.designs.noise import Noise
@@ -19,7 +18,6 @@ from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import Sensitivity, describe
 from shipfp_rs.signals import Excitation
 
-Array = npt.NDArray[np.float64]
 QUANTILE = float(norm.ppf(0.975))
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.identification.fingerprint import Status
-from shipfp_rs.identification.identifiability import COMBINATIONS, NULL_PART, Sensitivity, gradient_of
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.identification.identifiability import NULL_PART, Sensitivity, gradient_of
+from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.support.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.signals import Excitation, Segment
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.html import environment
 
 HEAD = ("start", "what", "set point ± rpm", "frequency Hz", "speed ± rpm", "torque ± Nm")
 TORQUES = ("M_g", "M_s", "M_b")
@@ -73,26 +71,8 @@ def as_text(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> s
 
 def as_html(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
     """Return the sheet as a page of its own that prints."""
-    body = "\n".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in stretch.cells()) + "</tr>"
-        for stretch in stretches
-    )
-    return f"""<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>
-<style>
-body {{ font: 11pt system-ui, sans-serif; margin: 2em; color: #111; background: #fff }}
-table {{ border-collapse: collapse }}
-th, td {{ border-bottom: 1px solid #bbb; padding: .25em .8em; text-align: right }}
-th:nth-child(2), td:nth-child(2) {{ text-align: left }}
-</style>
-<h1>{escape(title)}</h1>
-{"".join(f"<p>{escape(note)}</p>" for note in notes)}
-<table><thead><tr>{"".join(f"<th>{escape(name)}</th>" for name in HEAD)}</tr></thead>
-<tbody>
-{body}
-</tbody></table>
-</html>
-"""
+    rows = [stretch.cells() for stretch in stretches]
+    return environment().get_template("run_sheet.html").render(title=title, notes=notes, head=HEAD, rows=rows)
 
 
 def _stretch(segment: Segment, excitation: Excitation, expected: Experiment) -> Stretch:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.quantities import quantities
@@ -15,8 +14,8 @@ from shipfp_rs.designs.subject import Subject
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.signals import Law
+from shipfp_rs.support.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Criterion = Literal["D", "A"]
 
 SINE: Mapping[int, float] = {1: 1.0}

@@ -58,17 +58,7 @@ class Subject:
     def _of_vessel(cls, vessel: Vessel, structure: Structure, n_e_rpm: float | None) -> Self:
         point = steady_state(vessel, n_e_rpm)
         known = true_values(dataclasses.asdict(linearise(vessel, n_e_rpm)))
-        levels = {
-            "n_set": point.n_e_rpm,
-            "n_e": point.n_e_rpm,
-            "n_s": point.n_s,
-            "M_b": point.M_b,
-            "M_s": point.M_s,
-            "M_g": point.M_s,
-            "X_f": point.X_f,
-            "E_n": point.n_e,
-        }
-        return cls(vessel.name, structure, _expected(structure, known), levels, vessel)
+        return cls(vessel.name, structure, _expected(structure, known), point.levels, vessel)
 
     @classmethod
     def _of_fingerprint(cls, fingerprint: Fingerprint, structure: Structure) -> Self:

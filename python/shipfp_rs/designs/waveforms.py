@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import signals
 from shipfp_rs.designs.limits import Limits
 from shipfp_rs.designs.spectrum import Criterion, Lines, best_sweep, optimal_shares, support
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals import Excitation
+from shipfp_rs.support.arrays import Array
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["sines", "squares", "multisine", "chirp", "mix"]
 Part = Literal["sines", "squares", "multisine", "chirp", "steps"]
 

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
+from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 Hold = Literal["zero", "first"]
 
 UNITS: Mapping[str, str] = MappingProxyType(
@@ -70,10 +68,7 @@ class Experiment(Tabular):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise InputError(
-                f"experiment {self.name!r}: rate_hz is {self.rate_hz}, expected a positive number"
-            )
+        positive(f"experiment {self.name!r}: rate_hz", self.rate_hz)
         if "n_set" not in self.signals:
             raise InputError(
                 f"experiment {self.name!r}: no signal 'n_set', found {sorted(self.signals)}; expected the set point "
@@ -121,8 +116,6 @@ class Experiment(Tabular):
         return f"Experiment({self.name!r}, {len(self)} samples at {self.rate_hz:g} Hz: {signals})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.support.html import shown
-
         rows = []
         for name, samples in self.signals.items():
             whole = samples[~np.isnan(samples)]
@@ -174,12 +167,6 @@ class Experiment(Tabular):
             )
         value = self.operating_point[name]
         return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
-
-    def plot(self, ax: Sequence[Axes] | None = None) -> Sequence[Axes]:
-        """Draw the signals against time, one panel a unit; see `plot.time_series`. Nothing is shown or saved."""
-        from shipfp_rs.plot import time_series
-
-        return time_series(self, ax)
 
     def _columns(self) -> Columns:
         facts = {

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.response import FrequencyResponse
+from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.spikes import bridge
 
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Points = Mapping[str, tuple[ComplexArray, Array, Array | None]]
 """Signal to its response, the relative standard deviation of each of its two quadratures, and its coherence."""
 

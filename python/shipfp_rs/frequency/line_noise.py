@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 _REACH = 10
 """Bins on either side that are looked at."""

@@ -11,9 +11,8 @@ from scipy.linalg import solve_triangular
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency.line_noise import line_noise
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.checks import positive
 
 _ROUNDS = 30
 """Gauss-Newton steps for a frequency; from within half a bin six are usual."""
@@ -164,8 +163,7 @@ def _checked(samples: npt.ArrayLike, rate_hz: float) -> Array:
     values = np.asarray(samples, dtype=np.float64)
     if values.ndim != 1:
         raise InputError(f"samples: found shape {values.shape}, expected one axis")
-    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
-        raise InputError(f"rate_hz: found {rate_hz}, expected a positive number")
+    positive("rate_hz", rate_hz)
     present = int(np.isfinite(values).sum())
     if present < 4:
         raise InputError(f"samples: found {present} present, expected 4 or more")

@@ -11,9 +11,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
 from shipfp_rs.frequency.response import FrequencyResponse
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.support.arrays import ComplexArray
 
 _DEGREE = 2
 _LEAST_HALF = 6

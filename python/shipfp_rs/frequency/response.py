@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
@@ -126,8 +122,6 @@ class FrequencyResponse(Tabular):
         )
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.support.html import shown
-
         head = ["frequency [Hz]"]
         for name in self.response:
             head += [f"|{name}| [-]", f"arg {name} [deg]"]
@@ -138,12 +132,6 @@ class FrequencyResponse(Tabular):
                 cells += [f"{abs(values[index]):.4g}", f"{math.degrees(np.angle(values[index])):.1f}"]
             rows.append(cells)
         return shown(f"Frequency response {self.name}", head, rows)
-
-    def plot(self, ax: Sequence[Axes] | None = None) -> Sequence[Axes]:
-        """Draw amplitude and phase; see `plot.bode`. Nothing is shown or saved."""
-        from shipfp_rs.plot import bode
-
-        return bode(self, axes=ax)
 
     def _columns(self) -> Columns:
         values, units = {FREQUENCY: self.frequency_hz}, {FREQUENCY: "Hz"}

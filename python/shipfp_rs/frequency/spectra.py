@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
 from shipfp_rs.frequency.response import FrequencyResponse
+from shipfp_rs.support.arrays import ComplexArray
 
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Estimator = Literal["H1", "H2"]
 
 _OVERLAP = 0.5

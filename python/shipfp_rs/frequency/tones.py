@@ -13,9 +13,7 @@ from shipfp_rs.frequency.channels import chosen_signals, to_response
 from shipfp_rs.frequency.lines import Lines, fit_lines, fit_sine
 from shipfp_rs.frequency.response import FrequencyResponse
 from shipfp_rs.signals.excitation import Segment
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.support.arrays import Array, ComplexArray
 
 _LEAST_PERIODS = 2
 """Periods of a multisine between whose lines there is room to see the noise."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -15,6 +15,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.optimise.normal_equations import Products
+from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.structure import Structure
 
 Array = npt.NDArray[np.float64]
@@ -128,7 +129,7 @@ class Block:
     def linear(self) -> tuple[str, ...]:
         """Those of its own unknowns in which the model is linear: the offsets, and the states if the equations are."""
         equations = self.structure.equations
-        curved = set(equations.states) - set(getattr(equations, "linear_in", ()))
+        curved = set(equations.states) - set(equations.linear_in)
         return tuple(name for name in self.nuisance if name not in curved)
 
     @property
@@ -210,11 +211,12 @@ class Block:
         return self.filtered(values, names, models).turned()
 
     @property
-    def _kernel(self) -> Callable[..., tuple[Array, int]] | None:
-        """The equations' own pass over an experiment, if they have one."""
+    def _kernel(self) -> Equations | None:
+        """The equations, where they sum up an experiment's products in a pass of their own."""
         if isinstance(self.data, FrequencyResponse) or self.relative:
             return None
-        return getattr(self.structure.equations, "products", None)
+        equations = self.structure.equations
+        return equations if equations.has_products else None
 
     def products(
         self, values: dict[str, float], names: Sequence[str] | None, models: Sequence[Array] | None
@@ -224,7 +226,7 @@ class Block:
         Without names (None) those of the residuals alone.
         """
         kernel = self._kernel
-        if kernel is None:
+        if kernel is None or isinstance(self.data, FrequencyResponse):
             evaluation = self.filtered(values, names or (), models)
             if names is None:
                 evaluation.jacobian = evaluation.jacobian[:0]
@@ -238,7 +240,9 @@ class Block:
         models = [np.ones(1)] * len(outputs) if models is None else models
         filters = np.ascontiguousarray(np.array(models)[:, : order_of(models) + 1])
         known = {name: value for name, value in values.items() if not name.startswith("offset ")}
-        sums, count = kernel(known, self.data, [*names, *own], self.measured, offsets, filters)
+        sums, count = kernel.products(
+            known, self.data, [*names, *own], Against(self.measured, offsets, filters)
+        )
         padded = np.zeros((len(outputs), sums.shape[1] + 1) * 2)
         padded[:, :-1, :, :-1] = sums
         return Products(padded.take(_places(len(outputs), sums.shape[1], len(own) < len(nuisance))), count)

@@ -13,7 +13,6 @@ from scipy.stats import t as student
 from shipfp_rs.identification.blocks import Evaluation
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability, Status
 from shipfp_rs.identification.identifiability import (
-    COMBINATIONS,
     NULL_PART,
     Sensitivity,
     describe,
@@ -22,7 +21,9 @@ from shipfp_rs.identification.identifiability import (
 from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.identification.residual_tests import responds
 from shipfp_rs.identification.sandwich import score_covariance
-from shipfp_rs.identification.search import Minimum, Search
+from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.weighted_problem import Minimum
+from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import Ties
 
@@ -39,6 +40,8 @@ EDGE = 1e-6
 """Part of a parameter's size that is as good as nothing to be left open over."""
 EXACT = 1e-7
 """Part of a parameter's size below which an interval is too narrow for its cost to be told from rounding."""
+SHARPER = 1.0 / 3.0
+"""Part of its widest member's relative deviation below which a combination is worth a line of its own."""
 NOTHING: Mapping[str, Any] = {"names": [], "matrix": []}
 """Covariance of no parameter."""
 
@@ -164,7 +167,16 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     parameters = with_tied(parameters, search.structure)
     return Estimates(
         parameters,
-        _derived(parameters, values, everything, inner, covariance, quantile, search.structure.ties),
+        _derived(
+            parameters,
+            values,
+            everything,
+            inner,
+            covariance,
+            quantile,
+            search.structure.ties,
+            curved=search.structure.settings["kind"] == "ship",
+        ),
         {"names": list(inner.names), "matrix": covariance.tolist()}
         if np.isfinite(covariance).all()
         else NOTHING,
@@ -315,6 +327,12 @@ def why_unknown(everything: Sensitivity, index: int) -> str:
     return "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
 
 
+def _relative(estimate: Estimate) -> float:
+    if estimate.std is None or not estimate.value:
+        return 0.0
+    return estimate.std / abs(estimate.value)
+
+
 def _derived(
     parameters: Mapping[str, Estimate],
     values: Mapping[str, float],
@@ -323,8 +341,13 @@ def _derived(
     covariance: Array,
     quantile: float,
     ties: Ties,
+    *,
+    curved: bool,
 ) -> dict[str, Estimate]:
-    """Combinations that the data tell although a member is not known by itself."""
+    """Combinations that the data tell although a member is not known by itself.
+
+    Of a `curved` model, whose curvature tells each member a little, also those that are told far better than a member.
+    """
     derived: dict[str, Estimate] = {}
     if not np.isfinite(covariance).all():
         return derived
@@ -335,7 +358,8 @@ def _derived(
         except (KeyError, ZeroDivisionError):
             continue
         members = [n for n, slope in zip(everything.names, gradient, strict=True) if slope != 0.0]
-        if all(parameters[member].status in ("free", "prior", "fixed") for member in members):
+        each = all(parameters[member].status in ("free", "prior", "fixed") for member in members)
+        if each and not curved:
             continue
         if not everything.tells(gradient):
             continue
@@ -344,6 +368,9 @@ def _derived(
             continue
         std = float(np.sqrt(part @ covariance @ part))
         if not np.isfinite(std) or std > abs(value):
+            continue
+        widest = max((_relative(parameters[member]) for member in members), default=0.0)
+        if each and std / abs(value) > SHARPER * widest:
             continue
         derived[name] = Estimate(value, std, (value - quantile * std, value + quantile * std), unit)
     return derived

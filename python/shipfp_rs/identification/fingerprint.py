@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.html import shown
 
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
+ALARM = 0.01
+"""Probability of a false alarm of each residual test, all outputs together."""
+
+STATUS: Mapping[str, str] = {
+    "free": "estimated",
+    "fixed": "given",
+    "prior": "estimated, with prior",
+    "at_bound": "on its bound",
+    "unidentifiable": "not identifiable",
+}
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,16 @@ class Fingerprint:
     residuals
         Output to {"autocorrelation": ..., "set_point": ...}: "lags" [samples], "correlation" [-] of the whitened residuals
         with themselves and with the set point that long before, and the half width of the "band" of 95 % by chance.
+    elements
+        Element of the ship model to {"state": "on" | "off" | "open", "limit": ..., "evidence": change of the deviance};
+        empty where the structure was given.
+    adequate
+        "stands": whether the residuals leave the model unchallenged; "misses_pct": what it misses of each output, in
+        per cent of its spread; "bias": how far that can move each parameter.
+    usable
+        The verdict's first sentence: what the fingerprint can be used for.
+    si
+        Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
     """
 
     parameters: Mapping[str, Estimate]
@@ -110,6 +131,10 @@ class Fingerprint:
     verdict: tuple[str, ...] = ()
     covariance: Mapping[str, Any] = field(default_factory=lambda: {"names": [], "matrix": []})
     residuals: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
+    elements: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    adequate: Mapping[str, Any] = field(default_factory=dict)
+    usable: str = ""
+    si: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """Return a parameter or derived combination by name."""
@@ -125,8 +150,6 @@ class Fingerprint:
 
         A structure that suits the ship is called wrong in one fit of a hundred.
         """
-        from shipfp_rs.identification.verdict import ALARM
-
         p = self.fit.get("overall", {}).get("structure_p")
         return None if p is None else p >= ALARM
 
@@ -134,22 +157,19 @@ class Fingerprint:
         return [*self.parameters, *self.derived]
 
     def __repr__(self) -> str:
-        shown = ", ".join(
+        found = ", ".join(
             f"{name}={estimate.value:.4g}" if estimate.value is not None else f"{name}=?"
             for name, estimate in self.parameters.items()
         )
-        return f"Fingerprint({shown}; rank {self.identifiability.rank}/{self.identifiability.free})"
+        return f"Fingerprint({found}; rank {self.identifiability.rank}/{self.identifiability.free})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.identification import wording
-        from shipfp_rs.support.html import shown
-
         return shown(
             f"Fingerprint of {self.vessel or 'a ship not named'}",
             ["parameter", "estimate", "std", "95 % from", "to", "unit", "status"],
             [
                 [row.name, row.value, row.std, row.low, row.high, row.unit, row.status]
-                for row in wording.rows({**self.parameters, **self.derived})
+                for row in rounded_rows({**self.parameters, **self.derived})
             ],
             self.verdict,
         )
@@ -171,6 +191,10 @@ class Fingerprint:
             "verdict": list(self.verdict),
             "covariance": dict(self.covariance),
             "residuals": {output: dict(tests) for output, tests in self.residuals.items()},
+            "elements": {name: dict(row) for name, row in self.elements.items()},
+            "adequate": dict(self.adequate),
+            "usable": self.usable,
+            "si": {name: dict(row) for name, row in self.si.items()},
         }
 
     def save(self, path: str | Path) -> Path:
@@ -224,7 +248,11 @@ class Fingerprint:
             versions=content["versions"],
             verdict=tuple(content["verdict"]),
             covariance=content["covariance"],
-            residuals=content.get("residuals", {}),  # older files have none
+            residuals=content.get("residuals", {}),  # older files have none of these
+            elements=content.get("elements", {}),
+            adequate=content.get("adequate", {}),
+            usable=content.get("usable", ""),
+            si=content.get("si", {}),
         )
 
 
@@ -241,3 +269,55 @@ def _estimate(entry: dict[str, Any]) -> Estimate:
         status=status,
         reason=entry["reason"],
     )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
+
+    name: str
+    value: str
+    std: str
+    low: str
+    high: str
+    unit: str
+    status: str
+    reason: str
+    truth: str = ""
+    holds_truth: bool | None = None
+
+
+def rounded_rows(
+    estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
+) -> Iterator[Row]:
+    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
+    for name, estimate in estimates.items():
+        places = decimals(estimate.std)
+        real = (truth or {}).get(name)
+        low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
+        yield Row(
+            name=name,
+            value=rounded(estimate.value, places),
+            std=rounded(estimate.std, places),
+            low=rounded(low, places),
+            high=rounded(high, places),
+            unit=estimate.unit,
+            status=STATUS[estimate.status],
+            reason=estimate.reason,
+            truth=rounded(real, places),
+            holds_truth=None if real is None or low is None or high is None else low <= real <= high,
+        )
+
+
+def decimals(std: float | None) -> int | None:
+    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
+    if not std or not math.isfinite(std):
+        return None
+    return min(max(1 - math.floor(math.log10(std)), 0), 9)
+
+
+def rounded(value: float | None, places: int | None) -> str:
+    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
+    if value is None:
+        return ""
+    return f"{value:.4g}" if places is None else f"{value:.{places}f}"

@@ -11,33 +11,14 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 
 from shipfp_rs.identification.fingerprint import Identifiability
+from shipfp_rs.optimise.gauss_newton import sparse_basis
 from shipfp_rs.structures.ties import Ties, followed
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 RANK_TOLERANCE = 1e-7
 """Singular values below this part of the largest count as zero: the sensitivities are exact to about 1e-10."""
 NULL_PART = 1e-4
 """A parameter, or the gradient of a combination, is free of a null direction below this part of its length."""
-
-COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] = {
-    "vK_p": ("-", lambda q: q["v"] * q["K_p"]),
-    "vK_i": ("1/s", lambda q: q["v"] * q["K_i"]),
-    "K_p/K_i": ("s", lambda q: q["K_p"] / q["K_i"]),
-    "p-g": ("-", lambda q: q["p"] - q["g"]),
-    "(p-g)/tau_n": ("1/s", lambda q: (q["p"] - q["g"]) / q["tau_n"]),
-    "vK_p/tau_n": ("1/s", lambda q: _product(q, "p") / q["tau_n"]),
-    "vK_i/tau_n": ("1/s2", lambda q: _product(q, "i") / q["tau_n"]),
-    "tau_prop/tau_n": ("-", lambda q: q["tau_prop"] / q["tau_n"]),
-    "(p-g)/(vK_i)": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i")),
-    "(p-g)/(vK_i)+T_set": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"]),
-}
-"""Combinations of the linear structure's parameters that are tried: unit and value. A KeyError means not applicable."""
-
-
-def _product(values: Mapping[str, float], letter: str) -> float:
-    name = f"vK_{letter}"
-    return values[name] if name in values else values["v"] * values[f"K_{letter}"]
 
 
 @dataclass(frozen=True)
@@ -174,20 +155,6 @@ def describe(sensitivity: Sensitivity) -> Identifiability:
         null_space=tuple(directions),
         closes_gap=tuple(closing),
     )
-
-
-def sparse_basis(null: Array) -> Array:
-    """Gauss-Jordan form with full pivoting: each direction has a leading 1 and zeros at the others' leads."""
-    basis = null.copy()
-    for row in range(len(basis)):
-        free_rows = np.abs(basis[row:])
-        pivot_row, pivot = divmod(int(np.argmax(free_rows)), basis.shape[1])
-        basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
-        basis[row] /= basis[row, pivot]
-        for other in range(len(basis)):
-            if other != row:
-                basis[other] -= basis[other, pivot] * basis[row]
-    return basis
 
 
 def _direction(names: Sequence[str], row: Array) -> dict[str, object]:

@@ -16,22 +16,26 @@ from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.automatic import (
+    adequacy,
+    chooser_of,
+    element_rows,
+    reworded,
+    widened_by_bias,
+    with_rivals,
+)
 from shipfp_rs.identification.blocks import Block, Data, Offsets
+from shipfp_rs.identification.choose import choose
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import fit_pct, information_criteria, nrmse_pct
+from shipfp_rs.identification.gates import require_excited
 from shipfp_rs.identification.residual_tests import residual_tests
-from shipfp_rs.identification.search import (
-    Minimum,
-    Noise,
-    Search,
-    best_of_random,
-    mean_scatter,
-    start_vectors,
-)
+from shipfp_rs.identification.search import Search, best_of_random, start_vectors
 from shipfp_rs.identification.verdict import structure_test, verdict
+from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
 from shipfp_rs.structures.innovations import with_innovations
-from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.support import hints
 
 Array = npt.NDArray[np.float64]
@@ -42,21 +46,28 @@ Intervals = Literal["profile", "symmetric"]
 
 LOGGER = logging.getLogger("shipfp_rs")
 
+OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
+"""Arguments of `identify` that are no options of a search."""
 AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
 
 
 def identify(
     data: Data | Sequence[Data],
-    structure: Structure,
+    structure: Structure | None = None,
     *,
+    elements: Mapping[str, bool] | None = None,
+    torque: Torque | None = None,
+    outputs: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
     covariance: Covariance = "model",
     intervals: Intervals = "profile",
     huber: float | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
-    offsets: Offsets = True,
+    offsets: Offsets | None = None,
     initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
     random_search: int = 0,
     starts: int | None = None,
@@ -74,7 +85,11 @@ def identify(
     data
         One `Experiment` or `FrequencyResponse`, or several that are fitted together.
     structure
-        The model; its free parameters are searched within their bounds, those with a prior pulled to it.
+        The model; its free parameters are searched within their bounds, those with a prior pulled to it. None: the one
+        ship model, of whose elements the data choose those that act (`choose`).
+    elements, torque, outputs, fixed, priors
+        Where the data choose: elements forced on (True) or off (False), the side of the torque ("gauge" or "brake"; None:
+        by the signal), outputs, and parameters that are known or have a prior (mean, standard deviation).
     weighting
         "determinant" minimises det(E'E/N), the weights of eq. 4.4 iterated with W = (E'E/N)^-1; "variance" the same
         with a diagonal W; "std" uses the responses' own standard deviations; "none" is plain least squares (4.2).
@@ -95,7 +110,8 @@ def identify(
         Parameter to (nominal value, weight): adds weight (value - nominal)^2 to the cost of the whitened residuals
         (eq. 4.6 with lambda R = weight).
     offsets
-        Estimate an offset per output of every experiment along; "relative": as an error of the operating point, which
+        Estimate an offset per output of every experiment along; None: where the structure has no unknowns of its own for
+        the errors of the operating point, as the ship has; "relative": as an error of the operating point, which
         slopes are relative to, too. A mean torque over a minute of moving water is uncertain by parts in a thousand.
     initial_state
         "estimated" along with every experiment, "zero", or given values such as {"initial dn": 0.01}.
@@ -146,7 +162,66 @@ def identify(
         time_limit_s=time_limit_s,
         progress=progress,
     )
+    if structure is None:
+        return _chosen(
+            data,
+            options,
+            vessel=vessel,
+            elements=elements,
+            torque=torque,
+            outputs=outputs,
+            fixed=fixed,
+            priors=priors,
+        )
+    narrow = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
+    for name, value in narrow.items():
+        if value is not None:
+            raise InputError(
+                f"{name}: found with a structure, expected without one; the structure says it itself"
+            )
     return fingerprint_of(search_minima(data, structure, options), vessel=vessel)
+
+
+def _chosen(
+    data: Data | Sequence[Data],
+    options: Options,
+    *,
+    vessel: str | None,
+    elements: Mapping[str, bool] | None,
+    torque: Torque | None,
+    outputs: Sequence[str] | None,
+    fixed: Mapping[str, float] | None,
+    priors: Mapping[str, tuple[float, float]] | None,
+) -> Fingerprint:
+    """Let the data choose the elements, and say what holds after the choice."""
+    given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    for item in given:
+        if not isinstance(item, Experiment):
+            raise InputError(
+                f"identify: data of type {type(item).__name__} without a structure, expected an Experiment; "
+                "give a structure for a FrequencyResponse"
+            )
+    experiments = [item for item in given if isinstance(item, Experiment)]
+    if not experiments:
+        raise InputError("identify: no data given, expected an Experiment")
+    require_excited(experiments)
+    limits = {
+        "covariance": options.covariance,
+        "intervals": options.intervals,
+        "time_limit_s": options.time_limit_s,
+    }
+    narrow: dict[str, Mapping[str, Any]] = {"fixed": fixed or {}, "prior": priors or {}}
+    chooser = chooser_of(
+        experiments, torque=torque, outputs=outputs, elements=elements or {}, narrow=narrow, search=limits
+    )
+    choice = choose(chooser)
+    settings = {"structure": "chosen by the data", "ladder": [rung.to_dict() for rung in choice.ladder]}
+    found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
+    fingerprint = with_rivals(fingerprint_of(found, vessel=vessel), choice)
+    adequate = adequacy(fingerprint, choice.best)
+    fingerprint = widened_by_bias(fingerprint, adequate["bias"])
+    fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
+    return reworded(fingerprint)
 
 
 @dataclass(frozen=True)
@@ -159,7 +234,7 @@ class Options:
     intervals: Intervals
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
-    offsets: Offsets
+    offsets: Offsets | None
     initial_state: Literal["estimated", "zero"] | Mapping[str, float]
     random_search: int
     starts: int | None
@@ -178,7 +253,9 @@ class Options:
         InputError
             For an option that it has not.
         """
-        usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name != "vessel"}
+        usual = {
+            name: value for name, value in (identify.__kwdefaults__ or {}).items() if name not in OF_A_CALL
+        }
         for name in given:
             if name not in usual:
                 raise InputError(
@@ -213,6 +290,8 @@ def search_minima(
     if starts is None:
         starts = 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
     _check(weighting, noise, starts)
+    if offsets is None:
+        offsets = not structure.equations.own_offsets
     if offsets not in (True, False, "relative"):
         raise InputError(f"offsets {offsets!r}, expected True, False or 'relative'")
     given = dict(initial_state) if isinstance(initial_state, Mapping) else {}
@@ -250,8 +329,8 @@ def search_minima(
         blocks,
         weighting,
         noise,
-        options.max_evaluations,
-        options.tolerance,
+        max_evaluations=options.max_evaluations,
+        tolerance=options.tolerance,
         huber=options.huber,
         ridge=ridge,
         initial=given,

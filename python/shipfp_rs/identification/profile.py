@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.search import Minimum, Search
+from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.variable_projection import Elimination
+from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
 
 Array = npt.NDArray[np.float64]

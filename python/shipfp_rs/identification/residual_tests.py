@@ -14,7 +14,8 @@ from scipy.stats import chi2
 from shipfp_rs._core import leftover_sums
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
-from shipfp_rs.identification.search import AR_ORDER, Minimum, Noise, Search, mean_scatter
+from shipfp_rs.identification.search import AR_ORDER, Search
+from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
 from shipfp_rs.optimise.normal_equations import Products, orthonormal
 
 Array = npt.NDArray[np.float64]

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.weighted_problem import Minimum, Noise, WeightedProblem
 from shipfp_rs.optimise.normal_equations import Products, cleared, condense, regression
-
-if TYPE_CHECKING:
-    from shipfp_rs.identification.search import Minimum, Noise, Search
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 REPEATED = 1e-4
 """Part of the cost that better values of the eliminated unknowns may save before another pass is made there."""
@@ -35,7 +30,7 @@ class _Pass:
 
 
 class Elimination:
-    """A search's problem in the unknowns `kept` (K,), all in which the model is not linear.
+    """A weighted problem in the unknowns `kept` (K,), all in which the model is not linear.
 
     Variable projection (10.1137/0710036, with the Jacobian of 10.1007/BF01932995), for a small vK_i and a large initial
     dE otherwise make a long curved valley. A pass over the data is made at values of the eliminated unknowns that the
@@ -43,11 +38,11 @@ class Elimination:
     there, exactly.
     """
 
-    def __init__(self, search: Search, start: Array, known: Minimum | None = None) -> None:
-        self._search = search
-        self._linear = search.linear
+    def __init__(self, problem: WeightedProblem, start: Array, known: Minimum | None = None) -> None:
+        self._problem = problem
+        self._linear = problem.linear
         # No derivative depends on an offset, so one pass tells all of them, from wherever it is made but near.
-        self._exact = all(set(block.linear) <= set(block.offsets) for block in search.blocks)
+        self._exact = all(set(block.linear) <= set(block.offsets) for block in problem.blocks)
         kept, best = start[~self._linear], start[self._linear]
         # Where it was last, the best values there, and their slopes by the kept unknowns.
         self._lead = kept, best, np.zeros((len(best), len(kept)))
@@ -64,27 +59,27 @@ class Elimination:
 
     def complete(self, kept: Array, noise: Noise) -> tuple[Array, list[Products]]:
         """Return the full vector (Q,) and every block's sums there."""
-        search = self._search
+        problem = self._problem
         done, _, coefficients = self._at(kept, noise)
-        step = np.zeros(search.size)
+        step = np.zeros(problem.size)
         step[self._linear] = -coefficients[:, -1]
         sums = [
-            part.moved(np.append(step[: len(search.free)], step[own]))
-            for part, own in zip(done.sums, search.places(), strict=True)
+            part.moved(np.append(step[: len(problem.free)], step[own]))
+            for part, own in zip(done.sums, problem.places(), strict=True)
         ]
         return done.vector + step, sums
 
     def _at(self, kept: Array, noise: Noise) -> tuple[_Pass, Array, Array]:
         """Return the sums for `kept`, their gram matrix, and what the eliminated columns explain of the others."""
-        search, linear = self._search, self._linear
+        problem, linear = self._problem, self._linear
         own = np.append(linear, False)
         done = next((one for one in reversed(self._known) if self._is(one, kept, noise)), None)
         vector = self._led_to(kept) if done is None else done.vector
         for again in reversed(range(PASSES)):
             if done is None:
-                done = _Pass(vector, noise.models, search.sums(vector, noise))
+                done = _Pass(vector, noise.models, problem.sums(vector, noise))
                 self._known = [*self._known[1 - REMEMBERED :], done]
-            gram = search.gram(done.vector, noise, done.sums)
+            gram = problem.gram(done.vector, noise, done.sums)
             if not np.isfinite(gram).all():
                 raise SimulationError("the simulation or its sensitivities left the range of finite numbers")
             coefficients = regression(gram, own)
@@ -103,7 +98,7 @@ class Elimination:
         return one.models is noise.models and np.array_equal(one.vector[~self._linear], kept)
 
     def _led_to(self, kept: Array) -> Array:
-        vector = np.empty(self._search.size)
+        vector = np.empty(self._problem.size)
         vector[~self._linear] = kept
         before, best, slope = self._lead
         vector[self._linear] = best + slope @ (kept - before)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from shipfp_rs.identification.fingerprint import Estimate, Identifiability
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.structures.structure import Structure
-
-ALARM = 0.01
-"""Probability of a false alarm of each residual test, all outputs together."""
 
 
 def verdict(
@@ -31,7 +28,7 @@ def verdict(
         else []
     )
     known = [
-        _shown(name, e)
+        shown(name, e)
         for name, e in parameters.items()
         if e.status in ("free", "prior") and e.value is not None
     ]
@@ -42,7 +39,7 @@ def verdict(
         lines.append(
             "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
         )
-    together = [_shown(name, estimate) for name, estimate in derived.items()]
+    together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
         lines.append("Known only together: " + "; ".join(together) + ".")
     for name, estimate in parameters.items():
@@ -150,7 +147,8 @@ def _chance(p: float) -> str:
     return f"p = {p:.1g}" if p > 1e-6 else "p < 1e-6"
 
 
-def _shown(name: str, estimate: Estimate) -> str:
+def shown(name: str, estimate: Estimate) -> str:
+    """Return a parameter with its value, interval and unit, as a sentence has it."""
     assert estimate.value is not None
     spread = "" if estimate.ci95 is None else f" ({estimate.ci95[0]:.4g} to {estimate.ci95[1]:.4g})"
     unit = "" if estimate.unit == "-" else f" {estimate.unit}"

@@ -1,50 +1,12 @@
-"""A fingerprint in words and rounded figures, the same on the terminal and in the report."""
+"""Words of a fingerprint, the same on the terminal and in the report."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
-from shipfp_rs.identification.fingerprint import Estimate, Identifiability
+from shipfp_rs.identification.fingerprint import Identifiability
 from shipfp_rs.logs.faults.record import KINDS
 
-MEANINGS: Mapping[str, str] = {
-    "tau_n": "time constant of the drive train's whole inertia, 2π I n_s0 / M_s0",
-    "tau_prop": "time constant of the inertia on the propeller's side of the gauge",
-    "g": "slope of engine torque with speed at a held fuel rack, normalised",
-    "v": "slope of engine torque with fuel rack at a held speed, normalised",
-    "K_p": "proportional gain of the governor, normalised",
-    "K_i": "integral gain of the governor, normalised",
-    "vK_p": "loop gain, proportional",
-    "vK_i": "loop gain, integral",
-    "p": "exponent of propeller torque with speed",
-    "T_d": "dead time in the fuel path, inside the loop",
-    "T_set": "dead time in the set-point path, before the governor",
-    "K_d": "derivative gain of the governor, normalised",
-    "vK_d": "loop gain, derivative",
-    "tau_act": "time constant of the fuel actuator",
-    "T_s": "period at which the governor samples",
-    "T_0": "when the governor's first sample of a record falls",
-    "misread": "share by which a governor reads the speed off its mean",
-    "tau_twist": "give of the shaft, M_s0 / (2π n_s0 k)",
-    "inertia": "moment of inertia of all that turns, seen from the propeller",
-    "propeller_inertia": "share of it on the propeller's side of the gauge",
-    "gear_ratio": "engine speed over shaft speed",
-    "transmission_efficiency": "of the gearbox",
-    "A1": "engine torque per fuel rack, eq. 3.5",
-    "A2": "engine torque per engine speed, eq. 3.5",
-    "A3": "engine torque at no rack and no speed, eq. 3.5",
-    "propeller_torque": "at the vessel's operating speed",
-    "torque_exponent": "exponent of propeller torque with speed",
-    "X_0": "fuel rack at no speed error",
-    "Kp_abs": "proportional gain of the governor",
-    "Ki_abs": "integral gain of the governor",
-    "minimum_torque": "lowest engine torque",
-    "limit": "factor on the engine's torque envelope",
-    "rack_rate": "how fast the fuel rack can move",
-    "torque_rate": "how fast the engine's torque can change",
-}
 OUTPUTS: Mapping[str, str] = {
     "dn": "speed",
     "dM": "torque",
@@ -52,54 +14,11 @@ OUTPUTS: Mapping[str, str] = {
     "dX": "fuel rack",
     "overall": "all outputs",
 }
-STATUS: Mapping[str, str] = {
-    "free": "estimated",
-    "fixed": "given",
-    "prior": "estimated, with prior",
-    "at_bound": "on its bound",
-    "unidentifiable": "not identifiable",
-}
 
 FAULTS: Mapping[str, str] = {
     kind: f"{said} ({kind})" if kind[0].isupper() else said for kind, said in KINDS.items()
 }
 """Faults of a log, those of Table 6.10 with their letters."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
-
-    name: str
-    value: str
-    std: str
-    low: str
-    high: str
-    unit: str
-    status: str
-    reason: str
-    truth: str = ""
-    holds_truth: bool | None = None
-
-
-def rows(estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None) -> Iterator[Row]:
-    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
-    for name, estimate in estimates.items():
-        places = decimals(estimate.std)
-        real = (truth or {}).get(name)
-        low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
-        yield Row(
-            name=name,
-            value=rounded(estimate.value, places),
-            std=rounded(estimate.std, places),
-            low=rounded(low, places),
-            high=rounded(high, places),
-            unit=estimate.unit,
-            status=STATUS[estimate.status],
-            reason=estimate.reason,
-            truth=rounded(real, places),
-            holds_truth=None if real is None or low is None or high is None else low <= real <= high,
-        )
 
 
 def rank(found: Identifiability) -> str:
@@ -110,17 +29,3 @@ def rank(found: Identifiability) -> str:
             f"sensitivities {found.condition:.3g})."
         )
     return f"The data tell {found.rank} of {found.free} free parameters apart."
-
-
-def decimals(std: float | None) -> int | None:
-    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
-    if not std or not math.isfinite(std):
-        return None
-    return min(max(1 - math.floor(math.log10(std)), 0), 9)
-
-
-def rounded(value: float | None, places: int | None) -> str:
-    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
-    if value is None:
-        return ""
-    return f"{value:.4g}" if places is None else f"{value:.{places}f}"

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
@@ -28,10 +27,12 @@ from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.low_pass import PASSBAND
-from shipfp_rs.processing.trial import SIGNAL_OF_LOCATION, Trial
-from shipfp_rs.processing.trial_template import set_point_of
+from shipfp_rs.processing.roles import set_point_of
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.fir import PASSBAND
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [
@@ -44,7 +45,6 @@ __all__ = [
     "static_torque",
 ]
 
-Array = npt.NDArray[np.float64]
 
 LONGEST_SPECTRUM_S = 300.0
 

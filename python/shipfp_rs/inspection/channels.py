@@ -9,16 +9,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.inspection.pulse_channels import pulse_rate
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, joined, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.support.threads import side_by_side
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

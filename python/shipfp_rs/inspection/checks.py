@@ -14,11 +14,11 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import OperatingPoint, Trial, Window
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import OperatingPoint, Window
 from shipfp_rs.processing.windows import FoundWindow, Kind, find_windows
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 SETTLE_S = 4.0
 """Left out after a step: the plant still moves."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from shipfp_rs.inspection import Inspection
 from shipfp_rs.logs.log import Log
-from shipfp_rs.plot import envelope
+from shipfp_rs.plot.style import envelope
 from shipfp_rs.support.files import replacing
 
 COLOURS = {"steady": "#b8c4ce", "sine": "#2f6db3", "chirp": "#2a9d6f", "steps": "#c9762b", "other": "#a23b72"}

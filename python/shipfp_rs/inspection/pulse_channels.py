@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import median_filter
 
 from shipfp_rs._core import pulse_levels
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import PulseTimes, pulse_times
-
-Array = npt.NDArray[np.float64]
 
 PROBE_S = 120.0
 """Stretch from which it is told whether a channel is a pulse train."""

@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 SEGMENT_S = 20.0
 """Length of a segment of the averaged spectrum: lines 0.25 Hz apart are told from one another."""

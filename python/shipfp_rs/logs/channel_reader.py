@@ -10,7 +10,8 @@ from operator import itemgetter
 
 import numpy as np
 
-from shipfp_rs.logs.log import BLOCK, Log, Samples
+from shipfp_rs.logs.channel import BLOCK, Samples
+from shipfp_rs.logs.log import Log
 
 KEPT = 1 << 17
 """Samples that stay at hand behind the last one read: stretches overlap by filter margins of a second or two."""

@@ -5,60 +5,22 @@ from __future__ import annotations
 import contextlib
 import importlib
 import logging
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.support import hints
-
-Samples = npt.NDArray[Any]
-Blocks = Callable[[str, int, int], Iterator[Samples]]
-"""(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
-
-Numbers that can't be NaN have their gaps in a masked array, so that none of their bits is lost."""
+from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text
+from shipfp_rs.support import hints, units
 
 LOGGER = logging.getLogger("shipfp_rs")
-
-BLOCK = 1 << 20
-"""Samples read or written at once where the caller has no wish."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One recorded channel.
-
-    Parameters
-    ----------
-    name
-        As the logger wrote it, without its unit.
-    unit
-        Unit as the logger wrote it; empty where it wrote none.
-    rate_hz
-        Sample rate [Hz].
-    samples
-        Number of samples.
-    start_s
-        Time of the first sample on the log's clock [s].
-    """
-
-    name: str
-    unit: str
-    rate_hz: float
-    samples: int
-    start_s: float = 0.0
-
-    @property
-    def stop_s(self) -> float:
-        """Time just after the last sample [s]."""
-        return self.start_s + self.samples / self.rate_hz
 
 
 class Log:
@@ -82,6 +44,7 @@ class Log:
         blocks: Blocks,
         start_utc: datetime | None = None,
         faults: tuple[Fault, ...] = (),
+        notes: tuple[str, ...] = (),
     ) -> None:
         if not any(channel.samples for channel in channels):
             raise InputError(f"{name}: no samples in it; expected at least one channel with numbers")
@@ -100,8 +63,9 @@ class Log:
         self.name = name
         self.start_utc = start_utc  # when the log's clock stood at zero, where the file tells
         self.faults = faults  # of the file as a whole: its clock, its end
+        self.notes = notes  # what was guessed about the file, one line each
         self.channels: Mapping[str, Channel] = MappingProxyType(
-            {channel.name: channel for channel in channels}
+            {channel.name: replace(channel, unit=units.told(channel.unit)) for channel in channels}
         )
         self._blocks = blocks
 
@@ -110,35 +74,40 @@ class Log:
         return f"Log({self.name!r}: {shown})"
 
     @classmethod
-    def open(cls, path: str | Path, *, rate_hz: float | None = None) -> Log:
-        """Open a log; the suffix names the format.
+    def open(
+        cls,
+        path: str | Path,
+        *,
+        rate_hz: float | None = None,
+        time: str | None = None,
+        names: str | Path | None = None,
+    ) -> Log:
+        """Open a log; suffix and first bytes name the format.
 
         Parameters
         ----------
         path
-            CSV, Parquet, Arrow, imc FAMOS, DEWESoft, TDMS, MDF, HDF5 or MATLAB file, or any format that a reader
-            was registered for.
+            Text, Parquet, Arrow, imc FAMOS, DEWESoft, TDMS, MDF, HDF5, MATLAB, CAN, NMEA 2000 or ISO 19848 file, or any
+            format that a reader was registered for. With a star or a question mark in its name: all files of that
+            pattern, which a logger cut one recording into, as one log (`shipfp_rs.logs.joining.join`).
         rate_hz
             Sample rate of every column [Hz]; needed where the file tells neither rate nor time, and trusted
             above a time column.
+        time
+            Column of time where it is not found by itself or not the right one: "COLUMN", "COLUMN [ms]",
+            "DATE [d.m.y] + CLOCK".
+        names
+            File that names the channels: a DBC for a CAN log, a channel list for ISO 19848.
 
         Raises
         ------
         InputError
-            Where the file is missing, empty, unreadable, of unknown suffix, or without a uniform time base.
+            Where the file is missing, empty, unreadable, of unknown format, or without a time base.
         """
         path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix in _MODULES:
-            importlib.import_module(f"shipfp_rs.logs.readers.{_MODULES[suffix]}")
-        reader = _READERS.get(suffix)
-        if reader is None:
-            if suffix in (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"):
-                raise InputError(f"{path}: a compressed file, expected a log; unpack it first")
-            known = ", ".join(dict.fromkeys([*_MODULES, *_READERS]))
-            raise InputError(
-                f"{path}: unknown log format {path.suffix!r}, expected one of {known}{hints.nearest(suffix, list(_MODULES))}"
-            )
+        if any(mark in path.name for mark in "*?") and not path.exists():
+            return _joiner("pattern")(path, rate_hz=rate_hz, time=time, names=names)
+        _require_known(path)
         if not path.is_file():
             what = "a folder, expected a log file" if path.is_dir() else "no such log file"
             raise InputError(f"{path}: {what}")
@@ -146,9 +115,18 @@ class Log:
             raise InputError(f"{path}: the file is empty")
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{path}: rate_hz is {rate_hz}, expected a positive number")
+        reader = _reader_of(path)
+        wishes = {"time": time, "names": None if names is None else str(Path(names).absolute())}
+        options = {key: value for key, value in wishes.items() if value is not None}
+        for key in options:
+            if key not in _TAKES.get(reader, ()):
+                words = {"time": "a column of time (--time)", "names": "a file of names (--names)"}
+                raise InputError(f"{path}: {words[key]} is of no use for this format; leave it out")
         with one_line_errors(path):
-            log = reader(path, rate_hz)
+            log = reader(path, rate_hz, **options)
         LOGGER.info("opened %s: %d channels", path, len(log.channels))
+        for note in log.notes:
+            LOGGER.info("%s: %s", path, note)
         return log
 
     @classmethod
@@ -176,6 +154,19 @@ class Log:
                 yield held[channel][start : start + size]
 
         return cls(name, channels, blocks)
+
+    @staticmethod
+    def merge(*logs: Log, name: str = "") -> Log:
+        """Merge logs that share one clock, by their time stamps; see `shipfp_rs.logs.joining.merge`.
+
+        Examples
+        --------
+        >>> one = Log.from_arrays({"u": [1.0, 2.0]}, rate_hz=1.0, name="one")
+        >>> two = Log.from_arrays({"n": [3.0, 4.0]}, rate_hz=1.0, name="two")
+        >>> list(Log.merge(one, two).channels)
+        ['u', 'n']
+        """
+        return _joiner("merge")(logs, name)
 
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
@@ -237,9 +228,12 @@ class Log:
         Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
         shorter than the longest end in nulls, which cost next to nothing.
         """
-        from shipfp_rs.logs.readers.parquet import write_parquet
-
-        return write_parquet(self, Path(path))
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in _WRITTEN:
+            raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
+        importlib.import_module(f"shipfp_rs.logs.readers.{MODULES[suffix]}")
+        return _WRITERS[suffix](self, path)
 
 
 @contextlib.contextmanager
@@ -263,36 +257,80 @@ def _with_nan(block: Samples) -> Samples:
     return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
 
 
-Reader = Callable[[Path, float | None], Log]
+Reader = Callable[..., Log]
+"""(path, rate_hz) to a log; those that are registered to take more get it by keyword."""
+Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
-_MODULES = {
-    ".parquet": "parquet",
-    ".pq": "parquet",
-    ".feather": "arrow_ipc",
-    ".arrow": "arrow_ipc",
-    ".arrows": "arrow_ipc",
-    ".csv": "delimited",
-    ".txt": "delimited",
-    ".asc": "delimited",
-    ".raw": "famos",
-    ".dat": "famos",
-    ".tdms": "tdms",
-    ".d7d": "dewesoft",
-    ".dxd": "dewesoft",
-    ".mf4": "mdf",
-    ".mdf": "mdf",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".mat": "matlab",
-}
-"""Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
+_WRITERS: dict[str, Writer] = {}
+_JOINERS: dict[str, Callable[..., Log]] = {}
+_WRITTEN = (".parquet", ".pq")
+_TAKES: dict[Reader, tuple[str, ...]] = {}
 
 
-def register_reader(*suffixes: str) -> Callable[[Reader], Reader]:
-    """Make `Log.open` use the decorated function (path, rate_hz) for files of these suffixes."""
+def suffixes() -> tuple[str, ...]:
+    """Return the suffixes of all formats that `Log.open` reads."""
+    return tuple(dict.fromkeys([*MODULES, *_READERS]))
+
+
+def _require_known(path: Path) -> None:
+    """Refuse a suffix that no reader has."""
+    suffix = path.suffix.lower()
+    if suffix not in MODULES and suffix not in _READERS:
+        if suffix in HINTS:
+            raise InputError(f"{path}: {HINTS[suffix]}")
+        known = ", ".join(dict.fromkeys([*MODULES, *_READERS]))
+        raise InputError(
+            f"{path}: unknown log format {path.suffix!r}, expected one of {known}{hints.nearest(suffix, list(MODULES))}"
+        )
+
+
+def _reader_of(path: Path) -> Reader:
+    """Return the reader of a file, by its first bytes where several formats share a suffix."""
+    suffix = path.suffix.lower()
+    if suffix not in MODULES:
+        return _READERS[suffix]
+    module = MODULES[suffix]
+    if suffix in TEXTS:
+        with path.open("rb") as file:
+            module, suffix = of_text(suffix, file.read(4096))
+    importlib.import_module(f"shipfp_rs.logs.readers.{module}")
+    return _READERS[suffix]
+
+
+def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Reader], Reader]:
+    """Make `Log.open` use the decorated function (path, rate_hz) for files of these suffixes.
+
+    With `takes` naming "time" or "names" it gets these options of `Log.open` by keyword where they are given.
+    """
 
     def register(reader: Reader) -> Reader:
         _READERS.update(dict.fromkeys(suffixes, reader))
+        _TAKES[reader] = tuple(takes)
         return reader
+
+    return register
+
+
+def _joiner(way: str) -> Callable[..., Log]:
+    importlib.import_module("shipfp_rs.logs.joining")
+    return _JOINERS[way]
+
+
+def register_joiner(way: str) -> Callable[[Callable[..., Log]], Callable[..., Log]]:
+    """Make `Log` use the decorated function to build one log of several: "pattern" of files, or "merge"."""
+
+    def register(joiner: Callable[..., Log]) -> Callable[..., Log]:
+        _JOINERS[way] = joiner
+        return joiner
+
+    return register
+
+
+def register_writer(*suffixes: str) -> Callable[[Writer], Writer]:
+    """Make `Log.write` use the decorated function (log, path) for files of these suffixes."""
+
+    def register(writer: Writer) -> Writer:
+        _WRITERS.update(dict.fromkeys(suffixes, writer))
+        return writer
 
     return register

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from shipfp_rs.identification.identifiability import sparse_basis
 from shipfp_rs.optimise.gauss_newton import (
     NULL_TOLERANCE,
     ROUNDING,
-    Array,
     Bounds,
-    Mask,
     Point,
     gauss_newton_step,
+    sparse_basis,
 )
+from shipfp_rs.support.arrays import Array, Mask
 
 STEP_TOLERANCE = 1e-6
 """A Gauss-Newton step that would change a parameter by more than this part of it tells that the search stopped short."""

@@ -6,10 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from shipfp_rs.support.arrays import Array, Mask
 
 NULL_TOLERANCE = 1e-7
 """Directions with a singular value below this part of the largest are tried out instead of trusted."""
@@ -132,3 +130,17 @@ def polish(
             return point
         point, last = trial, length
     return point
+
+
+def sparse_basis(null: Array) -> Array:
+    """Gauss-Jordan form with full pivoting: each direction has a leading 1 and zeros at the others' leads."""
+    basis = null.copy()
+    for row in range(len(basis)):
+        free_rows = np.abs(basis[row:])
+        pivot_row, pivot = divmod(int(np.argmax(free_rows)), basis.shape[1])
+        basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
+        basis[row] /= basis[row, pivot]
+        for other in range(len(basis)):
+            if other != row:
+                basis[other] -= basis[other, pivot] * basis[row]
+    return basis

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,21 +14,14 @@ from scipy.optimize import least_squares
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.optimise.convergence import doubt, elsewhere, nearby
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, gauss_newton_step, polish
+from shipfp_rs.support.arrays import Array, Mask
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Function = Callable[[Array], tuple[Array, Array]]
-Method = Literal["trf", "dogbox", "lm"]
-Scaling = Literal["jac", "vector"]
 
 NOTICEABLE = 1e-9
 """Part of the cost by which another point must be lower to be lower."""
 ROUNDS = 8
 """Times that a search whose end is in doubt may go on from there, as long as it gains."""
-SPREAD = (0.3, 2.0)
-"""Logarithmic spread of random starts about a start without bounds, growing from the first restart to the last."""
-OTHER_SIGN = 0.2
-"""Share of such entries that are drawn with the other sign."""
 WORTHWHILE = 1e-12
 """Part of an entry below which a step of it, near a minimum, is not worth an evaluation."""
 DEVIATIONS = 1e-7
@@ -132,7 +124,7 @@ def minimise(
     """
     vector, bounds = _checked(start, lower, upper)
     recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
-    return _minimise(recorder, vector, bounds, tolerance, "trf", "jac", near=near)
+    return _minimise(recorder, vector, bounds, tolerance, near=near)
 
 
 @np.errstate(all="ignore")  # as in `_minimise`
@@ -154,80 +146,10 @@ def approach(
     recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
     point, message = recorder.begin(vector), ""
     try:
-        _run_scipy(recorder, point, bounds=bounds, tolerance=ROUGH, method="trf", scaling="jac")
+        _run_scipy(recorder, point, bounds=bounds, tolerance=ROUGH)
     except _LimitReachedError as limit:
         message = f"{STOPPED} {limit}, before a minimum was reached"
     return _solution(recorder, recorder.best, bounds, converged=False, message=message)
-
-
-def search(
-    function: Function,
-    start: npt.ArrayLike,
-    lower: npt.ArrayLike,
-    upper: npt.ArrayLike,
-    *,
-    restarts: int = 12,
-    seed: int = 0,
-    tolerance: float = 1e-12,
-    max_evaluations: int = 500,
-    time_limit_s: float | None = None,
-    tick: Callable[[], None] | None = None,
-) -> tuple[Solution, ...]:
-    """Minimise stubbornly: other methods and scalings from the same start, then random starts.
-
-    Parameters
-    ----------
-    function, start, lower, upper, tolerance, tick
-        As for `minimise`.
-    restarts, seed
-        Number of random starts, drawn between the bounds (logarithmically where they span more than two decades),
-        about the start where there are none; the same seed draws the same starts.
-    max_evaluations
-        Limit of each attempt.
-    time_limit_s
-        Limit of all together.
-
-    Returns
-    -------
-    tuple of Solution
-        The end of every attempt, the lowest first, a converged one before others as low. If the first is not
-        converged, no minimum found is as low as where that attempt stopped.
-
-    Raises
-    ------
-    InputError, IdentificationError
-        As `minimise`.
-    """
-    vector, bounds = _checked(start, lower, upper)
-    until = np.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    plans: list[tuple[Array, Method, Scaling]] = [
-        (vector, "trf", "jac"),
-        (vector, "trf", "vector"),
-        (vector, "dogbox", "jac"),
-        (vector, "lm", "jac"),
-    ]
-    random = np.random.default_rng(seed)
-    plans += [
-        (_drawn(random, vector, bounds, spread), "trf", "jac") for spread in np.geomspace(*SPREAD, restarts)
-    ]
-    ends: list[Solution] = []
-    for begin, method, scaling in plans:
-        left = until - time.monotonic()
-        if ends and left <= 0.0:
-            break
-        if method == "lm" and (bounds.finite or ends[0].jacobian.shape[0] < len(vector)):
-            continue
-        recorder = _Recorder(function, max_evaluations, None if np.isinf(left) else left, tick)
-        try:
-            ends.append(_minimise(recorder, begin, bounds, tolerance, method, scaling))
-        except IdentificationError:
-            # A random start may be one that can't be evaluated; the given one may not.
-            if not ends:
-                raise
-    ends.sort(key=lambda end: end.cost)
-    as_low = (end for end in ends if end.cost <= ends[0].cost * (1.0 + NOTICEABLE))
-    best = next((end for end in as_low if end.converged), ends[0])
-    return best, *(end for end in ends if end is not best)
 
 
 class _LimitReachedError(Exception):
@@ -316,13 +238,11 @@ def _minimise(
     start: Array,
     bounds: Bounds,
     tolerance: float,
-    method: Method,
-    scaling: Scaling,
     *,
     near: int = 0,
 ) -> Solution:
     first = point = recorder.begin(start)
-    run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance, method=method, scaling=scaling)
+    run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance)
     converged, message = False, ""
     try:
         for turn in range(ROUNDS):
@@ -384,18 +304,15 @@ def _way_down(
     return None
 
 
-def _run_scipy(
-    recorder: _Recorder, point: Point, *, bounds: Bounds, tolerance: float, method: Method, scaling: Scaling
-) -> Point:
-    size = np.where(point.vector != 0.0, np.abs(point.vector), 1.0)
+def _run_scipy(recorder: _Recorder, point: Point, *, bounds: Bounds, tolerance: float) -> Point:
     try:
         ended = least_squares(
             lambda vector: recorder(vector).residual,
             point.vector,
             jac=lambda vector: recorder(vector).jacobian,
-            bounds=(-np.inf, np.inf) if method == "lm" else (bounds.lower, bounds.upper),
-            method=method,
-            x_scale="jac" if scaling == "jac" else size,
+            bounds=(bounds.lower, bounds.upper),
+            method="trf",
+            x_scale="jac",
             ftol=tolerance,
             xtol=tolerance,
             gtol=tolerance,
@@ -406,17 +323,3 @@ def _run_scipy(
         # A decomposition that does not converge ends this run; the best point stands and is judged as any other.
         return recorder.best
     return recorder(ended.x)
-
-
-def _drawn(random: np.random.Generator, start: Array, bounds: Bounds, spread: float) -> Array:
-    """Draw a start: over finite bounds evenly, in logarithm if these span decades; else about the given start."""
-    drawn = np.empty_like(start)
-    for index, (value, low, high) in enumerate(zip(start, bounds.lower, bounds.upper, strict=True)):
-        if low > 0.0 and high / low > 100.0 and np.isfinite(high):
-            drawn[index] = np.exp(random.uniform(np.log(low), np.log(high)))
-        elif np.isfinite(high - low):
-            drawn[index] = random.uniform(low, high)
-        else:
-            size = value * np.exp(spread * random.normal()) if value else spread * random.normal()
-            drawn[index] = -size if random.random() < OTHER_SIGN else size
-    return bounds.clip(drawn)

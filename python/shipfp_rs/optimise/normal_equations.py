@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from shipfp_rs.support.arrays import Array, Mask
 
 TOLD = 1e-12
 """Part of the strongest direction among the unknowns that enter linearly below which they are not told apart."""

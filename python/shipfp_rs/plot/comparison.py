@@ -11,7 +11,7 @@ from shipfp_rs.assessment.comparison import QUANTILE
 from shipfp_rs.assessment.propagation import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.plot import COMPARED, dress
+from shipfp_rs.plot.style import COMPARED, dress
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,13 +13,13 @@ from scipy import ndimage, signal, stats
 from scipy.interpolate import CubicSpline
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Log, Samples
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.low_pass import LowPass, nearest_rate
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import pulse_times
-
-Array = npt.NDArray[np.float64]
 
 COARSE_HZ, FINE_HZ = 10.0, 100.0
 """Rates at which the lag is searched and refined."""

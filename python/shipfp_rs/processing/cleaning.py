@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel_reader import Rows
@@ -12,12 +11,11 @@ from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial import Processing, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Processing
+from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 class Cleaner:
@@ -41,15 +39,22 @@ class Cleaner:
     """
 
     def __init__(
-        self, rows: Rows, sensor: SetPoint | Torque | Rack, processing: Processing, first: int, last: int
+        self,
+        rows: Rows,
+        sensor: SetPoint | Torque | Rack | Load,
+        processing: Processing,
+        first: int,
+        last: int,
     ) -> None:
         settings = processing.faults
         self.drives = isinstance(sensor, SetPoint)
         self.rows = rows
         self.channel = rows.channel
         unit = "rpm" if self.drives else "mm" if isinstance(sensor, Rack) else "Nm"
+        if isinstance(sensor, Load) and sensor.quantity == "power":
+            unit = "W"
         self.calibration = sensor.calibration.calibration(unit)
-        self._spike = "D1" if self.drives else "spike" if isinstance(sensor, Rack) else "C"
+        self._spike = "D1" if self.drives else "spike" if isinstance(sensor, Rack | Load) else "C"
         self.spikes = processing.set_point_jumps if self.drives else processing.torque_spikes
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz

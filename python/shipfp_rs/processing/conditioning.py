@@ -7,15 +7,15 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.spikes import bridge
 from shipfp_rs.vessel.vessel import Vessel
 
-Array = npt.NDArray[np.float64]
 Side = Literal["engine", "propeller"]
 
 MOST_DEGREE = 3
@@ -126,8 +126,7 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
     InputError
         Where the experiment has no M_g or no n_e, or for another side.
     """
-    if side not in ("engine", "propeller"):
-        raise InputError(f"side: found {side!r}, expected 'engine' or 'propeller'")
+    one_of("side", side, ("engine", "propeller"))
     for name in ("M_g", "n_e"):
         if name not in experiment.signals:
             raise InputError(

@@ -3,25 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Channel
 from shipfp_rs.processing.low_pass import Source
 from shipfp_rs.processing.pulse_train import PulseTrain
-from shipfp_rs.tacho import Train, resample
+from shipfp_rs.processing.speed_sources import SpeedLevel
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.tacho import IntervalSpeed, Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
-
-Array = npt.NDArray[np.float64]
 
 TRAINS_AGREE = 0.02
 """Relative difference in speed that no two pulse trains of one shaft line have."""
 LEAST_INTERVALS = 8
 """Below so many a train says nothing beside the others."""
+
+
+@dataclass(frozen=True)
+class _Level:
+    """A speed recorded as such beside one that was counted: its scale, its deviation, and how they scatter."""
+
+    train: SpeedLevel
+    speed: IntervalSpeed
+    ratio: float
+    std_rpm: float
+    scatter: float
+
+    @classmethod
+    def beside(
+        cls, train: SpeedLevel, speed: IntervalSpeed, grid: Array, rpm: Array, std_rpm: float, rate_hz: float
+    ) -> _Level | None:
+        """Compare with a counted speed [rpm] on a grid of `rate_hz`; None where they share no time.
+
+        Its scale is set by the counted one: a converter's gain is known to a per cent or so. What they scatter by beyond
+        both their deviations is held against the level, so that a slow or late converter has little weight.
+        """
+        if len(speed.time_s) < LEAST_INTERVALS:
+            return None
+        own, _ = resample(speed, rate_hz, float(grid[0]), float(grid[-1]) + 1.0 / rate_hz)
+        own = own[: len(grid)] * train.rpm_per_rps
+        known = np.isfinite(own) & np.isfinite(rpm)
+        if known.sum() < LEAST_INTERVALS:
+            return None
+        ratio = float(np.median(own[known] / rpm[known]))
+        white = float(np.median(speed.std_rps)) * train.rpm_per_rps
+        apart = float(np.std(own[known] / ratio - rpm[known]))
+        scatter = apart / float(np.hypot(white, std_rpm))
+        return cls(train, speed, ratio, max(white, white * scatter), scatter)
+
+
+def _told(ratio: float, ratio_std: float, scatter: float, *, agrees: bool) -> dict[str, Any]:
+    return {"ratio": [ratio, ratio_std], "scatter": scatter, "agrees": agrees}
+
+
+def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Channel) -> Source:
+    """Return the mean of a counted speed and of levels, each weighed by its variance."""
+
+    def sampled(first: int, stop: int) -> Array:
+        told, weight = counted(first, stop), 1.0 / std_rpm**2
+        total = np.full(len(told), weight)
+        told = told * weight
+        start = base.start_s + first / base.rate_hz
+        end = start + (stop - first) / base.rate_hz
+        for level in levels:
+            part = level.train.around(level.speed, start, end)
+            other, masked = resample(part, base.rate_hz, start, end)
+            share = np.where(masked, 0.0, 1.0 / level.std_rpm**2)
+            told += share * np.where(masked, 0.0, other * level.train.rpm_per_rps / level.ratio)
+            total += share
+        return np.asarray(told / total)
+
+    return sampled
 
 
 class EngineSpeed:
@@ -72,9 +129,15 @@ class EngineSpeed:
         }
         for name, rpm in self.median_rpm.items():
             if abs(rpm / self.median_rpm[self.train.name] - 1.0) > TRAINS_AGREE:
+                levels = any(isinstance(train, SpeedLevel) for train in trains if train.name == name)
+                check = (
+                    "its unit, calibration and shaft"
+                    if levels
+                    else "pulses_per_rev, shaft and the gear ratio"
+                )
                 raise InputError(
                     f"{label}: {name!r} tells {rpm:.1f} rpm of the engine and {self.train.name!r} "
-                    f"{self.median_rpm[self.train.name]:.1f}; check pulses_per_rev, shaft and the gear ratio"
+                    f"{self.median_rpm[self.train.name]:.1f}; check {check}"
                 )
 
     def best(self) -> tuple[Source, dict[str, Any]]:
@@ -96,7 +159,15 @@ class EngineSpeed:
         mostly known to a few digits only.
         """
         own, base = self.train, self.base
-        useful = [train for train in self.trains if len(self.speeds[train.name].time_s) >= LEAST_INTERVALS]
+        useful = [
+            train
+            for train in self.trains
+            if len(self.speeds[train.name].time_s) >= LEAST_INTERVALS and not isinstance(train, SpeedLevel)
+        ]
+        if not useful:
+            source, account = self.best()
+            level_std = float(np.median(self.speeds[own.name].std_rps))
+            return source, {**account, "std_rpm": level_std * own.rpm_per_rps}
         try:
             fit, bandwidth_hz = fused_angle(
                 [
@@ -121,18 +192,29 @@ class EngineSpeed:
             return rps * own.rpm_per_rps
 
         start_s, stop_s = self.stretch_s
-        _, std_rps = fit.at(np.arange(start_s, stop_s, 1.0 / self.rate_hz))
+        grid = np.arange(start_s, stop_s, 1.0 / self.rate_hz)
+        speed_rps, deviation_rps = fit.at(grid)
         reports = {train.name: fit.report(train.name) for train in useful}
-        return sampled, {
+        std_rpm = float(np.sqrt(np.nanmean(deviation_rps**2))) * own.rpm_per_rps
+        found = (
+            _Level.beside(
+                train, self.speeds[train.name], grid, speed_rps * own.rpm_per_rps, std_rpm, self.rate_hz
+            )
+            for train in self.trains
+            if isinstance(train, SpeedLevel)
+        )
+        levels = [level for level in found if level is not None]
+        both = 1.0 / np.sqrt(1.0 / std_rpm**2 + sum(1.0 / level.std_rpm**2 for level in levels))
+        return _beside(sampled, levels, std_rpm, base) if levels else sampled, {
             **self._account(bandwidth_hz),
-            "std_rpm": float(np.sqrt(np.nanmean(std_rps**2))) * own.rpm_per_rps,
+            "std_rpm": float(both),
             "fused": {
-                name: {
-                    "ratio": [report.ratio, report.ratio_std],
-                    "scatter": report.scatter,
-                    "agrees": report.agrees,
-                }
+                name: _told(report.ratio, report.ratio_std, report.scatter, agrees=report.agrees)
                 for name, report in reports.items()
+            }
+            | {
+                level.train.name: _told(level.ratio, 0.0, level.scatter, agrees=level.scatter < 3.0)
+                for level in levels
             },
         }
 

@@ -7,21 +7,17 @@ from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
-import numpy.typing as npt
-from scipy import signal
 
 from shipfp_rs._core import Decimator
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.log import Channel
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.support.arrays import Array, Mask
+from shipfp_rs.support.fir import taps
 from shipfp_rs.support.spans import Spans, runs
 
-Array = npt.NDArray[np.float64]
 Source = Callable[[int, int], Array]
 """(first, stop) to samples on a channel's own index, NaN where masked."""
 
-PASSBAND, STOPBAND = 0.3, 0.5
-"""Edges of the low-pass as shares of the output's rate; nothing above half of it may fold back."""
-ATTENUATION_DB = 80.0
 MARGIN_S = 1.0
 """Read before and after each piece, so that running medians have settled where it counts."""
 PIECE = 1 << 17
@@ -116,7 +112,7 @@ class LowPass:
             )
         return np.asarray(share / weight[-1])
 
-    def _bridged(self, samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
+    def _bridged(self, samples: Array, missing: Mask) -> Array:
         """Straight lines over masked samples; long runs stand at the values beside them.
 
         What is put in depends on nothing further away than the margin, so not on how the signal is cut into pieces.
@@ -138,14 +134,3 @@ class LowPass:
             else:
                 bridged[start:stop] = after if np.isfinite(after) else 0.0
         return bridged
-
-
-def taps(rate: float, shift: float) -> Array:
-    """Kaiser-windowed sinc for an output at `rate` times the inner rate, its middle `shift` inner samples late."""
-    count, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate / 0.5)
-    half = count // 2
-    time = np.arange(-half, half + 1) + shift
-    inside = np.sqrt(np.maximum(1.0 - (time / (half + abs(shift))) ** 2, 0.0))
-    cutoff = (PASSBAND + STOPBAND) * rate
-    taps = cutoff * np.sinc(cutoff * time) * np.i0(beta * inside)
-    return np.asarray(taps / taps.sum())

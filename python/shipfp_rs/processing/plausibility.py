@@ -6,15 +6,14 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial import Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.units import told
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 CALIBRATED_WITHIN = 0.1
 """Relative difference between the means of set point and speed above which a calibration is wrong."""
@@ -23,10 +22,10 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
-def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack) -> None:
+def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack | Load) -> None:
     """Refuse a calibration for another unit than the log's."""
     recorded = log.channel(sensor.column).unit
-    if recorded and recorded != sensor.unit:
+    if recorded and recorded != told(sensor.unit):
         raise InputError(
             f"{log.name}: channel {sensor.column!r} is in {recorded!r}, channels.{key}.unit says {sensor.unit!r}; "
             "give the log's unit and a calibration for it"
@@ -35,8 +34,14 @@ def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack) -> None:
 
 def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> None:
     """Catch signals without samples, and calibrations wrong by a factor such as the thousand between V and mV."""
-    rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
-    rated_torque = {"M_b": rated, "M_s": rated * vessel.gearbox.ratio, "M_g": rated * vessel.gearbox.ratio}
+    rated_torque: dict[str, float] = {}
+    if vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
+        rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
+        rated_torque = {
+            "M_b": rated,
+            "M_s": rated * vessel.gearbox.ratio,
+            "M_g": rated * vessel.gearbox.ratio,
+        }
     mean = {}
     for name, values in signals.items():
         if np.isnan(values).all():

@@ -14,27 +14,30 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.low_pass import ATTENUATION_DB, PASSBAND, STOPBAND, LowPass, Source, nearest_rate
+from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
 from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
-from shipfp_rs.processing.trial import Rack, SetPoint, Tacho, Torque, Trial, Window
+from shipfp_rs.processing.speed_sources import require_one_direction, source_of
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Tacho, Torque
+from shipfp_rs.processing.trial_tables import Window
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
 from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 STEADY_STRETCH = "operating_point.steady_s"
 STEADY = 0.02
@@ -134,6 +137,8 @@ class _Recording:
             ("set_point", channels.set_point),
             ("torque", channels.torque),
             ("rack", channels.rack),
+            ("actuator", channels.actuator),
+            ("load", channels.load),
         ):
             if sensor is not None:
                 require_unit(log, key, sensor)
@@ -143,13 +148,14 @@ class _Recording:
         # In the order of time, in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
         self._base = self._rows(channels.set_point)
-        sensors = (channels.set_point, *channels.levels.values(), *channels.tachos.values())
+        recorded = [tacho for tacho in channels.tachos.values() if tacho.kind != "edges"]
+        sensors = (channels.set_point, *channels.levels.values(), *recorded)
         self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
         self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
         self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
-    def _rows(self, sensor: SetPoint | Torque | Rack | Tacho, kept_bytes: int = 0) -> Rows:
+    def _rows(self, sensor: SetPoint | Torque | Rack | Load | Tacho, kept_bytes: int = 0) -> Rows:
         return Rows(
             self.log,
             sensor.column,
@@ -188,12 +194,16 @@ class _Recording:
             zip(channels.levels, found[1 : len(levels)], strict=True)
         )
         self.trains: list[PulseTrain] = found[len(levels) :]
+        by_name = {train.name: train for train in self.trains}
+        for name, tacho in channels.tachos.items():
+            if tacho.quadrature is not None:
+                require_one_direction(by_name[name], by_name[f"{name}, second"])
         speeds = side_by_side(
             [partial(self._engine_speed, grid) for grid in self.grids.values()], self._stopped
         )
         self.speeds = dict(zip(self.grids, speeds, strict=True))
 
-    def _cleaned(self, sensor: SetPoint | Torque | Rack) -> dict[str, _Cleaned]:
+    def _cleaned(self, sensor: SetPoint | Torque | Rack | Load) -> dict[str, _Cleaned]:
         """Calibrate, repair and resample a channel in every stretch."""
         rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
@@ -204,7 +214,8 @@ class _Recording:
         return found
 
     def _train(self, name: str, tacho: Tacho) -> PulseTrain:
-        return PulseTrain(self._rows(tacho), name, tacho, self.vessel.gearbox.ratio, self.stretches)
+        rows = None if tacho.kind == "edges" else self._rows(tacho)
+        return source_of(rows, name, tacho, self.vessel.gearbox.ratio, self.stretches)
 
     def operating_point(self) -> dict[str, float]:
         """Values given, or means over the steady stretch."""
@@ -221,6 +232,8 @@ class _Recording:
         if given.n_e_rpm is not None:
             point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
         for signal, sensor in self.trial.channels.levels.items():
+            if isinstance(sensor, Load):
+                continue  # an input: its mean over the steady stretch, where there is one
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
@@ -268,7 +281,8 @@ class _Recording:
             signals[name] = cleaned.samples
             faults = faults + cleaned.faults
             told_by[sensor.column] = [name]
-            calibration["torque" if is_torque else "rack"] = dataclasses.asdict(cleaned.calibration)
+            kind = "torque" if is_torque else "load" if isinstance(sensor, Load) else "rack"
+            calibration[kind] = dataclasses.asdict(cleaned.calibration)
             if is_torque and np.nansum(cleaned.samples) < 0.0:
                 rows = np.array([self._within(self._rows(sensor), label)])
                 kept = "kept: negative on average; normalised with a negative mean it tells the same"
@@ -288,9 +302,10 @@ class _Recording:
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
         """Tell where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
         channels = self.trial.channels
-        sensors: list[tuple[SetPoint | Torque | Rack | Tacho, str]] = [(channels.set_point, "n_set")]
+        sensors: list[tuple[SetPoint | Torque | Rack | Load | Tacho, str]] = [(channels.set_point, "n_set")]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
-        sensors += [(tacho, "n_e" if name == train else "") for name, tacho in channels.tachos.items()]
+        tachos = {name: tacho for name, tacho in channels.tachos.items() if tacho.kind != "edges"}
+        sensors += [(tacho, "n_e" if name == train else "") for name, tacho in tachos.items()]
         told = {}
         for sensor, signal in sensors:
             rows = self._rows(sensor)
@@ -309,6 +324,8 @@ class _Recording:
         """Mask the signals that a channel tells of where it was repaired."""
         grid = self.grids[label]
         for channel, names in told_by.items():
+            if channel not in self._channels:
+                continue  # a list of edges has no samples
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz

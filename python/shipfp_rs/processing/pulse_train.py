@@ -6,23 +6,22 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.processing.trial import Tacho
+from shipfp_rs.processing.trial_channels import Tacho
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,
     PulseTimes,
+    ReflectorAngles,
     pulse_times,
     reflector_angles,
     speed_from_pulses,
 )
-
-Array = npt.NDArray[np.float64]
 
 MARGIN_S = 2.0
 """Read before and after a stretch, so that it begins and ends within an interval."""
@@ -62,8 +61,16 @@ class PulseTrain:
         self.rpm_per_rps = 60.0 * (gear_ratio if tacho.shaft == "propeller" else 1.0)
         """Engine rpm per rev/s of the train's own shaft."""
         self.pulses = {label: self._pulses(rows, *stretch) for label, stretch in stretches.items()}
-        longest = self.pulses[max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])]
-        self.angles = reflector_angles(longest.times_s, tacho.pulses_per_rev, gaps=longest.gaps_s)
+        longest = max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])
+        self.angles = self._angles(self.pulses[longest])
+
+    def _angles(self, longest: PulseTimes) -> ReflectorAngles:
+        """Angles of the reflectors, from the pulses of the longest stretch."""
+        return reflector_angles(longest.times_s, self.tacho.pulses_per_rev, gaps=longest.gaps_s)
+
+    def _time_std_s(self, label: str) -> float | None:
+        """Standard deviation of a pulse's time in a stretch [s]; None: as the pulses tell."""
+        return None
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         """Pulses of a stretch and a margin on either side, on the log's clock."""
@@ -86,14 +93,16 @@ class PulseTrain:
             times_s=pulses.times_s + offset,
             gaps_s=pulses.gaps_s + offset,
             faint_s=pulses.faint_s + offset,
-            missing_s=pulses.missing_s + offset,
         )
 
     def speed(self, label: str) -> IntervalSpeed:
         """Interval speeds [rev/s] of the train's shaft in a stretch."""
         pulses = self.pulses[label]
         return speed_from_pulses(
-            pulses, self.tacho.pulses_per_rev, angles=self.angles if self.angles.ok else None
+            pulses,
+            self.tacho.pulses_per_rev,
+            angles=self.angles if self.angles.ok else None,
+            time_std_s=self._time_std_s(label),
         )
 
     @staticmethod

@@ -7,28 +7,11 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from shipfp_rs.errors import InputError
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.roles import Roles
 from shipfp_rs.processing.windows import FoundWindow, longest_rest
-
-TORQUE = "torq|moment|koppel|torsion|strain"
-"""What a channel of the torque is called, in part."""
-TO_RPM: Mapping[str, float] = {"rpm": 1.0, "1/min": 1.0, "rev/min": 1.0, "U/min": 1.0, "rev/s": 60.0}
-TO_NM: Mapping[str, float] = {"Nm": 1.0, "N·m": 1.0, "kNm": 1e3, "kN·m": 1e3}
-"""Factors of units that need no calibration of their own."""
-
-
-def set_point_of(log: Log) -> str:
-    """Return the one channel whose name says that it is a set point; `InputError` where there is none or several."""
-    named = [
-        name for name in log.channels if re.search(r"set[ _-]?point|n[ _-]?set|soll", name, re.IGNORECASE)
-    ]
-    if len(named) != 1:
-        raise InputError(
-            f"{log.name}: {'several channels are' if named else 'no channel is'} called a set point, found "
-            f"{', '.join(named or log.channels)}; name it with --set-point"
-        )
-    return named[0]
+from shipfp_rs.support.units import TO_NM, TO_RPM
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
@@ -52,27 +35,29 @@ def filled_in(
     template: str,
     log: Log,
     path: Path,
-    set_point: str,
+    roles: Roles,
     trains: Mapping[str, float],
     windows: Sequence[FoundWindow],
     rate_hz: float | None = None,
+    time: str | None = None,
+    names: Path | None = None,
 ) -> str:
     """Return the template of a TRIAL.toml with what a log tells: its channels, steady stretch and windows.
 
     Parameters
     ----------
     template
-        `TRIAL_TEMPLATE`, whose tables stand apart by an empty line each.
+        That of `support.toml.template`, whose tables stand apart by an empty line each.
     log, path
         The log and where it lies.
-    set_point
-        Channel of the set point.
+    roles
+        What its channels are taken for, and why.
     trains
         Channels that are pulse trains, with pulses per second.
     windows
         What was found in the set point.
-    rate_hz
-        Sample rate, where the log told none.
+    rate_hz, time, names
+        As it was opened.
     """
     tables = {_header(table): table for table in template.split("\n\n")}
     tables["trial"] = _with(tables["trial"], "log", json.dumps(str(path)))
@@ -80,22 +65,32 @@ def filled_in(
         tables["trial"] = re.sub(
             "^# rate_hz = .*", f"rate_hz = {rate_hz!r}", tables["trial"], flags=re.MULTILINE
         )
-    there = (f"{one.name}{f' [{one.unit}]' if one.unit else ''}" for one in log.channels.values())
-    about = f"# The log has {', '.join(there)}.\n"
-    tables["channels.set_point"] = about + _of(log.channel(set_point), tables["channels.set_point"], TO_RPM)
-    torques = [
-        name
-        for name in log.channels
-        if name != set_point and name not in trains and re.search(TORQUE, name, re.IGNORECASE)
-    ]
-    if len(torques) == 1:
-        tables["channels.torque"] = _of(log.channel(torques[0]), tables["channels.torque"], TO_NM)
+    for key, value in (("time_column", time), ("names", None if names is None else str(names.resolve()))):
+        if value is not None:
+            line = f"{key} = {json.dumps(value)}"
+            tables["trial"] = re.sub(f"^# {key} = .*", lambda _: line, tables["trial"], flags=re.MULTILINE)  # noqa: B023
+    there = (
+        f"# {one.name}{f' [{one.unit}]' if one.unit else ''}, {one.rate_hz:g} Hz: {roles.reasons.get(one.name, '')}"
+        for one in log.channels.values()
+    )
+    about = "# The log's channels, and what each is taken for:\n" + "\n".join(there) + "\n"
+    if roles.set_point is None:
+        about += "# No set point was found: name its channel below.\n"
+        tables["channels.set_point"] = about + tables["channels.set_point"]
+    else:
+        channel = log.channel(roles.set_point)
+        tables["channels.set_point"] = about + _of(channel, tables["channels.set_point"], TO_RPM)
+    if roles.torque is not None:
+        tables["channels.torque"] = _of(log.channel(roles.torque), tables["channels.torque"], TO_NM)
     else:
         tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
+    if not trains and roles.speeds:
+        del tables["channels.PTM_e"]
+        tables["channels.PTM_4"] = "\n\n".join(_speed(log.channel(name)) for name in roles.speeds)
     if trains:
         del tables["channels.PTM_e"]
         tables["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
-    rest = longest_rest(windows)
+    rest = longest_rest(windows) if windows else None
     if rest is not None:
         stretch = f"[{rest.start_s:.1f}, {rest.stop_s:.1f}]"
         tables["operating_point"] = _with(tables["operating_point"], "steady_s", stretch)
@@ -127,6 +122,16 @@ def _of(channel: Channel, table: str, factors: Mapping[str, float]) -> str:
         table = _with(table, "unit", json.dumps(channel.unit))
     factor = factors.get(channel.unit.replace(" ", ""))
     return table if factor is None else _with(table, "calibration", f"{{ scale = {factor} }}")
+
+
+def _speed(channel: Channel) -> str:
+    """Return the table of a speed that is recorded as such."""
+    return (
+        f"[channels.{json.dumps(channel.name)}]            # recorded as a speed\n"
+        f"column = {json.dumps(channel.name)}\n"
+        f"unit = {json.dumps(channel.unit)}\n"
+        'shaft = "engine"                # or "propeller"'
+    )
 
 
 def _train(name: str, pulses_hz: float) -> str:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["steady", "sine", "chirp", "steps", "other"]
 
 COARSE_HZ = 200.0

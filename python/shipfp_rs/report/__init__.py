@@ -7,10 +7,11 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
@@ -21,6 +22,7 @@ from shipfp_rs.report.bode import compared_responses
 from shipfp_rs.report.charts import charts
 from shipfp_rs.report.pictures import Pictures
 from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.html import environment
 
 __all__ = ["compared_responses", "render", "write_report"]
 
@@ -95,26 +97,24 @@ def render(
         ("quality", "Log quality", fate.log_quality(experiments)),
         ("settings", "Settings and versions", _settings(fingerprint)),
     ]
-    sections = {anchor: (name, [*parts]) for anchor, name, parts in contents}
-    shown = {anchor: section for anchor, section in sections.items() if any(section[1])}
-    links = "".join(f'<li><a href="#{anchor}">{escape(name)}</a></li>' for anchor, (name, _) in shown.items())
+    made = [(anchor, name, [part for part in parts if part]) for anchor, name, parts in contents]
+    sections = [section for section in made if section[2]]
     ship = f"{fingerprint.vessel or 'ship not named'}, structure “{fingerprint.structure.get('name', '')}”"
     scripts = [_resource("sort.js"), _resource("zoom.js")]
     # Whatever slipped through the escaping could neither run nor call anyone.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {allowed}"
     return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{_resource('page.css')}</style>\n</head>\n<body>\n"
-        '<a class="skip" href="#verdict">Skip to the verdict</a>\n'
-        f'<header><h1>{escape(title)}</h1>\n<p class="lead">{escape(ship)}</p>\n'
-        f'<nav aria-label="Contents"><ul>{links}</ul></nav></header>\n<main>\n'
-        + "\n".join(markup.section(anchor, name, parts) for anchor, (name, parts) in shown.items())
-        + "\n</main>\n"
-        + "".join(f"<script>{script}</script>\n" for script in scripts)
-        + "</body>\n</html>\n"
+        environment()
+        .get_template("report.html")
+        .render(
+            title=title,
+            ship=ship,
+            policy=Markup(policy),
+            style=Markup(_resource("page.css")),
+            scripts=[Markup(script) for script in scripts],
+            sections=sections,
+        )
     )
 
 
@@ -132,7 +132,7 @@ def _signals(
     for index, (experiment, chart) in enumerate(
         zip(experiments, charts(experiments, simulated), strict=True)
     ):
-        yield f"<h3>{escape(experiment.name)}</h3>"
+        yield markup.piece("heading", experiment.name)
         yield chart
         if index >= STILL_PICTURES:
             continue
@@ -144,11 +144,11 @@ def _signals(
             )
         else:
             still = pictures.draw(
-                len(plot.units(experiment)),
+                len(plot.signals.units(experiment)),
                 partial(plot.time_series, experiment),
                 f"{experiment.name}: signals; masked samples, marked at the bottom, are not fitted.",
             )
-        yield f"<noscript>{still}</noscript>"
+        yield markup.piece("unscripted", still)
 
 
 def _responses(responses: Responses, pictures: Pictures) -> Iterable[str]:
@@ -173,9 +173,7 @@ def _settings(fingerprint: Fingerprint) -> Iterable[str]:
         "settings": fingerprint.settings,
         "seed": fingerprint.seed,
     }
-    yield markup.details(
-        "Structure, settings and seed", f'<pre tabindex="0">{escape(_outline(content))}</pre>'
-    )
+    yield markup.details("Structure, settings and seed", markup.piece("preformatted", _outline(content)))
 
 
 def _outline(content: Mapping[str, Any], indent: str = "") -> str:

@@ -10,10 +10,11 @@ from scipy.ndimage import uniform_filter1d
 
 from shipfp_rs.assessment.prediction import predict, predict_response, structure_of
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Array, Experiment
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, local_response
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 
 SMOOTHED = 13
 """Bins over which the set point's power is averaged: as many as a point of `local_response` has at least."""

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
+from shipfp_rs.plot import style
 from shipfp_rs.report.fate import Fault, faults
+from shipfp_rs.report.markup import piece
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
-
-Array = npt.NDArray[np.float64]
 
 VALUES = 2_600_000
 """Numbers of two bytes that all charts of a page hold together: 6.9 MB as text."""
@@ -55,39 +53,34 @@ def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, A
 def _chart(experiment: Experiment, model: Mapping[str, Any], width: int) -> str:
     marked = [fault for fault in faults(experiment) if not fault.kept]
     panels = []
-    for unit in plot.units(experiment):
+    for unit in plot.signals.units(experiment):
         series, left = [], []
         for name, samples in experiment.signals.items():
             if UNITS[name] != unit:
                 continue
             label = _label(name)
-            series.append(_series(label, plot.COLOURS[name], samples, width))
+            series.append(_series(label, style.COLOURS[name], samples, width))
             if name in model:
                 fitted = experiment.operating_point[name] * (1.0 + np.asarray(model[name], dtype=np.float64))
                 series.append(_series(f"model of {name}", MODEL, fitted, width))
                 left.append(
                     _panel(
                         f"{name} − model [{unit}]",
-                        [_series(f"{name} less the model", plot.COLOURS[name], samples - fitted, width)],
+                        [_series(f"{name} less the model", style.COLOURS[name], samples - fitted, width)],
                     )
                 )
         marks = [_mark(fault, experiment) for fault in marked if UNITS.get(fault.signal) == unit]
         if not marks:
             marks = [_mark(fault, experiment) for fault in _masked(experiment, unit)]
-        panels += [_panel(plot.QUANTITIES[unit], series, marks), *left]
+        panels += [_panel(style.QUANTITIES[unit], series, marks), *left]
     content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
-    # Within a script element only "<" could end it.
-    packed = json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     about = f"{experiment.name}: signals, model, and what the model leaves over, against time"
     detail = (
         "every sample is in the page"
         if width == 1
         else f"smallest and largest of every {width} samples ({1e3 * width / experiment.rate_hz:.3g} ms) are in the page"
     )
-    return (
-        f'<figure class="chart" data-about="{escape(about)}"><script type="application/json">{packed}</script>'
-        f'<figcaption>{escape(about)}; {escape(detail)}. <span class="help">{HELP}</span></figcaption></figure>'
-    )
+    return piece("chart", about, content, detail, HELP)
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
@@ -148,4 +141,4 @@ def _mark(fault: Fault, experiment: Experiment) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    return plot.LABELS[name].translate(str.maketrans("", "", "${}"))
+    return style.LABELS[name].translate(str.maketrans("", "", "${}"))

@@ -13,6 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
+from shipfp_rs.support.arrays import Array
 
 _FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
 """What can become of a recorded sample; of two the one with the higher code counts."""
@@ -43,7 +44,7 @@ class Fault:
     method: str
     signal: str
     spans: npt.NDArray[np.int64]
-    spans_s: npt.NDArray[np.float64]
+    spans_s: Array
     cut: bool = True
 
     @property

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from html import escape
 from typing import Any
 
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.verdict import ALARM
-from shipfp_rs.report.markup import Cell, bullets, number, paragraph, table
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint, Row, rounded_rows
+from shipfp_rs.report.markup import Cell, bullets, number, paragraph, piece, table
 from shipfp_rs.report.pictures import Pictures
+from shipfp_rs.structures.glossary import meaning
 
 TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 
@@ -20,16 +19,13 @@ TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 def verdict(fingerprint: Fingerprint) -> Iterable[str]:
     """Yield the figures at a glance and the sentences of the verdict."""
     yield _glance(fingerprint)
-    lines = fingerprint.verdict or ("No verdict was given.",)
-    yield '<div class="verdict"><ul>' + "".join(f"<li>{_led(line)}</li>" for line in lines) + "</ul></div>"
+    yield piece("verdict", [_led(line) for line in fingerprint.verdict or ("No verdict was given.",)])
 
 
-def _led(line: str) -> str:
-    """Set what a sentence is about in bold: its words before the colon."""
+def _led(line: str) -> tuple[str, str]:
+    """Return what a sentence is about, its words before the colon, and the rest."""
     lead, colon, rest = line.partition(": ")
-    if not colon or "'" in lead:  # a colon within a name is none of the sentence's
-        return escape(line)
-    return f"<strong>{escape(lead)}:</strong> {escape(rest)}"
+    return ("", line) if not colon or "'" in lead else (lead, rest)  # a colon may be part of a name
 
 
 def _glance(fingerprint: Fingerprint) -> str:
@@ -51,15 +47,7 @@ def _glance(fingerprint: Fingerprint) -> str:
     samples = sum(int(record.get("samples", 0)) for record in fingerprint.data)
     if samples:
         tiles.append(("samples fitted", f"{100.0 * used / samples:.3g} %", ""))
-    return (
-        '<dl class="glance">'
-        + "".join(
-            f"<div><dt>{escape(name)}</dt>"
-            f'<dd class="{tone if value != "0" else "none"}">{escape(value)}</dd></div>'
-            for name, value, tone in tiles
-        )
-        + "</dl>"
-    )
+    return piece("glance", tiles)
 
 
 def parameters(
@@ -68,7 +56,7 @@ def parameters(
     """Yield the tables of parameters and combinations and the picture of their intervals."""
     yield _estimates("parameters with their 95 % intervals", fingerprint.parameters, truth)
     if fingerprint.derived:
-        yield "<h3>Combinations</h3>"
+        yield piece("heading", "Combinations")
         yield paragraph("Known together, though their members are not known one by one.")
         yield _estimates("combinations with their 95 % intervals", fingerprint.derived, truth)
     caption = "Estimates with their 95 % intervals, in per cent of the " + (
@@ -88,7 +76,7 @@ def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str
     truths = ["truth"] if truth else []
     head = ["parameter", "status", "estimate", "std", "95 % interval", "unit", *truths, "meaning or reason"]
     rows = []
-    for row in wording.rows(estimates, truth):
+    for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
         cells = [
             Cell(row.name, code=True),
@@ -102,11 +90,11 @@ def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str
             cells.append(
                 number(row.truth, "bad" if row.holds_truth is False else "", key=truth.get(row.name))
             )
-        rows.append([*cells, Cell(row.reason or wording.MEANINGS.get(row.name, ""), tone="note")])
+        rows.append([*cells, Cell(row.reason or meaning(row.name), tone="note")])
     return table(about, head, rows)
 
 
-def _interval(row: wording.Row, estimate: Estimate) -> str:
+def _interval(row: Row, estimate: Estimate) -> str:
     """Write an interval; one that begins on a bound has one end only."""
     if estimate.ci95 is None:
         return ""

@@ -1,11 +1,14 @@
-"""Pieces of HTML: tables that sort, lists, sections. Whatever is not HTML already is escaped here."""
+"""Pieces of the report as HTML: tables that sort, lists, figures; the templates escape every text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Any
+
+from markupsafe import Markup
+
+from shipfp_rs.support.html import environment
 
 
 @dataclass(frozen=True)
@@ -15,7 +18,7 @@ class Cell:
     Parameters
     ----------
     text
-        What it shows, not yet escaped.
+        What it shows.
     number
         Whether it is set to the right, as figures are.
     tone
@@ -32,16 +35,21 @@ class Cell:
     code: bool = False
     key: float | None = None
 
-    def html(self, tag: str = "td") -> str:
-        """Return the element."""
-        classes = " ".join(part for part in ("number" if self.number else "", self.tone) if part)
-        attributes = f' class="{classes}"' if classes else ""
-        if self.key is not None:
-            attributes += f' data-key="{self.key!r}"'
-        if tag == "th":
-            attributes += ' scope="row"'
-        text = escape(self.text)
-        return f"<{tag}{attributes}>{f'<code>{text}</code>' if self.code else text}</{tag}>"
+    @property
+    def classes(self) -> str:
+        """Classes of the element."""
+        return " ".join(part for part in ("number" if self.number else "", self.tone) if part)
+
+    @property
+    def sorted_by(self) -> str:
+        """The key to the last digit."""
+        return repr(self.key)
+
+
+def piece(name: str, *content: object) -> Markup:
+    """Return one of the macros of `markup.html`, filled in."""
+    macro = getattr(environment().get_template("markup.html").module, name)
+    return Markup(macro(*content))
 
 
 def number(text: str, tone: str = "", key: float | None = None) -> Cell:
@@ -49,7 +57,7 @@ def number(text: str, tone: str = "", key: float | None = None) -> Cell:
     return Cell(text, number=True, tone=tone, key=key)
 
 
-def table(about: str, head: Sequence[str], rows: Iterable[Sequence[Cell]], *, tail: int = 0) -> str:
+def table(about: str, head: Sequence[str], rows: Iterable[Sequence[Cell]], *, tail: int = 0) -> Markup:
     """Return a table that sorts by a click on its heads; `tail` rows at its end stay there.
 
     Parameters
@@ -64,54 +72,23 @@ def table(about: str, head: Sequence[str], rows: Iterable[Sequence[Cell]], *, ta
         Number of last rows that are no part of what is sorted.
     """
     lines = [*rows]
-    first = lines[0] if lines else ()
-    heads = "".join(
-        f'<th scope="col"{_to_right(first, index)}>{escape(name)}</th>' for index, name in enumerate(head)
-    )
-
-    def body(part: Sequence[Sequence[Cell]]) -> str:
-        return "".join(
-            "<tr>"
-            + "".join(cell.html("td" if column else "th") for column, cell in enumerate(line))
-            + "</tr>\n"
-            for line in part
-        )
-
     end = len(lines) - tail
-    foot = f"<tfoot>{body(lines[end:])}</tfoot>" if tail else ""
-    return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(about)}"><table class="sortable">'
-        f'<caption class="unseen">{escape(about)}</caption><thead><tr>{heads}</tr></thead>\n'
-        f"<tbody>{body(lines[:end])}</tbody>{foot}</table></div>"
-    )
+    return piece("table", about, head, lines[:end], lines[end:])
 
 
-def _to_right(cells: Sequence[Cell], index: int) -> str:
-    return ' class="number"' if index < len(cells) and cells[index].number else ""
-
-
-def section(anchor: str, title: str, parts: Iterable[str]) -> str:
-    """Return a section with its heading, which the table of contents points at."""
-    content = "\n".join(part for part in parts if part)
-    return (
-        f'<section aria-labelledby="{anchor}"><h2 id="{anchor}">{escape(title)}</h2>\n{content}\n</section>'
-    )
-
-
-def bullets(lines: Iterable[str]) -> str:
+def bullets(lines: Iterable[str]) -> Markup:
     """Return a list."""
-    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+    return piece("bullets", lines)
 
 
-def paragraph(text: str, tone: str = "") -> str:
+def paragraph(text: str, tone: str = "") -> Markup:
     """Return a paragraph."""
-    return f'<p class="{tone}">{escape(text)}</p>' if tone else f"<p>{escape(text)}</p>"
+    return piece("paragraph", text, tone)
 
 
-def details(summary: str, content: str, *, printed: bool = True) -> str:
+def details(summary: str, content: Markup, *, printed: bool = True) -> Markup:
     """Return what is shown on demand, and on paper, where nobody can ask for it, if it is to be printed."""
-    kind = "" if printed else ' class="unprinted"'
-    return f"<details{kind}><summary>{escape(summary)}</summary>{content}</details>"
+    return piece("details", summary, content, printed)
 
 
 def plain(value: Any) -> str:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Sequence
-from html import escape
 from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup, escape
+
+from shipfp_rs.report.markup import piece
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,12 +49,7 @@ class Pictures:
             paint([*axes])
             buffer = io.StringIO()
             figure.savefig(buffer, format="svg", metadata={"Date": None})
-        svg = self._inline(buffer.getvalue(), caption)
-        # Shrunk to a phone's width its text could not be read: there it scrolls.
-        return (
-            f'<figure><div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">{svg}</div>'
-            f"<figcaption>{escape(caption)}</figcaption></figure>"
-        )
+        return piece("figure", Markup(self._inline(buffer.getvalue(), caption)), caption)
 
     def _inline(self, svg: str, caption: str) -> str:
         """Strip what only a file of its own needs, take on the page's colour, and make identifiers unique."""

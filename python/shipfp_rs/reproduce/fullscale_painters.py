@@ -7,13 +7,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot, published
 from shipfp_rs.assessment.ladder import climb
 from shipfp_rs.assessment.prediction import predict_response, simulated_about, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.fullscale import (
     WEIGHTED,
@@ -26,15 +26,15 @@ from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.reproduce.fullscale_validation import printed_parameters
 from shipfp_rs.reproduce.pictures import Stretch, legend_above, stretches_of
 from shipfp_rs.signals import sine_sequence
-from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
 
 BODE_HZ = np.geomspace(2e-3, 6.0, 300)
 DEVIATIONS = {"n_e": r"$\delta n^*$ [-]", "M_g": r"$\delta M^*$ [-]"}
@@ -107,17 +107,17 @@ def set_point_line(material: Material, figure: Figure) -> str:
     ours = Calibration.from_table(volts, speed, "rpm")
     line = np.linspace(-6.5, -2.5, 50)
     for calibration, color, label in (
-        (EQUATION_6_7, plot.GREY, "eq. 6.7"),
-        (ours, plot.BLUE, "least squares"),
+        (EQUATION_6_7, style.GREY, "eq. 6.7"),
+        (ours, style.BLUE, "least squares"),
     ):
         upper.plot(line, calibration(line), color=color, label=label)
         lower.plot(line, calibration(line) - ours(line), color=color)
     error = 1.96 * ours.standard_error(line)
-    lower.fill_between(line, -error, error, color=plot.BLUE, alpha=0.2, lw=0.0)
-    upper.plot(volts, speed, "o", color=plot.ORANGE, label="Table 6.11")
-    lower.plot(volts, speed - ours(volts), "o", color=plot.ORANGE)
-    plot.dress(upper, "engine speed [rpm]")
-    plot.dress(lower, "off the line [rpm]", legend=False)
+    lower.fill_between(line, -error, error, color=style.BLUE, alpha=0.2, lw=0.0)
+    upper.plot(volts, speed, "o", color=style.ORANGE, label="Table 6.11")
+    lower.plot(volts, speed - ours(volts), "o", color=style.ORANGE)
+    style.dress(upper, "engine speed [rpm]")
+    style.dress(lower, "off the line [rpm]", legend=False)
     lower.set_xlabel("set point [V]")
     return (
         f"{ours.scale:.2f} rpm/V and {ours.offset:.2f} rpm by least squares, with its 95 % band below; the line of eq. 6.7 "
@@ -191,16 +191,16 @@ def lively(material: Material, figure: Figure) -> str:
     """Figure 7.5, simulated in place of drawn by hand."""
     ax = figure.subplots()
     vessel = Vessel.load(VESSEL)
-    for (label, changes), color in zip(PLAINER.items(), plot.COMPARED, strict=False):
+    for (label, changes), color in zip(PLAINER.items(), style.COMPARED, strict=False):
         ship = vessel.replace(changes) if changes else vessel
         size = [abs(_answer(ship, frequency)) for frequency in LIVELY_HZ]
         ax.plot(LIVELY_HZ, size, "o-", ms=3, color=color, label=label)
     structure = structure_of(material.best)
     response, _ = structure.equations.response(material.best.settings["optimum"], LIVELY_HZ, ())
-    ax.plot(LIVELY_HZ, np.abs(response[1]), color=plot.GREY, lw=3.0, zorder=0, label="linear, ours")
+    ax.plot(LIVELY_HZ, np.abs(response[1]), color=style.GREY, lw=3.0, zorder=0, label="linear, ours")
     ax.set_xscale("log")
     ax.set_xlabel("frequency [Hz]")
-    plot.dress(ax, "torque over set point [-]")
+    style.dress(ax, "torque over set point [-]")
     return (
         f"Gauge torque at the frequency of the sine, {AMPLITUDE_RPM:g} rpm through the simulated tug, beside the linear "
         "structure fitted to the published sine fits. The thesis sketches what ramps, sampling and single firings would do; "
@@ -234,10 +234,10 @@ def against(
     for ax, signal in zip(panels, DEVIATIONS, strict=True):
         time = data.time[inside]
         measured = data.normalised(signal)[inside]
-        ax.plot(*plot.envelope(time, measured), color=plot.GREY, lw=3.0, label="tug")
-        for label, color in zip(cases, plot.COMPARED, strict=False):
-            ax.plot(*plot.envelope(time, answers[label][signal][inside]), color=color, lw=1.0, label=label)
-        plot.dress(ax, DEVIATIONS[signal], legend=False)
+        ax.plot(*style.envelope(time, measured), color=style.GREY, lw=3.0, label="tug")
+        for label, color in zip(cases, style.COMPARED, strict=False):
+            ax.plot(*style.envelope(time, answers[label][signal][inside]), color=color, lw=1.0, label=label)
+        style.dress(ax, DEVIATIONS[signal], legend=False)
     panels[-1].set_xlabel("time [s]")
     legend_above(figure, panels[0])
     fits = material.fits(experiment)
@@ -253,10 +253,10 @@ def inertias(material: Material, figure: Figure) -> str:
     found, tau_prop = fitted.parameters["J_2 [kg m2]"] or 0.0, fitted.parameters["tau_prop [s]"] or 1.0
     low, high = (bound / tau_prop * found for bound in fitted.intervals["tau_prop [s]"])
     bars = (
-        ("all, torsional calculation", vessel.shaft.inertia_kg_m2, plot.GREY),
-        ("propeller's side of the gauge, sine fits", found, plot.BLUE),
-        ("entrained water of it, Schwanecke", vessel.entrained_water_inertia(), plot.GREEN),
-        ("beyond the gauge, read off by the thesis", BEYOND_THE_GAUGE_KG_M2, plot.ORANGE),
+        ("all, torsional calculation", vessel.shaft.inertia_kg_m2, style.GREY),
+        ("propeller's side of the gauge, sine fits", found, style.BLUE),
+        ("entrained water of it, Schwanecke", vessel.entrained_water_inertia(), style.GREEN),
+        ("beyond the gauge, read off by the thesis", BEYOND_THE_GAUGE_KG_M2, style.ORANGE),
     )
     for place, (label, value, color) in enumerate(reversed(bars)):
         ax.barh(place, value, color=color, height=0.55)
@@ -266,7 +266,7 @@ def inertias(material: Material, figure: Figure) -> str:
     ax.set_yticks([])
     ax.set_xlabel("inertia seen from the propeller [kg m$^2$]")
     ax.set_xlim(0.0, 75.0)
-    plot.dress(ax, "", legend=False)
+    style.dress(ax, "", legend=False)
     return (
         "What the gauge sees behind it is tau_prop M_s0 / (2 pi n_s0), with its 95 % interval. The thesis expected the "
         "whole inertia less 12 kg m2 in tau_n; its structure, fitted to gauge torque, can only find the propeller's side."
@@ -279,15 +279,15 @@ def ladder_of(material: Material, figure: Figure) -> str:
     found = [value for name, value in material.fingerprints.items() if name.startswith(f"{WEIGHTED}:")]
     rungs = climb(found).rungs
     for place, rung in enumerate(reversed(rungs)):
-        ax.barh(place, rung.deviance, color=plot.BLUE if rung.supported else plot.GREY, height=0.6)
+        ax.barh(place, rung.deviance, color=style.BLUE if rung.supported else style.GREY, height=0.6)
         ax.text(rung.deviance * 1.05, place, f"{rung.deviance:.0f}", va="center")
     ax.set_yticks(range(len(rungs)), [rung.structure for rung in reversed(rungs)])
     ax.set_xscale("log")
     ax.set_xlim(10.0, 3000.0)
     freedom = found[-1].fit["overall"]["degrees_of_freedom"] or 0.0
-    ax.axvline(freedom, color=plot.RED, lw=1.0, ls="--", label=f"{freedom:.0f} degrees of freedom")
+    ax.axvline(freedom, color=style.RED, lw=1.0, ls="--", label=f"{freedom:.0f} degrees of freedom")
     ax.set_xlabel("chi-squared of S2 to S13 [-]")
-    plot.dress(ax, "")
+    style.dress(ax, "")
     return (
         "Each cause that the thesis lists as possible, added in turn: the gauge's place, the propeller's exponent, the dead "
         "times of the loop and of the set point's path. Where chi-squared is near the degrees of freedom nothing is left "

@@ -6,21 +6,22 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
-from shipfp_rs import plot, published
+from shipfp_rs import published
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
 from shipfp_rs.logs.log import Log
+from shipfp_rs.plot import style
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation
 from shipfp_rs.signals import steps
-from shipfp_rs.simulation.raw_log import EQUATION_6_7, TABLE_6_6, Kind, Sensors, Truth, simulate_raw_log
+from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log
+from shipfp_rs.simulation.sensors import EQUATION_6_7, TABLE_6_6, Kind, Sensors
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import pulse_times, reflector_angles, speed_from_pulses
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
 
 THRESHOLD_V = 2.0
 """Of the thesis's pulse periods (section 6.3.2)."""
@@ -66,22 +67,22 @@ def two_trains(material: Any, figure: Figure) -> str:
     ax = figure.subplots()
     log, _ = _log(())
     gear = Vessel.load(VESSEL).gearbox.ratio
-    for channel, pulses, color, style in (("PTM_1", 1, plot.BLUE, "-"), ("PTM_4", 4, plot.ORANGE, "--")):
+    for channel, pulses, color, line in (("PTM_1", 1, style.BLUE, "-"), ("PTM_4", 4, style.ORANGE, "--")):
         at, speed = _simple_speed(*_volts(log, channel), pulses, gear)
         shown = (at > 20.0) & (at < 22.0)
-        ax.step(at[shown], speed[shown], where="pre", color=color, ls=style, label=f"{pulses} a turn")
+        ax.step(at[shown], speed[shown], where="pre", color=color, ls=line, label=f"{pulses} a turn")
     at, speed = _repaired_speed(log, "PTM_4", 4, gear)
     shown = (at > 20.0) & (at < 22.0)
     ax.plot(
         at[shown],
         speed[shown],
         ".-",
-        color=plot.GREEN,
+        color=style.GREEN,
         lw=1.0,
         label="4 a turn, reflectors' angles divided out",
     )
     ax.set_xlabel("time [s]")
-    plot.dress(ax, "engine speed [rpm]")
+    style.dress(ax, "engine speed [rpm]")
     return (
         "Misplaced reflectors make every fourth interval differ by the same share; their angles, found from steady running, "
         f"take that away. {SIMULATED}"
@@ -93,9 +94,9 @@ def steady_torque(material: Any, figure: Figure) -> str:
     ax = figure.subplots()
     time, volts = _volts(_log(())[0], "U_torque")
     shown = (time > 20.0) & (time < 21.5)
-    ax.plot(time[shown], TABLE_6_6(volts[shown]), color=plot.GREEN, lw=0.8)
+    ax.plot(time[shown], TABLE_6_6(volts[shown]), color=style.GREEN, lw=0.8)
     ax.set_xlabel("time [s]")
-    plot.dress(ax, "shaft torque [Nm]", legend=False)
+    style.dress(ax, "shaft torque [Nm]", legend=False)
     return f"Constant set point. {SIMULATED}"
 
 
@@ -105,9 +106,9 @@ def spectrum(material: Any, figure: Figure) -> str:
     time, volts = _volts(_log(())[0], "U_torque")
     frequency, amplitude = amplitude_spectrum(TABLE_6_6(volts[time < STEADY_S]), Sensors().rate_hz)
     shown = (frequency > 1.0) & (frequency < 100.0)
-    ax.loglog(frequency[shown], amplitude[shown], color=plot.GREEN, lw=0.8, label="simulated")
+    ax.loglog(frequency[shown], amplitude[shown], color=style.GREEN, lw=0.8, label="simulated")
     for peak in published.torque_spectrum_peaks():
-        ax.axvline(peak.frequency_hz, color=plot.RED, lw=0.8, ls="--")
+        ax.axvline(peak.frequency_hz, color=style.RED, lw=0.8, ls="--")
         ax.annotate(
             f"{peak.frequency_hz:g} Hz, {peak.source}",
             (peak.frequency_hz, 1.0),
@@ -117,10 +118,10 @@ def spectrum(material: Any, figure: Figure) -> str:
             rotation=90,
             va="top",
             fontsize="small",
-            color=plot.RED,
+            color=style.RED,
         )
     ax.set_xlabel("frequency [Hz]")
-    plot.dress(ax, "amplitude of the torque [Nm]", legend=False)
+    style.dress(ax, "amplitude of the torque [Nm]", legend=False)
     return f"Dashed: the peaks of Table 6.9, measured on board. Heights were printed in a figure only. {SIMULATED}"
 
 
@@ -132,18 +133,18 @@ def _fault_on_pulses(figure: Figure, kind: Kind, around_s: float) -> None:
     start, stop = at - around_s, at + around_s
     time, volts = _volts(log, "PTM_4")
     for ax, (when, speed), color, label in (
-        (upper, _simple_speed(time, volts, 4, gear), plot.RED, "every rise through 2 V"),
-        (upper, _repaired_speed(log, "PTM_4", 4, gear), plot.GREEN, "hysteresis and repair"),
+        (upper, _simple_speed(time, volts, 4, gear), style.RED, "every rise through 2 V"),
+        (upper, _repaired_speed(log, "PTM_4", 4, gear), style.GREEN, "hysteresis and repair"),
     ):
         shown = (when > start) & (when < stop)
         ax.plot(when[shown], speed[shown], "o-", ms=3, lw=1.0, color=color, label=label)
     shown = (time > start) & (time < stop)
-    lower.plot(time[shown], volts[shown], ".-", ms=3, lw=0.8, color=plot.BLUE)
-    lower.axhline(THRESHOLD_V, color=plot.GREY, lw=0.8, ls="--")
+    lower.plot(time[shown], volts[shown], ".-", ms=3, lw=0.8, color=style.BLUE)
+    lower.axhline(THRESHOLD_V, color=style.GREY, lw=0.8, ls="--")
     lower.set_xlabel("time [s]")
     upper.set_yscale("log")
-    plot.dress(upper, "engine speed [rpm]")
-    plot.dress(lower, "pulses PTM_4 [V]", legend=False)
+    style.dress(upper, "engine speed [rpm]")
+    style.dress(lower, "pulses PTM_4 [V]", legend=False)
 
 
 def double_crossing(material: Any, figure: Figure) -> str:
@@ -171,9 +172,9 @@ def radio(material: Any, figure: Figure) -> str:
         panels, (start - 20.0, start - 0.05), (start + 20.0, stop + 0.05), strict=True
     ):
         shown = (time > first) & (time < last)
-        ax.plot(*plot.envelope(time[shown], TABLE_6_6(volts[shown])), color=plot.GREEN, lw=0.8)
+        ax.plot(*style.envelope(time[shown], TABLE_6_6(volts[shown])), color=style.GREEN, lw=0.8)
         ax.set_xlabel("time [s]")
-        plot.dress(ax, "shaft torque [Nm]" if ax is panels[0] else "", legend=False)
+        style.dress(ax, "shaft torque [Nm]" if ax is panels[0] else "", legend=False)
     return f"Radio saturates the receiver for some hundredths of a second. {SIMULATED}"
 
 
@@ -184,13 +185,13 @@ def set_point_faults(material: Any, figure: Figure) -> str:
     time, volts = _volts(log, "U_setpoint")
     start, stop = truth.faults["D1"]["U_setpoint"][0]
     shown = (time > start - 0.2) & (time < stop + 0.2)
-    upper.plot(time[shown], volts[shown], color=plot.BLUE, lw=0.9)
-    plot.dress(upper, "set point [V]", legend=False)
+    upper.plot(time[shown], volts[shown], color=style.BLUE, lw=0.9)
+    style.dress(upper, "set point [V]", legend=False)
     begin = truth.faults["D2"]["U_setpoint"][0, 0]
     shown = (time > begin - 0.1) & (time < begin + 0.2)
-    lower.plot(time[shown], volts[shown], color=plot.BLUE, lw=0.9)
+    lower.plot(time[shown], volts[shown], color=style.BLUE, lw=0.9)
     lower.set_xlabel("time [s]")
-    plot.dress(lower, "set point [V]", legend=False)
+    style.dress(lower, "set point [V]", legend=False)
     return (
         "Above a jump of the generator's relay (D1), below the mains' 50 Hz that begins with the sweep mode (D2): five "
         f"periods in 0.1 s. {SIMULATED}"
@@ -204,16 +205,16 @@ def even_chirp(material: Any, figure: Figure) -> str:
     time, volts = _volts(log, "U_setpoint")
     window = truth.windows[0]
     meant = excitation("C21")
-    ax.plot(*plot.envelope(time, EQUATION_6_7(volts)), color=plot.BLUE, lw=0.8, label="recorded")
+    ax.plot(*style.envelope(time, EQUATION_6_7(volts)), color=style.BLUE, lw=0.8, label="recorded")
     centre = float(np.median(EQUATION_6_7(volts)))
     ax.plot(
         window.start_s + meant.time,
         centre + meant.samples,
-        color=plot.GREY,
+        color=style.GREY,
         lw=1.0,
         ls="--",
         label="as planned",
     )
     ax.set_xlabel("time [s]")
-    plot.dress(ax, "set point [rpm]")
+    style.dress(ax, "set point [rpm]")
     return f"Planned from 0.001 to 0.02 Hz, the generator kept one frequency. {SIMULATED}"

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import curve_fit
 
 from shipfp_rs import published
@@ -14,7 +13,8 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
 from shipfp_rs.reproduce import Row, Way
-from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.sensors import EQUATION_6_7
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -28,8 +28,6 @@ BEYOND_THE_GAUGE_KG_M2 = 12.0
 """Read by the thesis from its drawing of the inertia along the shaft (Figure 7.22)."""
 
 EQUATION = "eq. 7.9"
-
-Array = npt.NDArray[np.float64]
 
 
 def before_the_fit(vessel: Vessel) -> list[Row]:

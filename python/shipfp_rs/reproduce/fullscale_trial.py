@@ -11,7 +11,7 @@ from shipfp_rs import published
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.signals import Excitation, chirp, join, sine_sequence, steps
-from shipfp_rs.simulation.raw_log import EQUATION_6_7
+from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.plot import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,11 +89,11 @@ def stretches_of(
         # The larger signal first, so that it does not hide the smaller one.
         order = sorted(signals, key=lambda name: -float(np.ptp(part.normalised(name))))
         for name in order:
-            color = plot.COLOURS[name]
-            ax.plot(*plot.envelope(time, part.normalised(name)), color=color, lw=1.0, label=NAMES[name])
+            color = style.COLOURS[name]
+            ax.plot(*style.envelope(time, part.normalised(name)), color=color, lw=1.0, label=NAMES[name])
         for at, value, label in points:
-            ax.plot(at, value, "o", color=plot.RED, label=label)
-        plot.dress(ax, "deviation [-]", legend=ax is panels[0])
+            ax.plot(at, value, "o", color=style.RED, label=label)
+        style.dress(ax, "deviation [-]", legend=ax is panels[0])
         ax.margins(x=0.01)
     panels[-1].set_xlabel("time [s]")
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs import plot
+from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction, Row
 from shipfp_rs.reproduce.pictures import Picture, legend_above, save
 from shipfp_rs.reproduce.twin import FREE
@@ -59,14 +59,20 @@ def _parameter(
         first = place == 0
         bars = [[value - off(low)], [off(high) - value]]
         ax.errorbar(
-            place, value, bars, fmt="o", color=plot.BLUE, capsize=3, label="led back, 95 %" if first else None
+            place,
+            value,
+            bars,
+            fmt="o",
+            color=style.BLUE,
+            capsize=3,
+            label="led back, 95 %" if first else None,
         )
         ax.plot(
             place + 0.2,
             off(alone),
             "o",
             mfc="none",
-            color=plot.GREY,
+            color=style.GREY,
             label="structure alone" if first else None,
         )
         reach = max(reach, abs(off(low)), abs(off(high)), abs(off(alone)), 0.5)
@@ -78,13 +84,13 @@ def _parameter(
     ax.set_ylim(-limit, limit)
     ax.set_xlim(-0.5, len(ours) - 0.5)
     ax.set_xticks(range(len(ours)), [row.case.replace(" ", "\n", 1) for row in ours], fontsize="small")
-    plot.dress(ax, f"{name}, off the truth [%]", legend=False)
+    style.dress(ax, f"{name}, off the truth [%]", legend=False)
 
 
 def _marked(ax: Axes, place: float, value: float, label: str | None) -> None:
     inside = abs(value) <= WIDEST_PCT
     shown = value if inside else np.sign(value) * 0.9 * WIDEST_PCT
-    ax.plot(place, shown, "x", color=plot.RED, label=label)
+    ax.plot(place, shown, "x", color=style.RED, label=label)
     if not inside:
         ax.annotate(
             f"{value:+.0f} %",
@@ -94,7 +100,7 @@ def _marked(ax: Axes, place: float, value: float, label: str | None) -> None:
             fontsize="x-small",
             ha="center",
             va="center",
-            color=plot.RED,
+            color=style.RED,
         )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -17,7 +16,8 @@ from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation, plan
 from shipfp_rs.simulation.inflow import Inflow
-from shipfp_rs.simulation.raw_log import Kind, Sensors, TrueWindow, Truth, simulate_raw_log, trial_toml
+from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_tables
+from shipfp_rs.simulation.sensors import Kind, Sensors, TrueWindow
 from shipfp_rs.vessel.vessel import Vessel
 
 LAST_HZ = 0.9
@@ -115,10 +115,8 @@ class Twin:
 
     def _process(self, rate_hz: float) -> dict[str, Experiment]:
         windows = tuple(_fitted(window) for window in self.recorded.windows)
-        text = trial_toml(
-            VESSEL, self.log.name, Sensors(), dataclasses.replace(self.recorded, windows=windows)
-        )
-        trial = Trial.model_validate(tomllib.loads(text))
+        recorded = dataclasses.replace(self.recorded, windows=windows)
+        trial = Trial.model_validate(trial_tables(VESSEL, self.log.name, Sensors(), recorded))
         processing = trial.processing.model_copy(update={"rate_hz": rate_hz})
         found = process(self.log, trial.model_copy(update={"processing": processing}), Vessel.load(VESSEL))
         return {experiment.name: dataclasses.replace(experiment, hold="first") for experiment in found}

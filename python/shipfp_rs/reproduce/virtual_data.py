@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import signals
 from shipfp_rs.experiments.experiment import Experiment
@@ -17,10 +16,10 @@ from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import Method, simulate
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 from shipfp_rs.vessel.vessel import Vessel
 
-Array = npt.NDArray[np.float64]
 Discretisation = Literal["zoh", "euler"]
 
 VESSEL = "stan-launch-804"
@@ -156,7 +155,7 @@ def sampled_structure(discretisation: Discretisation) -> Structure:
     """Return the structure of section 5.3 as it answers sampled sines, discretised exactly or by forward Euler."""
     linear = thesis_structure()
 
-    def response(values: Mapping[str, Any], frequency_hz: Array) -> npt.NDArray[np.complex128]:
+    def response(values: Mapping[str, Any], frequency_hz: Array) -> ComplexArray:
         sampled = LinearModel(**values, tau_prop=0.0).state_space().to_discrete(STEP_S, discretisation)
         z = np.exp(2j * np.pi * frequency_hz * STEP_S)[:, None, None]
         states = np.linalg.solve(z * np.eye(2) - sampled.A, sampled.B)

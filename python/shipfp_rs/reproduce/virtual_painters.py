@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import plot, published
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.pictures import NAMES, Stretch, legend_above, stretches_of
 from shipfp_rs.reproduce.virtual_data import (
@@ -27,6 +27,7 @@ from shipfp_rs.reproduce.virtual_data import (
     validation_steps,
 )
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.linear_model import LinearModel, Output, linearise, linearise_numerically
 from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
 
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = npt.NDArray[np.float64]
 
 BODE_HZ = np.geomspace(1e-3, 20.0, 400)
 STEP_SIZES = (0.05, 0.10, 0.20)
@@ -104,11 +104,11 @@ def bollard_pull(material: Material, figure: Figure) -> str:
     ax = figure.subplots()
     speed = np.linspace(600.0, 1800.0, 200)
     ax.plot(
-        speed, bollard_curve(material.vessel, speed).bollard_pull / TONNE_N, color=plot.BLUE, label="plant"
+        speed, bollard_curve(material.vessel, speed).bollard_pull / TONNE_N, color=style.BLUE, label="plant"
     )
-    ax.plot(1100.0, 0.036 / 0.07, "o", color=plot.ORANGE, label="section 3.2.2: 0.036 t is 7 % at 1100 rpm")
+    ax.plot(1100.0, 0.036 / 0.07, "o", color=style.ORANGE, label="section 3.2.2: 0.036 t is 7 % at 1100 rpm")
     ax.set_xlabel("engine speed [rpm]")
-    plot.dress(ax, "bollard pull [t]")
+    style.dress(ax, "bollard pull [t]")
     return (
         "The dots of the sea trial were never printed as numbers; the one point is what the text implies. K_T 0.41 "
         "is chosen to meet it within 10 %, so this figure validates the shape, not the level."
@@ -120,12 +120,12 @@ def brake_power(material: Material, figure: Figure) -> str:
     ax = figure.subplots()
     speed = np.linspace(600.0, 1800.0, 200)
     curve, point = bollard_curve(material.vessel, speed), steady_state(material.vessel)
-    ax.plot(speed, curve.power_limit / 1e3, color=plot.GREY, lw=2.0, label="engine limit (configured)")
-    ax.plot(speed, curve.brake_power / 1e3, color=plot.BLUE, label="plant")
-    ax.plot(point.n_e_rpm, 30.3, "o", color=plot.ORANGE, label="Table 3.5: 30.3 kW")
-    ax.plot(1800.0, 89.0, "s", color=plot.PURPLE, label="Table 3.2: 89 kW")
+    ax.plot(speed, curve.power_limit / 1e3, color=style.GREY, lw=2.0, label="engine limit (configured)")
+    ax.plot(speed, curve.brake_power / 1e3, color=style.BLUE, label="plant")
+    ax.plot(point.n_e_rpm, 30.3, "o", color=style.ORANGE, label="Table 3.5: 30.3 kW")
+    ax.plot(1800.0, 89.0, "s", color=style.PURPLE, label="Table 3.2: 89 kW")
     ax.set_xlabel("engine speed [rpm]")
-    plot.dress(ax, "brake power [kW]")
+    style.dress(ax, "brake power [kW]")
     return (
         "The dots of the sea trial and the limit were never printed as numbers: the limit here goes through the "
         "rating and through twice the operating torque near 1300 rpm, where case v saturates."
@@ -139,10 +139,10 @@ def parameters(material: Material, figure: Figure) -> str:
     models = [linearise(material.vessel, value) for value in speed]
     printed = {row.quantity: row.value for row in published.virtual_operating_point()}
     for ax, names in zip(panels, (("tau_n",), ("v", "g"), ("K_p", "K_i")), strict=True):
-        for name, color in zip(names, plot.COMPARED, strict=False):
+        for name, color in zip(names, style.COMPARED, strict=False):
             ax.plot(speed, [getattr(model, name) for model in models], color=color, label=PARAMETERS[name])
             ax.plot(1300.0, printed[name.replace("K_", "K")], "o", color=color)
-        plot.dress(ax, {"tau_n": "time [s]", "v": "slopes [-]", "K_p": "gains [-], [1/s]"}[names[0]])
+        style.dress(ax, {"tau_n": "time [s]", "v": "slopes [-]", "K_p": "gains [-], [1/s]"}[names[0]])
     panels[-1].set_xlabel("engine speed of the operating point [rpm]")
     return (
         "Lines: the plant linearised at each steady state, governor and engine map unchanged. Dots: Table 3.6, "
@@ -163,20 +163,20 @@ def single_steps(material: Material, figure: Figure, *, signal: str) -> str:
         for ax, stop in zip(row, (60.0, 2.0), strict=True):
             until = limited.time < stop
             lines = (
-                (linear, plot.GREY, 3.0, "linear"),
-                (free.normalised(signal), plot.PURPLE, 1.2, "plant without its limit"),
-                (nonlinear, plot.ORANGE, 1.2, "plant"),
+                (linear, style.GREY, 3.0, "linear"),
+                (free.normalised(signal), style.PURPLE, 1.2, "plant without its limit"),
+                (nonlinear, style.ORANGE, 1.2, "plant"),
             )
             for samples, color, width, label in lines:
                 ax.plot(
-                    *plot.envelope(limited.time[until], samples[until]),
+                    *style.envelope(limited.time[until], samples[until]),
                     color=color,
                     lw=width,
                     label=label,
                     ls="--" if label.endswith("limit") else "-",
                 )
-            ax.axhline(final, color=plot.GREEN, lw=0.8, ls=":", label="gain at rest (Table 3.4)")
-            plot.dress(ax, DEVIATIONS[signal] if ax is row[0] else "", legend=False)
+            ax.axhline(final, color=style.GREEN, lw=0.8, ls=":", label="gain at rest (Table 3.4)")
+            style.dress(ax, DEVIATIONS[signal] if ax is row[0] else "", legend=False)
         row[0].set_title(f"{100 * size:g} %", loc="left")
         if signal == "M_b":
             row[0].set_ylim(0.0, 2.0 * final)
@@ -213,20 +213,20 @@ def unavoidable(material: Material, figure: Figure) -> str:
     upper, lower = figure.subplots(2, 1, sharex=True)
     deviation = np.linspace(-0.2, 0.2, 201)
     torque = (1.0 + deviation) ** material.model.p - 1.0
-    upper.plot(deviation, torque, color=plot.ORANGE, label="propeller torque of the plant")
-    upper.plot(deviation, material.model.p * deviation, color=plot.GREY, label="linear, eq. 3.20")
-    plot.dress(upper, r"$\delta M_p^*$ [-]")
-    lower.plot(deviation, torque - material.model.p * deviation, color=plot.RED, label="unavoidable error")
+    upper.plot(deviation, torque, color=style.ORANGE, label="propeller torque of the plant")
+    upper.plot(deviation, material.model.p * deviation, color=style.GREY, label="linear, eq. 3.20")
+    style.dress(upper, r"$\delta M_p^*$ [-]")
+    lower.plot(deviation, torque - material.model.p * deviation, color=style.RED, label="unavoidable error")
     for amplitude, label in ((0.01, "cases ii to iv"), (0.08, "case v")):
         for side in (-amplitude, amplitude):
             lower.axvline(
                 side,
-                color=plot.BLUE,
+                color=style.BLUE,
                 lw=0.8,
                 ls="--" if amplitude == 0.08 else "-",
                 label=label if side > 0 else None,
             )
-    plot.dress(lower, "difference [-]")
+    style.dress(lower, "difference [-]")
     lower.set_xlabel(r"speed deviation $\delta n^*$ [-]")
     return (
         "What a linear structure can't explain however well it is fitted: the curvature of the propeller's torque, "
@@ -276,12 +276,12 @@ def identified_bode(material: Material, figure: Figure, *, signal: str) -> str:
 def _changes(ax: Axes, curves: Mapping[str, FrequencyResponse], signal: str) -> None:
     """Draw how far each amplitude is from the first one."""
     (_, first), *others = curves.items()
-    for (label, curve), color in zip(others, plot.COMPARED, strict=False):
+    for (label, curve), color in zip(others, style.COMPARED, strict=False):
         change = np.abs(curve.response[signal] / first.response[signal])
         ax.plot(curve.frequency_hz, 100.0 * (change - 1.0), color=color, lw=1.2, label=label)
     ax.set_xscale("log")
     ax.set_xlabel("frequency [Hz]")
-    plot.dress(ax, "change of amplitude [%]", legend=False)
+    style.dress(ax, "change of amplitude [%]", legend=False)
 
 
 def against_steps(material: Material, figure: Figure) -> str:
@@ -289,7 +289,7 @@ def against_steps(material: Material, figure: Figure) -> str:
     panels = figure.subplots(2, 1, sharex=True)
     for ax, signal in zip(panels, ("n_e", "M_b"), strict=True):
         _estimates(ax, material, signal, 0.0, 80.0)
-        plot.dress(ax, DEVIATIONS[signal], legend=False)
+        style.dress(ax, DEVIATIONS[signal], legend=False)
     panels[-1].set_xlabel("time [s]")
     legend_above(figure, panels[0])
     models, fits = material.models(), []
@@ -308,10 +308,10 @@ def third_step(material: Material, figure: Figure) -> str:
     """Figure 5.18."""
     panels = figure.subplots(2, 1, sharex=True)
     _estimates(panels[0], material, "M_b", 59.5, 62.0)
-    plot.dress(panels[0], DEVIATIONS["M_b"], legend=False)
+    style.dress(panels[0], DEVIATIONS["M_b"], legend=False)
     legend_above(figure, panels[0])
     _estimates(panels[1], material, "M_b", 59.5, 62.0, relative=True)
-    plot.dress(panels[1], "linear less plant [-]", legend=False)
+    style.dress(panels[1], "linear less plant [-]", legend=False)
     panels[1].set_xlabel("time [s]")
     return (
         "At rest the plant's torque is (1 + n*)^2 - 1, and every linear set stays below it by about n*^2; the sets "
@@ -327,8 +327,8 @@ def _estimates(
     inside = (steps.time >= start_s) & (steps.time < stop_s)
     time, measured = steps.time[inside], steps.normalised(signal)[inside]
     base = measured if relative else np.zeros_like(measured)
-    ax.plot(time, measured - base, color=plot.GREY, lw=3.0, label="plant")
-    for label, color in zip(("true", "ii printed", "v printed"), plot.COMPARED, strict=False):
+    ax.plot(time, measured - base, color=style.GREY, lw=3.0, label="plant")
+    for label, color in zip(("true", "ii printed", "v printed"), style.COMPARED, strict=False):
         samples = material.simulated(models[label], steps)[signal][inside]
         ax.plot(time, samples - base, color=color, lw=1.2, label=label)
 

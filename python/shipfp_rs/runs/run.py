@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-from shipfp_rs.assessment.indirect import indirect_inference
 from shipfp_rs.assessment.prediction import predict
+from shipfp_rs.assessment.prediction import structure_of as rebuilt
+from shipfp_rs.assessment.si import in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Identify, Trial
+from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses, write_report
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.runs.fit import chosen, identified, structure_of
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -84,7 +82,7 @@ def evaluate(
     """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
-    structure = structure_of(trial, vessel)
+    declared = None if trial.chooses else structure_of(trial, vessel)
     experiments = [
         # A result is handed on: it names the file, not where it lay on this machine.
         replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
@@ -92,15 +90,25 @@ def evaluate(
         for experiment in process(log, trial, vessel)
     ]
     options = trial.identify
-    fingerprint = identified(
-        options,
-        experiments,
-        structure,
-        vessel,
-        starts=options.starts if trial.structure is None or "starts" in options.model_fields_set else None,
-        seed=options.seed if seed is None else seed,
-        progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
-    )
+    if declared is None:
+        notify("choosing the elements and identifying")
+        fingerprint = chosen(trial, experiments, vessel, seed=seed)
+        structure = rebuilt(fingerprint)
+    else:
+        structure = declared
+        fingerprint = identified(
+            options,
+            experiments,
+            structure,
+            vessel,
+            starts=options.starts
+            if trial.structure is None or "starts" in options.model_fields_set
+            else None,
+            seed=options.seed if seed is None else seed,
+            progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
+        )
+    if fingerprint.si == {}:
+        fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)
@@ -114,69 +122,3 @@ def evaluate(
         title=trial.trial.name,
     )
     return Run(fingerprint, tuple(experiments))
-
-
-def identified(
-    options: Identify,
-    experiments: Experiment | Sequence[Experiment],
-    structure: Structure,
-    vessel: Vessel,
-    **more: Any,
-) -> Fingerprint:
-    """Fit a structure as an [identify] table asks for; `more` are options of `identify` that the table leaves open."""
-    if options.lead_back:
-        return indirect_inference(experiments, structure, vessel, **options.options, **more)
-    return identify(experiments, structure, vessel=vessel.name, **options.options, **more)
-
-
-def structure_of(trial: Trial, vessel: Vessel) -> Structure:
-    """Return the structure that a trial's [structure] table, or else its [identify] table, asks for.
-
-    Raises
-    ------
-    InputError
-        Where it names an unknown parameter or output, or an element that the vessel has not.
-    """
-    torque, box, options = trial.channels.torque, trial.structure, trial.identify
-    located: Torque | None = None if torque is None else "gauge" if torque.location == "gauge" else "brake"
-    if box is None:
-        return structure_from(options, located)
-    structure = Structure.grey_box(
-        vessel,
-        box.free,
-        torque=box.torque or located or "brake",
-        outputs=_measured(box.outputs, located),
-        pass_hz=box.pass_hz,
-    )
-    return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
-
-
-def structure_from(options: Identify, located: Torque | None) -> Structure:
-    """Return the structure that an [identify] table asks for, the torque measured there, or not at all (None).
-
-    Raises
-    ------
-    InputError
-        Where it names an unknown parameter or output.
-    """
-    torque = options.torque or located or "brake"
-    # The engine's torque is no part of three parameters unless it is asked for.
-    asked = not options.three_parameters or torque == "gauge" or "outputs" in options.model_fields_set
-    declare = (
-        Structure.three_parameters
-        if options.three_parameters
-        else partial(Structure.linear, products=options.products, **options.elements)
-    )
-    structure = declare(
-        torque=torque,
-        free_exponent=options.free_exponent,
-        dead_time_loop=options.dead_time_loop,
-        dead_time_set_point=options.dead_time_set_point,
-        outputs=_measured(options.outputs, located if asked else None),
-    )
-    return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
-
-
-def _measured(outputs: Sequence[str], located: Torque | None) -> list[str]:
-    """Outputs without the torque where none was measured."""
-    return [output for output in outputs if output != "dM" or located is not None]

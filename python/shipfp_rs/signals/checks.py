@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
 
-Array = npt.NDArray[np.float64]
 Bands = Sequence[tuple[float, float]]
 
 _LARGEST_SAMPLES = 200_000_000
@@ -34,12 +35,6 @@ def numbers(name: str, values: npt.ArrayLike) -> list[float]:
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
         raise InputError(f"{name} is {values!r}, expected a list of at least one finite number")
     return [float(number) for number in numbers]
-
-
-def positive(name: str, value: float) -> None:
-    """Refuse what is not a positive number."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{name} is {value}, expected a positive number")
 
 
 def below_nyquist(name: str, frequency: float, rate_hz: float) -> None:

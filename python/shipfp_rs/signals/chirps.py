@@ -8,8 +8,10 @@ from typing import Literal
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import Array, Bands, bands, below_nyquist, positive, sample_times
+from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
 from shipfp_rs.signals.excitation import Excitation
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import one_of, positive
 
 Law = Literal["linear", "logarithmic"]
 
@@ -53,8 +55,7 @@ def chirp(
     below_nyquist("start_hz", start_hz, rate_hz)
     below_nyquist("stop_hz", stop_hz, rate_hz)
     positive("amplitude_rpm", amplitude_rpm)
-    if law not in ("linear", "logarithmic"):
-        raise InputError(f"law is {law!r}, expected 'linear' or 'logarithmic'")
+    one_of("law", law, ("linear", "logarithmic"))
     time = sample_times(duration_s, rate_hz)
     pieces = _kept(start_hz, stop_hz, avoid_hz)
     measure = np.log if law == "logarithmic" else np.asarray

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Hold
-from shipfp_rs.signals.checks import positive
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
 from shipfp_rs.support.files import write_text_atomically
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

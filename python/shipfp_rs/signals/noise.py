@@ -8,8 +8,9 @@ import numpy as np
 from scipy import signal
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import Bands, bands, below_nyquist, positive, sample_times
+from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
 from shipfp_rs.signals.excitation import Excitation, Segment
+from shipfp_rs.support.checks import positive
 
 
 def prbs(

@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from shipfp_rs import published
 from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import Array, Bands, below_nyquist, numbers, outside, positive, sample_times
+from shipfp_rs.signals.checks import Bands, below_nyquist, numbers, outside, sample_times
 from shipfp_rs.signals.excitation import Excitation, Segment
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
 
 
 def sine_sequence(

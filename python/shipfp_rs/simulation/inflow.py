@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft, signal
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.linear_model import LinearModel
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,16 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.logs.log import Channel
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.low_pass import LowPass
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 LEAST_RATE_HZ = 100.0
 """A set point of a lower rate is brought above it, so that its curves stay what they were."""

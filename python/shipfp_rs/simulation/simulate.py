@@ -9,19 +9,19 @@ from collections.abc import Mapping
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment, Hold
 from shipfp_rs.signals import Excitation
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import one_of
 from shipfp_rs.vessel.drive_train import DriveTrain, drive_train
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
-Array = npt.NDArray[np.float64]
 Method = Literal["rk4", "heun", "euler"]
 Noise = Mapping[str, float | tuple[float, float]]
 
@@ -90,8 +90,7 @@ def simulate(
     >>> round(experiment.signals["n_e"][-1])
     1365
     """
-    if method not in get_args(Method):
-        raise InputError(f"method is {method!r}, expected one of {', '.join(get_args(Method))}")
+    one_of("method", method, get_args(Method))
     if substeps is not None and substeps < 1:
         raise InputError(f"substeps is {substeps}, expected 1 or more")
     point = steady_state(vessel, n_e_rpm)
@@ -124,16 +123,7 @@ def simulate(
         rate_hz=excitation.rate_hz,
         signals=clean
         | {output: _noisy(clean, output, level, seed) for output, level in (noise or {}).items()},
-        operating_point={
-            "n_set": point.n_e_rpm,
-            "n_e": point.n_e_rpm,
-            "n_s": point.n_s,
-            "M_b": point.M_b,
-            "M_s": point.M_s,
-            "M_g": point.M_s,
-            "X_f": point.X_f,
-            "E_n": point.n_e,
-        },
+        operating_point=point.levels,
         hold=excitation.hold,
         kind=excitation.kind,
         provenance={

@@ -1,14 +1,31 @@
-"""What a simulation was made with, in the names of a fingerprint."""
+"""Combinations of the linear parameters that data may determine where they do not determine each one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+
+COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] = {
+    "vK_p": ("-", lambda q: q["v"] * q["K_p"]),
+    "vK_i": ("1/s", lambda q: q["v"] * q["K_i"]),
+    "K_p/K_i": ("s", lambda q: q["K_p"] / q["K_i"]),
+    "p-g": ("-", lambda q: q["p"] - q["g"]),
+    "(p-g)/tau_n": ("1/s", lambda q: (q["p"] - q["g"]) / q["tau_n"]),
+    "vK_p/tau_n": ("1/s", lambda q: _product(q, "p") / q["tau_n"]),
+    "vK_i/tau_n": ("1/s2", lambda q: _product(q, "i") / q["tau_n"]),
+    "tau_prop/tau_n": ("-", lambda q: q["tau_prop"] / q["tau_n"]),
+    "(p-g)/(vK_i)": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i")),
+    "(p-g)/(vK_i)+T_set": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"]),
+}
+"""Combinations of the linear structure's parameters that are tried: unit and value. A KeyError means not applicable."""
+
+
+def _product(values: Mapping[str, float], letter: str) -> float:
+    name = f"vK_{letter}"
+    return values[name] if name in values else values["v"] * values[f"K_{letter}"]
 
 
 def true_values(linear: Mapping[str, float]) -> dict[str, float]:
     """Return the linear parameters and every combination of them that a fingerprint may name."""
-    from shipfp_rs.identification.identifiability import COMBINATIONS
-
     values = dict(linear)
     for name, (_, combine) in COMBINATIONS.items():
         values.setdefault(name, combine(linear))

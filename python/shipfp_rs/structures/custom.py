@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +12,11 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.derivatives import Differences, by_part
 
-if TYPE_CHECKING:
-    from shipfp_rs.structures.structure import Parameter
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Values = Mapping[str, float]
 Matrices = Callable[[Values], tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]]
 Simulate = Callable[[Values, Experiment], npt.ArrayLike]
@@ -26,7 +24,7 @@ Response = Callable[[Values, Array], npt.ArrayLike]
 
 
 @dataclass(frozen=True)
-class MatrixEquations:
+class MatrixEquations(Equations):
     """x' = A x + B dn_set, y = C x + D dn_set, with matrices that depend on the parameters.
 
     The derivatives by a parameter are a state space too, of twice the order: s' = A s + dA x + dB dn_set. They are as
@@ -129,7 +127,7 @@ def _twofold(model: Model, slopes: Sequence[Array]) -> Model:
 
 
 @dataclass(frozen=True)
-class FunctionEquations:
+class FunctionEquations(Equations):
     """Any function that simulates an experiment, differentiated numerically."""
 
     function: Simulate

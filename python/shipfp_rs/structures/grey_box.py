@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.plant import WIDEST
-from shipfp_rs.structures.structure import Parameter
 from shipfp_rs.support import hints
 from shipfp_rs.vessel.drive_train import OFF, drive_train
 from shipfp_rs.vessel.vessel import Vessel

@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import lfilter
 
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import bare, tied
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.support.arrays import Array, ComplexArray
 
 STATES = ("dn", "dE")
 
@@ -40,7 +38,7 @@ def with_innovations(structure: Structure, *, offsets: bool) -> Structure:
 
 
 @dataclass(frozen=True)
-class InnovationsEquations:
+class InnovationsEquations(Equations):
     """x[k+1] = Phi x + Gamma u + K e, y = C x + D u + offset + e, with e the error of the one-step prediction.
 
     Each experiment has a gain K (2, outputs), initial states and offsets of its own. The prediction is the simulation

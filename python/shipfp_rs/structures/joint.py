@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.ties import Behind
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.support.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class PartEquations(Behind):
 
 
 @dataclass(frozen=True)
-class JointEquations:
+class JointEquations(Equations):
     """Equations of each trial by its name."""
 
     parts: Mapping[str, PartEquations]
@@ -52,12 +50,11 @@ class JointEquations:
 
     def stable(self, values: Mapping[str, float]) -> bool:
         """Whether every trial's loop is stable, as far as its equations can tell."""
-        return all(part.stable is None or part.stable(values) for part in self.parts.values())
+        return all(part.stable(values) for part in self.parts.values())
 
     def passed(self, rows: Array, experiment: Experiment) -> Array:
         """Return measured outputs behind the filter of the trial's equations, if they have one."""
-        passed = self.part(experiment.name).passed
-        return rows if passed is None else passed(rows, experiment)
+        return self.part(experiment.name).passed(rows, experiment)
 
     def part(self, name: str) -> PartEquations:
         """Return the equations of one trial.

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.structures.equations import Against, Equations
+from shipfp_rs.support.arrays import Array, ComplexArray
 
 _INDEX = {name: index for index, name in enumerate(_core.LINEAR_PARAMETERS)}
 # vK_p and vK_i are the kernel's K_p and K_i with v = 1.
@@ -22,7 +20,7 @@ _INDEX |= {"initial dn": len(_core.LINEAR_PARAMETERS), "initial dE": len(_core.L
 
 
 @dataclass(frozen=True)
-class LinearEquations:
+class LinearEquations(Equations):
     """Linear structure with dead times, eq. 3.31, 3.35 and 3.38 generalised; see `Structure.linear`."""
 
     outputs: tuple[str, ...]
@@ -90,21 +88,15 @@ class LinearEquations:
             [_INDEX[name] for name in names],
         )
 
-    def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
-    ) -> tuple[Array, int]:
-        """Return sums of products of residuals and sensitivities of each output, filtered, and the number of samples.
+    @property
+    def has_products(self) -> bool:
+        """One pass of the Rust kernel."""
+        return True
 
-        The columns of the sums (O, W + 2, O, W + 2) are the derivatives with respect to `names`, what an offset of the
-        output adds, and its residual: measured (O, N), NaN where masked, less simulated and offset (O,). `filters`
-        (O, T) hold each output's, the sample's own tap first.
-        """
+    def products(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
+    ) -> tuple[Array, int]:
+        """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         return _core.linear_products(
             self._kernel_parameters(values),
             experiment.dn_set,
@@ -112,9 +104,7 @@ class LinearEquations:
             experiment.hold,
             self._initial(values),
             self._kernel_outputs,
-            measured,
-            offsets,
-            filters,
+            *against,
             [_INDEX[name] for name in names],
         )
 

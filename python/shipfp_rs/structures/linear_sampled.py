@@ -14,10 +14,11 @@ from scipy.signal import lfilter
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear_extended import DERIVATIVE_FILTER, STATES, Place
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.derivatives import Differences, by_part
 
-Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
 """Real, or complex where a derivative is taken by complex step."""
 Values = Mapping[str, Any]
@@ -29,7 +30,7 @@ TAYLOR = 14
 
 
 @dataclass(frozen=True)
-class SampledGovernor:
+class SampledGovernor(Equations):
     """Drive train and dead time in continuous time, governor in discrete time, outputs at the experiment's rate.
 
     The plant is tau_n dn*/dt = g n* + v X* - p n*, with the rack's lag and the shaft's twist as in `ExtendedLinear`. At

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.structures import glossary
 from shipfp_rs.structures.ties import Tie
 
 
@@ -46,3 +47,8 @@ class Parameter:
     def scale(self) -> float:
         """A typical size, by which sensitivities are made comparable."""
         return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
+
+    @property
+    def meaning(self) -> str:
+        """What the parameter is, in a few words; empty for one of a user's own."""
+        return glossary.meaning(self.name)

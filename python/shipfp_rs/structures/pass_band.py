@@ -7,19 +7,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.processing.low_pass import PASSBAND, STOPBAND, taps
-from shipfp_rs.structures.structure import ComplexArray, Equations
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.fir import PASSBAND, STOPBAND, taps
 
 
 @dataclass(frozen=True)
-class PassBand:
+class PassBand(Equations):
     """Equations whose outputs and derivatives go through the zero-phase low-pass that the measured outputs go through.
 
     The set point goes into the equations as it was recorded.

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment, Hold
+from shipfp_rs.structures.equations import Against, Equations
+from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.vessel.drive_train import OFF, DriveTrain, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Values = Mapping[str, Any]
 """By name; one of them may be complex, to differentiate by it."""
 Place = Callable[[Vessel, Values], Mapping[str, Any]]
@@ -80,7 +80,7 @@ OF_THE_PLANT = ("set_dead_time", "rack_rate", "torque_rate")
 
 
 @dataclass(frozen=True)
-class PlantEquations:
+class PlantEquations(Equations):
     """Plant of eq. 3.1 to 3.11 with a vessel's torque envelope, rate limits and dead time of the set point, or with all.
 
     `place` says what a structure's parameters are to the kernel. All else is the vessel's; unless `whole`, the elements
@@ -107,19 +107,20 @@ class PlantEquations:
         rows, slopes = _core.drive_train_sensitivities(*self._run(values, experiment, names))
         return rows * scale[:, None] + shift[:, None], slopes * scale[:, None]
 
+    @property
+    def has_products(self) -> bool:
+        """One pass of the Rust kernel."""
+        return True
+
     def products(
-        self,
-        values: Mapping[str, float],
-        experiment: Experiment,
-        names: Sequence[str],
-        measured: Array,
-        offsets: Array,
-        filters: Array,
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
-        """Return sums of products of residuals and sensitivities and the number of samples; see `LinearEquations`."""
+        """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         scale, shift = self._normal(experiment)
         run = self._run(values, experiment, names)
-        return _core.drive_train_products(*run, scale, measured, offsets + shift, filters)
+        return _core.drive_train_products(
+            *run, scale, against.measured, against.offsets + shift, against.filters
+        )
 
     def response(
         self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]

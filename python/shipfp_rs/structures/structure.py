@@ -5,24 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures import grey_box
+from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
+from shipfp_rs.structures.elements import chosen
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.joint import JointEquations, PartEquations
+from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
+from shipfp_rs.structures.linear_sampled import SampledGovernor
 from shipfp_rs.structures.parameter import Parameter as Parameter
+from shipfp_rs.structures.pass_band import PassBand
+from shipfp_rs.structures.plant import PlantEquations, as_built
+from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.vessel.vessel import Vessel
 
-if TYPE_CHECKING:
-    from shipfp_rs.structures.custom import Matrices, Response, Simulate
-    from shipfp_rs.structures.linear_extended import Place
-    from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Torque = Literal["brake", "gauge"]
 
 OUTPUTS = ("dn", "dM", "dE", "dX")
@@ -73,25 +78,8 @@ LINEAR_OPTIONS = (
 """Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
 
 
-class Equations(Protocol):
-    """What a structure computes. `response` is only needed for frequency data."""
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Initial states that may be estimated with an experiment, zero if not given; names start with "initial"."""
-
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
-        """Return the normalised outputs, shape (O, N)."""
-
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-
-    def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
+"""Options of `Structure.ship` that its settings hold."""
 
 
 @dataclass(frozen=True)
@@ -177,10 +165,6 @@ class Structure:
         >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
-        from shipfp_rs.structures.linear import LinearEquations
-        from shipfp_rs.structures.linear_extended import ExtendedLinear
-        from shipfp_rs.structures.linear_sampled import SampledGovernor
-
         if torque not in ("brake", "gauge"):
             raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
         for output in outputs:
@@ -322,6 +306,92 @@ class Structure:
         return three.with_fixed(g=0.0)
 
     @classmethod
+    def ship(
+        cls,
+        elements: Sequence[str] = (),
+        *,
+        torque: Torque = "brake",
+        outputs: Sequence[str] = ("dn", "dM"),
+        products: bool = True,
+        propeller_speed: bool = False,
+        name: str | None = None,
+    ) -> Structure:
+        """Declare the ship: its nonlinear drive train in normalised terms, made of elements that act or do not.
+
+        With N, u and M the speed, set point and torque over their operating points:
+
+            tau_n dN/dt = M_b - N^p,                M_b = 1 + g (N - 1) + vX(t - T_d),
+            vX = vK_p e + vK_i int e dt,            e = u(t - T_set) - N
+
+        Parameters
+        ----------
+        elements
+            Names of what acts beside this, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d),
+            "dead_time_set_point" (T_set), "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s),
+            "torque_limit" (M_max), "rack_rate" (rate), "twist" (tau_twist), "damping" (of the load), "load" (measured).
+        torque
+            "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
+        outputs
+            Of "dn", "dM", "dX", "dE".
+        products
+            Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
+        propeller_speed
+            The speed is measured behind a shaft that twists.
+
+        Raises
+        ------
+        InputError
+            For an unknown element, output or torque, or what can't go together.
+
+        Notes
+        -----
+        Each experiment has four unknowns of its own: its speed and its fuel's torque at the first sample, and by which
+        part its set point and its torque are read wrong. Equations 3.1 to 3.11 divided by the operating point; the
+        exponent p is free, 2 in the thesis.
+
+        Examples
+        --------
+        >>> [parameter.name for parameter in Structure.ship(["dead_time_loop"]).free]
+        ['tau_n', 'g', 'vK_p', 'vK_i', 'p', 'T_d']
+        """
+        if torque not in ("brake", "gauge"):
+            raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
+        for output in outputs:
+            if output not in OUTPUTS:
+                raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
+        if not outputs or len(set(outputs)) != len(outputs):
+            raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+        gauge = torque == "gauge" and "dM" in outputs
+        acting = chosen(elements, gauge=gauge)
+        letter = "v" if products else ""
+        parameters = (
+            Parameter("tau_n", "s", 1.2, 0.01, 20.0),
+            Parameter("g", "-", -0.5, -10.0, 3.0),
+            *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
+            Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
+            Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
+            Parameter("p", "-", 2.0, -1.0, 5.0),
+            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge else ()),
+            *(parameter for element in acting for parameter in element.parameters),
+        )
+        words = [element.words for element in acting]
+        return cls(
+            name=name or ("ship" + (": " + ", ".join(words) if words else "")),
+            parameters=parameters,
+            signals=_signals(outputs, torque),
+            equations=ShipEquations(
+                tuple(outputs), gauge, propeller_speed, any(element.name == "load" for element in acting)
+            ),
+            settings={
+                "kind": "ship",
+                "elements": [element.name for element in acting],
+                "torque": torque,
+                "products": products,
+                "propeller_speed": propeller_speed,
+            },
+        )
+
+    @classmethod
     def plant(
         cls,
         vessel: Vessel,
@@ -351,8 +421,6 @@ class Structure:
         dead_time_set_point
             Free the dead time T_set; otherwise it is the vessel's.
         """
-        from shipfp_rs.structures.plant import PlantEquations
-
         linear = cls.linear(
             torque=torque,
             products=products,
@@ -427,11 +495,7 @@ class Structure:
         >>> [parameter.name for parameter in Structure.grey_box(launch, ["inertia", "Kp_abs"]).free]
         ['inertia', 'Kp_abs']
         """
-        from shipfp_rs.structures.grey_box import parameters, require_modelled
-        from shipfp_rs.structures.pass_band import PassBand
-        from shipfp_rs.structures.plant import PlantEquations, as_built
-
-        require_modelled(vessel)
+        grey_box.require_modelled(vessel)
         if pass_hz is not None and not (math.isfinite(pass_hz) and pass_hz > 0.0):
             raise InputError(f"pass_hz is {pass_hz}, expected a positive frequency [Hz], or None")
         linear = cls.linear(torque=torque, outputs=outputs)
@@ -442,7 +506,7 @@ class Structure:
             equations = PassBand(equations, pass_hz)
         return cls(
             name=name or f"grey box of {vessel.name}",
-            parameters=parameters(vessel, free),
+            parameters=grey_box.parameters(vessel, free),
             signals=linear.signals,
             equations=equations,
             settings={
@@ -501,8 +565,6 @@ class Structure:
         >>> two_lags.equations.states
         ('initial x1', 'initial x2')
         """
-        from shipfp_rs.structures.custom import MatrixEquations
-
         signals = _own_signals(outputs)
         equations = MatrixEquations(matrices, tuple(parameters), tuple(signals))
         equations.states  # noqa: B018 the shapes are checked here, not in the middle of a fit
@@ -555,8 +617,6 @@ class Structure:
         >>> lag.outputs
         ('dM',)
         """
-        from shipfp_rs.structures.custom import FunctionEquations
-
         signals = _own_signals(outputs)
         equations = FunctionEquations(simulate, tuple(parameters), tuple(signals), response)
         return cls(name, tuple(parameters), signals, equations, {"kind": "function"})
@@ -589,8 +649,6 @@ class Structure:
         >>> [parameter.name for parameter in both.free][:3]
         ['tau_n (slow)', 'g (slow)', 'vK_p (slow)']
         """
-        from shipfp_rs.structures.joint import JointEquations, PartEquations
-
         if len(parts) < 2:
             raise InputError(f"joint structure: {len(parts)} parts, expected two or more")
         first = next(iter(parts.values()))
@@ -654,8 +712,7 @@ class Structure:
         """Return the measured outputs as the equations' are to be compared with them, normalised, shape (O, N)."""
         chosen = (self.signal_for(output, experiment.signals, experiment.name) for output in self.outputs)
         rows = np.array([experiment.normalised(name) for name in chosen])
-        passed = getattr(self.equations, "passed", None)
-        return rows if passed is None else np.asarray(passed(rows, experiment))
+        return self.equations.passed(rows, experiment)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-
-if TYPE_CHECKING:
-    from shipfp_rs.structures.structure import Equations
-
-Array = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from shipfp_rs.structures.equations import Against, Equations
+from shipfp_rs.support.arrays import Array, ComplexArray
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,7 @@ def tied(equations: Equations, ties: Ties) -> Equations:
 
 
 @dataclass(frozen=True)
-class Behind:
+class Behind(Equations):
     """Equations whose parameters are functions, straight lines, of those that are asked for."""
 
     equations: Equations
@@ -100,23 +95,25 @@ class Behind:
     @property
     def linear_in(self) -> tuple[str, ...]:
         """Unknowns of an experiment in which the outputs are linear."""
-        return getattr(self.equations, "linear_in", ())
+        return self.equations.linear_in
 
     @property
-    def stable(self) -> Callable[[Mapping[str, float]], bool] | None:
-        """Whether values give a stable loop, None where the equations can't tell."""
-        stable = getattr(self.equations, "stable", None)
-        return None if stable is None else lambda values: stable(self._values(values))
+    def own_offsets(self) -> bool:
+        """Whether the equations' states hold the errors of the operating point."""
+        return self.equations.own_offsets
 
     @property
-    def products(self) -> Callable[..., tuple[Array, int]] | None:
-        """The equations' own pass over an experiment, None where they have none."""
-        return None if getattr(self.equations, "products", None) is None else self._products
+    def has_products(self) -> bool:
+        """Whether the equations sum up products in a pass of their own."""
+        return self.equations.has_products
 
-    @property
-    def passed(self) -> Callable[[Array, Experiment], Array] | None:
-        """The filter that measured outputs go through, too, None without one."""
-        return getattr(self.equations, "passed", None)
+    def stable(self, values: Mapping[str, float]) -> bool:
+        """Whether the closed loop is stable, as far as the equations can tell."""
+        return self.equations.stable(self._values(values))
+
+    def passed(self, rows: Array, experiment: Experiment) -> Array:
+        """Return measured outputs behind the filter of the equations, if they have one."""
+        return self.equations.passed(rows, experiment)
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -138,13 +135,12 @@ class Behind:
         response, slopes = self.equations.response(self._values(values), frequency_hz, moved)
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
 
-    def _products(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], *rest: Array
+    def products(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
     ) -> tuple[Array, int]:
-        """Return the sums (O, W + 2, O, W + 2) of the columns of `names`."""
+        """Return the sums (O, W + 2, O, W + 2) of the columns of `names`, and the number of samples."""
         moved, chain = self._chain(names)
-        kernel = self.equations.products  # type: ignore[attr-defined]
-        sums, count = kernel(self._values(values), experiment, moved, *rest)
+        sums, count = self.equations.products(self._values(values), experiment, moved, against)
         # What an offset adds and the residual stand behind the derivatives.
         columns = np.pad(chain, ((0, 2), (0, 2)))
         columns[-2:, -2:] = np.eye(2)

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.support.arrays import Array
 
-Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
 Values = Mapping[str, float]
 Transfer = Callable[[Values, ComplexArray, str, Sequence[str]], tuple[ComplexArray, ComplexArray]]
@@ -29,7 +30,7 @@ SLOWEST = 1e-6
 
 
 @dataclass(frozen=True)
-class TransferEquations:
+class TransferEquations(Equations):
     """Outputs over the set point as functions of s, and the free motions from one unit of each initial state.
 
     The record is taken for samples of signals that one and the same low-pass has passed, so nothing is assumed of

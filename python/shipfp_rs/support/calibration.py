@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,7 @@ def torque_factor(
         "shunt_voltage": abs(shunt_voltage),
     }
     for name, value in given.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"torque_factor: {name} is {value}, expected a positive number")
+        positive(f"torque_factor: {name}", value)
     if not 0.0 <= inner_diameter < outer_diameter:
         raise InputError(
             f"torque_factor: inner_diameter is {inner_diameter}, expected 0 to less than {outer_diameter}"

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
+
 Function = Callable[[npt.NDArray[Any]], npt.ArrayLike]
 
 COMPLEX_STEP = 1e-30

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -14,24 +15,64 @@ from shipfp_rs.errors import InputError
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside `path`; left without an error it becomes `path`, else it is removed."""
+    """Give a temporary name beside `path`; left without an error it becomes `path`, else it is removed.
+
+    Through a link the file that it leads to is replaced, and the link stays. A device or a pipe is written into, as any
+    other program would: it is never replaced by a file.
+
+    Raises
+    ------
+    InputError
+        Where there can be no such file.
+    """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        target = path.resolve()
+        special = target.exists() and not target.is_file()
+    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle, in older Pythons
+        raise _cannot(path, error) from error
+    if special:
+        _require_stream(path, target)
+        with tempfile.TemporaryDirectory() as folder:
+            temporary = Path(folder) / path.name
+            yield temporary
+            _write_into(path, target, temporary)
+        return
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}."[:100], dir=target.parent)
     except OSError as error:
-        raise InputError(
-            f"{path}: can't be written, {error.strerror or error}; choose another folder"
-        ) from error
+        raise _cannot(path, error) from error
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
         # mkstemp makes private files; a result should be as readable as any other file the user makes.
         temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
+        temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def _cannot(path: Path, error: Exception) -> InputError:
+    reason = getattr(error, "strerror", None) or error
+    return InputError(f"{path}: can't be written, {reason}; choose another folder")
+
+
+def _require_stream(path: Path, target: Path) -> None:
+    """Refuse folders, disks and sockets as files to write."""
+    kind = target.stat().st_mode
+    if not (stat.S_ISCHR(kind) or stat.S_ISFIFO(kind)):
+        what = "a folder" if stat.S_ISDIR(kind) else "a disk or a socket"
+        raise InputError(f"{path}: is {what}, expected the name of a file")
+
+
+def _write_into(path: Path, target: Path, source: Path) -> None:
+    try:
+        with source.open("rb") as content, target.open("wb", buffering=0) as stream:
+            shutil.copyfileobj(content, stream)
+    except OSError as error:
+        raise InputError(f"{path}: can't be written, {error.strerror or error}; choose a file") from error
 
 
 def write_text_atomically(path: Path, text: str) -> Path:

@@ -7,11 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.support.arrays import Mask
+
 Spans = npt.NDArray[np.int64]
 """First sample and first sample after, shape (K, 2)."""
 
 
-def runs(flags: npt.NDArray[np.bool_]) -> Spans:
+def runs(flags: Mask) -> Spans:
     """Return the stretches of True, shape (K, 2)."""
     edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     return edges.reshape(-1, 2).astype(np.int64)
@@ -43,7 +45,7 @@ def clipped_to(spans: Spans, first: int, stop: int) -> Spans:
     return cut[cut[:, 1] > cut[:, 0]]
 
 
-def marks(spans: Spans, first: int, stop: int) -> npt.NDArray[np.bool_]:
+def marks(spans: Spans, first: int, stop: int) -> Mask:
     """Return a flag for each sample of [first, stop) that tells whether a span holds it."""
     flags = np.zeros(stop - first, dtype=np.bool_)
     for start, end in (clipped_to(spans, first, stop) - first).tolist():

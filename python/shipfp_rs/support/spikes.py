@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import _core
+from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans
-
-Array = npt.NDArray[np.float64]
 
 ROBUST_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of Gaussian noise."""
@@ -57,7 +55,7 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     )
 
 
-def bridge(samples: Array, missing: npt.NDArray[np.bool_]) -> Array:
+def bridge(samples: Array, missing: Mask) -> Array:
     """Return the signal with straight lines over the missing samples, level at the ends; all missing stays so."""
     if not missing.any() or missing.all():
         return samples

@@ -8,16 +8,15 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
     import xarray as xr
 
-Array = npt.NDArray[np.float64]
 
 FACTS = "shipfp"
 """Attribute, or metadata of a schema, under which what is no column stands as JSON."""

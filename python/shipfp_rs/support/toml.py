@@ -66,6 +66,11 @@ def built_in(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"), key=lambda path: path.stem)}
 
 
+def template(name: str) -> str:
+    """Return the text of a commented configuration file to fill in, "TRIAL" or "SWEEP"."""
+    return built_in("templates")[name].read_text(encoding="utf-8")
+
+
 def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str, what: str) -> Model:
     """Read what comes with the package, by its name, or a file of the user's own, by its path.
 
@@ -105,6 +110,11 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
             # Where its section also holds an unknown key, the missing one is likely misspelt.
             unknown = [other for other in others if other["type"] == "extra_forbidden"]
             first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
+        missing = [".".join(map(str, each["loc"])) for each in error.errors() if each["type"] == "missing"]
+        if first["type"] == "missing" and len(missing) > 1:
+            raise InputError(
+                f"{source}: {', '.join(missing)}: found nothing, expected these keys to be given"
+            ) from error
         raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.support.checks import positive
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.sweeps.analysis import ACCURACY, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
@@ -119,8 +120,7 @@ def sweep(
     plan = plan if isinstance(plan, Plan) else Plan.load(plan)
     if draws_per_task is not None and draws_per_task < 1:
         raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
-    if not accuracy > 0.0:
-        raise InputError(f"accuracy is {accuracy}, expected a positive number")
+    positive("accuracy", accuracy)
     part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
     with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
         try:

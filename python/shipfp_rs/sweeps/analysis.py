@@ -18,8 +18,6 @@ import pyarrow as pa
 from shipfp_rs.sweeps.draw import names_of
 from shipfp_rs.sweeps.plan import Factor, Plan, Value
 
-Array = npt.NDArray[np.float64]
-
 DURATION = "excitation.duration_s"
 BINS = 6
 """Bins of a factor that has no levels, each with as many draws as any other."""

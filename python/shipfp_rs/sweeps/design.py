@@ -7,10 +7,10 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import qmc
 
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
+
 Design = Literal["random", "latin", "sobol", "grid"]
 
 BLOCK = 65_536

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any, Literal
@@ -14,13 +13,13 @@ import pyarrow as pa
 from shipfp_rs import signals
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identifiability import COMBINATIONS
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.runs.run import identified
-from shipfp_rs.simulation.raw_log import Kind, Sensors, simulate_raw_log, trial_toml
+from shipfp_rs.runs.fit import identified
+from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_tables
+from shipfp_rs.simulation.sensors import Kind, Sensors
 from shipfp_rs.simulation.simulate import simulate
-from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.structures.combinations import COMBINATIONS, true_values
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps.plan import Conditions, Excitation, Plan
@@ -188,5 +187,5 @@ def _from_log(conditions: Conditions, vessel: Vessel, seed: int) -> list[Experim
         steady_s=conditions.sensors.steady_s,
         seed=seed,
     )
-    text = trial_toml(vessel.name, "simulated", sensors, truth)
-    return process(log, validated(tomllib.loads(text), Trial, "simulated trial"), vessel)
+    tables = trial_tables(vessel.name, "simulated", sensors, truth)
+    return process(log, validated(tables, Trial, "simulated trial"), vessel)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
-from shipfp_rs.plot import BLUE, COMPARED, GREY, RED, dress
+from shipfp_rs.plot.style import BLUE, COMPARED, GREY, RED, dress
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import replacing
 from shipfp_rs.sweeps.analysis import DURATION, Bins
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from shipfp_rs.sweeps import Sweep
 
-Array = npt.NDArray[np.float64]
 
 MOST_POINTS = 4000
 """Draws shown; of a larger sweep every so many-th."""

@@ -15,9 +15,9 @@ from scipy.special import ndtri
 
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
-from shipfp_rs.processing.trial import HOW
-from shipfp_rs.processing.trial import Identify as TrialIdentify
-from shipfp_rs.runs.run import structure_from
+from shipfp_rs.processing.trial_tables import HOW
+from shipfp_rs.processing.trial_tables import Identify as TrialIdentify
+from shipfp_rs.runs.fit import structure_from
 from shipfp_rs.signals import Kind
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints

@@ -12,6 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import replacing, write_text_atomically
@@ -171,15 +172,19 @@ def opened(
         _require_empty(folder)
     else:
         _require_same(folder, content["sweep"], record)
+    lock = FileLock(folder / LOCK, blocking=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK).open("w")
+        held = lock.acquire()
+    except Timeout as error:
+        raise InputError(
+            f"{folder}: a sweep is running in this folder; wait for it, or choose another"
+        ) from error
     except OSError as error:
         raise InputError(
             f"{folder}: can't be written, {error.strerror or error}; choose another folder"
         ) from error
-    with lock:
-        _hold(folder, lock.fileno())
+    with held:
         if content is not None:
             # Read again: whoever held the folder until now may have added to it.
             store._take_over(read_manifest(folder) or content)
@@ -206,19 +211,6 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(f"{path}: not a manifest of format {FORMAT}; choose another folder")
     return content
-
-
-def _hold(folder: Path, handle: int) -> None:
-    try:
-        import fcntl
-    except ImportError:  # no such locks on Windows; two sweeps in one folder would write the same rows there
-        return
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: a sweep is running in this folder; wait for it, or choose another"
-        ) from error
 
 
 def _remove_leftovers(folder: Path) -> None:

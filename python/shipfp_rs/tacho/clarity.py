@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, runs
 
-Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 AT_REST = 1 / 3

@@ -47,9 +47,8 @@ class PulseTimes:
         followed the train.
     rate_hz
         Sample rate of the train [Hz].
-    missing_s, faint_s
-        Stretches without samples; and those without pulses that can be told from noise, from pulse to pulse [s],
-        shape (K, 2).
+    faint_s
+        Those of the gaps that are not for want of samples, from pulse to pulse [s], shape (K, 2).
     limit
         Detection limit, in the unit of the samples: pulses that are higher from bottom to top are counted whatever
         their rhythm; lower ones where a dozen or more follow one another evenly. Median where the noise changed.
@@ -65,11 +64,18 @@ class PulseTimes:
     middle: float
     high: float
     rate_hz: float
-    missing_s: Array = field(default_factory=_no_spans)
     faint_s: Array = field(default_factory=_no_spans)
     limit: float = np.nan
     grid_std_s: Array | None = None
     noise_std_s: Array | None = None
+
+    @property
+    def missing_s(self) -> Array:
+        """Those of the gaps that are for want of samples [s], shape (K, 2)."""
+        begins, ends = self.faint_s.T
+        return np.asarray(
+            self.gaps_s[~(np.isin(self.gaps_s[:, 0], begins) & np.isin(self.gaps_s[:, 1], ends))]
+        )
 
     @property
     def time_std_s(self) -> Array:
@@ -163,7 +169,6 @@ def pulse_times(
         middle=float(middle),
         high=float(high),
         rate_hz=rate_hz,
-        missing_s=missing / rate_hz,
         faint_s=faint / rate_hz,
         limit=float(np.median(found.limit)),
         grid_std_s=grid / rate_hz,

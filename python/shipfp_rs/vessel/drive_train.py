@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 OFF: Mapping[str, float] = {
     "shaft_stiffness": math.inf,

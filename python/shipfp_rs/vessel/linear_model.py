@@ -14,6 +14,8 @@ from scipy import signal
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.checks import one_of
 from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
 from shipfp_rs.vessel.vessel import Vessel
@@ -21,7 +23,6 @@ from shipfp_rs.vessel.vessel import Vessel
 if TYPE_CHECKING:
     from shipfp_rs.frequency import FrequencyResponse
 
-Array = npt.NDArray[np.float64]
 Output = Literal["dn", "dE", "dM_b", "dM_g", "dX"]
 
 SIGNALS: Mapping[Output, str] = {"dn": "n_e", "dE": "E_n", "dM_b": "M_b", "dM_g": "M_g", "dX": "X_f"}
@@ -91,12 +92,12 @@ class LinearModel:
         )
 
     @property
-    def poles(self) -> npt.NDArray[np.complex128]:
+    def poles(self) -> ComplexArray:
         """Poles of the closed loop [rad/s], shape (2,)."""
         self._require_no_dead_time()
         return np.roots(self._denominator()).astype(np.complex128)
 
-    def zeros(self, output: Output) -> npt.NDArray[np.complex128]:
+    def zeros(self, output: Output) -> ComplexArray:
         """Zeros of `output` over the set point [rad/s]."""
         self._require_no_dead_time()
         return np.roots(self._numerator(output)).astype(np.complex128)
@@ -152,7 +153,7 @@ class LinearModel:
 
     def response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b")
-    ) -> npt.NDArray[np.complex128]:
+    ) -> ComplexArray:
         """Return the complex response of the outputs at frequencies [Hz], shape (O, F); dead times are exact here."""
         chosen = [_core.LINEAR_OUTPUTS.index(_known(output)) for output in outputs]
         return _core.linear_response(
@@ -170,6 +171,7 @@ class LinearModel:
         >>> tug.frequency_response([0.1, 1.0])
         FrequencyResponse('model', 2 points from 0.1 to 1 Hz: n_e, M_b)
         """
+        # `frequency` loads SciPy, which most of those who linearise a vessel do not need.
         from shipfp_rs.frequency import FrequencyResponse
 
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
@@ -323,6 +325,4 @@ def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) ->
 
 
 def _known(output: str) -> str:
-    if output not in get_args(Output):
-        raise InputError(f"output is {output!r}, expected one of {', '.join(get_args(Output))}")
-    return output
+    return one_of("output", output, get_args(Output))

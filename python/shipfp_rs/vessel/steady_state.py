@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.checks import positive
 from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.vessel import Vessel
-
-Array = npt.NDArray[np.float64]
 
 _FASTEST_SHIP = 100.0
 """Up to where a steady speed of the ship is searched for [m/s]."""
@@ -54,6 +54,20 @@ class OperatingPoint:
         return 60.0 * self.n_e
 
     @property
+    def levels(self) -> dict[str, float]:
+        """Signals of an `Experiment` at this point, in its units; the set point is the speed."""
+        return {
+            "n_set": self.n_e_rpm,
+            "n_e": self.n_e_rpm,
+            "n_s": self.n_s,
+            "M_b": self.M_b,
+            "M_s": self.M_s,
+            "M_g": self.M_s,
+            "X_f": self.X_f,
+            "E_n": self.n_e,
+        }
+
+    @property
     def brake_power(self) -> float:
         """Engine power [W]."""
         return 2.0 * math.pi * self.n_e * self.M_b
@@ -81,8 +95,7 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     (635.35, 30.3)
     """
     set_point = vessel.operating_point.n_e_rpm if n_e_rpm is None else n_e_rpm
-    if not (math.isfinite(set_point) and set_point > 0.0):
-        raise InputError(f"vessel {vessel.name!r}: set point is {set_point} rpm, expected a positive number")
+    positive(f"vessel {vessel.name!r}: set point [rpm]", set_point)
     rated = vessel.engine.rated_speed_rpm
     if hint := hints.likely(set_point, 0.1 * rated, 1.5 * rated, hints.SPEED_RPM, "rpm"):
         raise InputError(

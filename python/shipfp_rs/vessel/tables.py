@@ -1,16 +1,34 @@
-"""Tables of a vessel file for what the thesis's plant leaves out; each is off unless it is there."""
+"""Tables of a vessel file: engine, gearbox, shaft, propeller, governor, and what the thesis's plant leaves out."""
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+import math
+from typing import Annotated, Any, ClassVar, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.toml import Section, unexpected
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
+
+
+def _no_percentage(value: object) -> object:
+    if isinstance(value, int | float) and 2.0 <= value <= 100.0:
+        share = f"{value / 100.0:g}"
+        raise PydanticCustomError(
+            "percent", "a fraction of at most 1; percent? that is {share}", {"share": share}
+        )
+    return value
+
+
+Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(gt=0.0, le=1.0)]
+# A TOML array is a list; only the container may change its type, the numbers in it stay strict.
+Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
 
 
 class Firing(Section):
@@ -67,3 +85,245 @@ class Ship(Section):
     resistance_N_s2_m2: Positive
     propellers: Annotated[int, Field(ge=1)] = 1
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+
+
+def later() -> Any:
+    """Return the default of a key that may be left out until something asks for it."""
+    return Field(default=None)
+
+
+class Sparse(Section):
+    """A table whose keys may be left out; what needs one that is not given says so by its name."""
+
+    table: ClassVar[str] = ""
+
+    @model_validator(mode="after")
+    def _drop_what_is_not_given(self) -> Self:
+        for name in type(self).model_fields.keys() - self.model_fields_set:
+            if self.__dict__.get(name, 0) is None and name in self._needed():
+                del self.__dict__[name]
+        return self
+
+    @classmethod
+    def _needed(cls) -> set[str]:
+        """Keys that are never None: those without a default of their own."""
+        return {
+            name
+            for name, field in cls.model_fields.items()
+            if field.default is None and type(None) not in get_args(field.annotation)
+        }
+
+    def __getattr__(self, name: str) -> Any:
+        if name in type(self).model_fields:
+            key = f"{self.table}.{name}" if self.table else name
+            raise InputError(
+                f"vessel file: {key}: found nothing, expected it to be given for what is asked; add it"
+            )
+        return super().__getattr__(name)  # type: ignore[misc]
+
+    def given(self, *keys: str) -> bool:
+        """Whether all of some keys, such as "propeller.blades", are there."""
+        for key in keys:
+            content: Any = self
+            for part in key.split("."):
+                if part not in content.__dict__ or content.__dict__[part] is None:
+                    return False
+                content = content.__dict__[part]
+        return True
+
+
+class Water(Sparse):
+    """The water that the propeller works in."""
+
+    table: ClassVar[str] = "water"
+
+    density_kg_m3: Positive = later()
+
+
+class Envelope(Section):
+    """Highest brake torque over engine speed, straight between the points, constant outside (Fig. 3.3)."""
+
+    speed_rpm: Table
+    torque_Nm: Table
+
+    @model_validator(mode="after")
+    def _is_a_function_of_speed(self) -> Self:
+        if len(self.torque_Nm) != len(self.speed_rpm):
+            raise unexpected(
+                "torque_Nm", f"{len(self.torque_Nm)} values", f"{len(self.speed_rpm)} as in speed_rpm"
+            )
+        for lower, upper in zip(self.speed_rpm, self.speed_rpm[1:], strict=False):
+            if upper <= lower:
+                raise unexpected("speed_rpm", f"{upper:g} after {lower:g}", "ascending speeds")
+        return self
+
+
+class Engine(Sparse):
+    """Diesel engine: rating, torque limit, and what sets its torque ripple (cylinders, strokes)."""
+
+    table: ClassVar[str] = "engine"
+
+    model: str = later()
+    cylinders: Annotated[int, Field(ge=1)] = later()
+    strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)] = later()
+    rated_power_kW: Positive = later()
+    rated_speed_rpm: Positive = later()
+    envelope: Envelope | None = None
+    """None: unlimited."""
+    minimum_torque_Nm: float | None = None
+    """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
+    torque_rate_Nm_s: Positive | None = None
+    """How fast the brake torque can change; None: at once."""
+    smoke_margin_mm: Positive | None = None
+    """By how much the rack may exceed what the charge air is good for; None: no smoke limiter."""
+    turbocharger_lag_s: Positive = 1.0
+    """Time constant with which the charge air follows the rack; acts with a smoke limiter only."""
+    firing: Firing | None = None
+    """None: the cylinders' mean torque."""
+
+    @model_validator(mode="after")
+    def _stays_within_its_rating(self) -> Self:
+        if self.envelope is None or not self.given("rated_power_kW"):
+            return self
+        for speed, torque in zip(self.envelope.speed_rpm, self.envelope.torque_Nm, strict=True):
+            power_kW = torque * speed * 2e-3 * math.pi / 60.0
+            if power_kW > 1.01 * self.rated_power_kW:
+                raise unexpected(
+                    "envelope.torque_Nm",
+                    f"{torque:g} Nm at {speed:g} rpm, {power_kW:.1f} kW",
+                    f"at most the rated {self.rated_power_kW:g} kW",
+                )
+        return self
+
+
+class Gearbox(Sparse):
+    """Reduction gear (eq. 3.6, 3.7)."""
+
+    table: ClassVar[str] = "gearbox"
+
+    ratio: Positive
+    efficiency: Fraction = later()
+    drag_Nm: NotNegative = 0.0
+    """Torque lost beside the efficiency, at the shaft and the operating point."""
+    drag_exponent: NotNegative = 1.0
+    """With which power of the speed it grows."""
+
+
+class Shaft(Sparse):
+    """Moments of inertia, seen from the propeller (eq. 3.12, 3.13)."""
+
+    table: ClassVar[str] = "shaft"
+
+    inertia_kg_m2: Positive = later()
+    propeller_side_inertia_kg_m2: Positive = later()
+    """Share on the propeller's side of the torque gauge."""
+    add_entrained_water: bool = False
+    """Whether the water that turns with the propeller is to be added to both; else they contain it."""
+    stiffness_Nm_rad: Positive | None = None
+    """Between the two inertias; None: rigid."""
+    damping_Nms_rad: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _parts_do_not_exceed_the_whole(self) -> Self:
+        if self.given("propeller_side_inertia_kg_m2", "inertia_kg_m2") and (
+            self.propeller_side_inertia_kg_m2 > self.inertia_kg_m2
+        ):
+            raise unexpected(
+                "propeller_side_inertia_kg_m2",
+                f"{self.propeller_side_inertia_kg_m2:g}",
+                f"at most inertia_kg_m2, {self.inertia_kg_m2:g}",
+            )
+        return self
+
+
+class Propeller(Sparse):
+    """Fixed-pitch propeller at zero speed of advance (eq. 3.8-3.11)."""
+
+    table: ClassVar[str] = "propeller"
+
+    diameter_m: Positive = later()
+    pitch_ratio: Positive = later()
+    area_ratio: Positive = later()
+    blades: Annotated[int, Field(ge=2)] = later()
+    nozzle: str = ""
+    torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
+    """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
+    thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
+    K_T: Positive = later()
+    shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Amplitude of the torque at once a turn of the shaft, over the mean."""
+    blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Amplitude of the torque at blade passage, over the mean."""
+    four_quadrant: FourQuadrant | None = None
+    """None: bollard pull, the torque odd in the speed."""
+
+
+class Governor(Sparse):
+    """PI or PID governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s, K_d in s."""
+
+    table: ClassVar[str] = "governor"
+
+    K_p: Positive = later()
+    K_i: Positive = later()
+    K_d: NotNegative = 0.0
+    """Of the filtered speed alone: a step of the set point gives no kick."""
+    derivative_filter_s: Positive = 0.05
+    sample_rate_hz: Positive | None = None
+    """How often the governor computes; None: always."""
+    once_a_firing: bool = False
+    """Whether it computes at each firing instead."""
+    computation_delay_s: NotNegative = 0.0
+    set_point_dead_time_s: NotNegative = 0.0
+    """Of the set point's way to the governor, T_set."""
+    minimum_rack_mm: float | None = None
+    maximum_rack_mm: Positive | None = None
+    anti_windup: bool = False
+    """Whether the integral stands still while a limit of the rack or of the torque holds the command."""
+
+    @model_validator(mode="after")
+    def _computes_at_one_kind_of_time(self) -> Self:
+        if self.once_a_firing and self.sample_rate_hz is not None:
+            raise unexpected(
+                "sample_rate_hz", f"{self.sample_rate_hz:g}", "nothing beside once_a_firing = true"
+            )
+        return self
+
+
+class NominalPoint(Sparse):
+    """A known steady state, and the slopes of the engine map there (eq. 3.24, 3.25)."""
+
+    table: ClassVar[str] = "operating_point"
+
+    n_e_rpm: Positive = later()
+    X_0_mm: Positive = later()
+    M_b_Nm: Positive | None = None
+    M_s_Nm: Positive | None = None
+    """Give either the brake torque or the shaft torque."""
+    v: Positive = later()
+    """Relative slope of brake torque over fuel rack at constant speed."""
+    g: float = later()
+    """Relative slope of brake torque over speed at constant fuel rack."""
+
+    @model_validator(mode="after")
+    def _has_one_torque(self) -> Self:
+        if self.M_b_Nm is not None and self.M_s_Nm is not None:
+            raise unexpected("M_b_Nm", "both M_b_Nm and M_s_Nm", "one of the two")
+        return self
+
+
+class SetPointLine(Section):
+    """What a voltage on the set-point line makes of the engine speed: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
+
+    rpm_per_V: float
+    rpm_at_0_V: float
+
+    @model_validator(mode="after")
+    def _can_be_inverted(self) -> Self:
+        if self.rpm_per_V == 0.0:
+            raise unexpected("rpm_per_V", "0", "a slope not zero")
+        return self
+
+    @property
+    def calibration(self) -> Calibration:
+        """The line, from volts to rpm."""
+        return Calibration(self.rpm_per_V, self.rpm_at_0_V, "rpm")

@@ -5,224 +5,70 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import BeforeValidator, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import model_validator
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
-from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
-from shipfp_rs.vessel.tables import Actuator, Firing, FourQuadrant, NotNegative, Positive, Ship
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.html import shown
+from shipfp_rs.support.toml import built_in, read_named, unexpected, validated
+from shipfp_rs.vessel.tables import (
+    Actuator,
+    Engine,
+    Gearbox,
+    Governor,
+    NominalPoint,
+    Propeller,
+    SetPointLine,
+    Shaft,
+    Ship,
+    Sparse,
+    Water,
+    later,
+)
 
-Array = npt.NDArray[np.float64]
-
-
-def _no_percentage(value: object) -> object:
-    if isinstance(value, int | float) and 2.0 <= value <= 100.0:
-        share = f"{value / 100.0:g}"
-        raise PydanticCustomError(
-            "percent", "a fraction of at most 1; percent? that is {share}", {"share": share}
-        )
-    return value
-
-
-Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(gt=0.0, le=1.0)]
-# A TOML array is a list; only the container may change its type, the numbers in it stay strict.
-Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
-
-
-class Water(Section):
-    """The water that the propeller works in."""
-
-    density_kg_m3: Positive
-
-
-class Envelope(Section):
-    """Highest brake torque over engine speed, straight between the points, constant outside (Fig. 3.3)."""
-
-    speed_rpm: Table
-    torque_Nm: Table
-
-    @model_validator(mode="after")
-    def _is_a_function_of_speed(self) -> Self:
-        if len(self.torque_Nm) != len(self.speed_rpm):
-            raise unexpected(
-                "torque_Nm", f"{len(self.torque_Nm)} values", f"{len(self.speed_rpm)} as in speed_rpm"
-            )
-        for lower, upper in zip(self.speed_rpm, self.speed_rpm[1:], strict=False):
-            if upper <= lower:
-                raise unexpected("speed_rpm", f"{upper:g} after {lower:g}", "ascending speeds")
-        return self
+PLANT_KEYS = (
+    "gearbox.efficiency",
+    "shaft.inertia_kg_m2",
+    "governor.K_p",
+    "governor.K_i",
+    "operating_point.n_e_rpm",
+    "operating_point.X_0_mm",
+    "operating_point.v",
+    "operating_point.g",
+    "engine",
+    "propeller",
+)
+"""What the plant can't be simulated without; processing a log needs the gear ratio alone."""
 
 
-class Engine(Section):
-    """Diesel engine: rating, torque limit, and what sets its torque ripple (cylinders, strokes)."""
+class _Size(NamedTuple):
+    """What a number of a vessel file can be, and the slips of unit that take it elsewhere."""
 
-    model: str
-    cylinders: Annotated[int, Field(ge=1)]
-    strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)]
-    rated_power_kW: Positive
-    rated_speed_rpm: Positive
-    envelope: Envelope | None = None
-    """None: unlimited."""
-    minimum_torque_Nm: float | None = None
-    """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
-    torque_rate_Nm_s: Positive | None = None
-    """How fast the brake torque can change; None: at once."""
-    smoke_margin_mm: Positive | None = None
-    """By how much the rack may exceed what the charge air is good for; None: no smoke limiter."""
-    turbocharger_lag_s: Positive = 1.0
-    """Time constant with which the charge air follows the rack; acts with a smoke limiter only."""
-    firing: Firing | None = None
-    """None: the cylinders' mean torque."""
+    key: str
+    low: float
+    high: float
+    slips: Sequence[hints.Slip]
+    unit: str
+    owner: str
 
-    @model_validator(mode="after")
-    def _stays_within_its_rating(self) -> Self:
-        if self.envelope is None:
-            return self
-        for speed, torque in zip(self.envelope.speed_rpm, self.envelope.torque_Nm, strict=True):
-            power_kW = torque * speed * 2e-3 * math.pi / 60.0
-            if power_kW > 1.01 * self.rated_power_kW:
-                raise unexpected(
-                    "envelope.torque_Nm",
-                    f"{torque:g} Nm at {speed:g} rpm, {power_kW:.1f} kW",
-                    f"at most the rated {self.rated_power_kW:g} kW",
-                )
-        return self
+    def require(self, value: float) -> None:
+        """Refuse a value that a slip of unit explains."""
+        if hint := hints.likely(value, self.low, self.high, self.slips, self.unit):
+            expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
+            raise unexpected(self.key, f"{value:g} {self.unit}", expected)
 
 
-class Gearbox(Section):
-    """Reduction gear (eq. 3.6, 3.7)."""
-
-    ratio: Positive
-    efficiency: Fraction
-    drag_Nm: NotNegative = 0.0
-    """Torque lost beside the efficiency, at the shaft and the operating point."""
-    drag_exponent: NotNegative = 1.0
-    """With which power of the speed it grows."""
-
-
-class Shaft(Section):
-    """Moments of inertia, seen from the propeller (eq. 3.12, 3.13)."""
-
-    inertia_kg_m2: Positive
-    propeller_side_inertia_kg_m2: Positive
-    """Share on the propeller's side of the torque gauge."""
-    add_entrained_water: bool = False
-    """Whether the water that turns with the propeller is to be added to both; else they contain it."""
-    stiffness_Nm_rad: Positive | None = None
-    """Between the two inertias; None: rigid."""
-    damping_Nms_rad: NotNegative = 0.0
-
-    @model_validator(mode="after")
-    def _parts_do_not_exceed_the_whole(self) -> Self:
-        if self.propeller_side_inertia_kg_m2 > self.inertia_kg_m2:
-            raise unexpected(
-                "propeller_side_inertia_kg_m2",
-                f"{self.propeller_side_inertia_kg_m2:g}",
-                f"at most inertia_kg_m2, {self.inertia_kg_m2:g}",
-            )
-        return self
-
-
-class Propeller(Section):
-    """Fixed-pitch propeller at zero speed of advance (eq. 3.8-3.11)."""
-
-    diameter_m: Positive
-    pitch_ratio: Positive
-    area_ratio: Positive
-    blades: Annotated[int, Field(ge=2)]
-    nozzle: str = ""
-    torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
-    """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
-    thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
-    K_T: Positive
-    shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque at once a turn of the shaft, over the mean."""
-    blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque at blade passage, over the mean."""
-    four_quadrant: FourQuadrant | None = None
-    """None: bollard pull, the torque odd in the speed."""
-
-
-class Governor(Section):
-    """PI or PID governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s, K_d in s."""
-
-    K_p: Positive
-    K_i: Positive
-    K_d: NotNegative = 0.0
-    """Of the filtered speed alone: a step of the set point gives no kick."""
-    derivative_filter_s: Positive = 0.05
-    sample_rate_hz: Positive | None = None
-    """How often the governor computes; None: always."""
-    once_a_firing: bool = False
-    """Whether it computes at each firing instead."""
-    computation_delay_s: NotNegative = 0.0
-    set_point_dead_time_s: NotNegative = 0.0
-    """Of the set point's way to the governor, T_set."""
-    minimum_rack_mm: float | None = None
-    maximum_rack_mm: Positive | None = None
-    anti_windup: bool = False
-    """Whether the integral stands still while a limit of the rack or of the torque holds the command."""
-
-    @model_validator(mode="after")
-    def _computes_at_one_kind_of_time(self) -> Self:
-        if self.once_a_firing and self.sample_rate_hz is not None:
-            raise unexpected(
-                "sample_rate_hz", f"{self.sample_rate_hz:g}", "nothing beside once_a_firing = true"
-            )
-        return self
-
-
-class NominalPoint(Section):
-    """A known steady state, and the slopes of the engine map there (eq. 3.24, 3.25)."""
-
-    n_e_rpm: Positive
-    X_0_mm: Positive
-    M_b_Nm: Positive | None = None
-    M_s_Nm: Positive | None = None
-    """Give either the brake torque or the shaft torque."""
-    v: Positive
-    """Relative slope of brake torque over fuel rack at constant speed."""
-    g: float
-    """Relative slope of brake torque over speed at constant fuel rack."""
-
-    @model_validator(mode="after")
-    def _has_one_torque(self) -> Self:
-        if (self.M_b_Nm is None) == (self.M_s_Nm is None):
-            found = "neither M_b_Nm nor M_s_Nm" if self.M_b_Nm is None else "both M_b_Nm and M_s_Nm"
-            raise unexpected("M_b_Nm", found, "one of the two")
-        return self
-
-
-class SetPointLine(Section):
-    """What a voltage on the set-point line makes of the engine speed: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
-
-    rpm_per_V: float
-    rpm_at_0_V: float
-
-    @model_validator(mode="after")
-    def _can_be_inverted(self) -> Self:
-        if self.rpm_per_V == 0.0:
-            raise unexpected("rpm_per_V", "0", "a slope not zero")
-        return self
-
-    @property
-    def calibration(self) -> Calibration:
-        """The line, from volts to rpm."""
-        return Calibration(self.rpm_per_V, self.rpm_at_0_V, "rpm")
-
-
-class Vessel(Section):
+class Vessel(Sparse):
     """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11) unless it has a `ship`.
 
     What the thesis's plant leaves out (dead times, limits, sampling, firing, a flexible shaft, the ship's own motion) is
     off unless it is configured.
 
+    A log is processed with the gear ratio alone; whatever else is left out is asked for by name where it is needed.
     The propeller's torque coefficient is not configured: it follows from the operating point.
 
     Examples
@@ -235,13 +81,13 @@ class Vessel(Section):
 
     name: str
     description: str = ""
-    water: Water
-    engine: Engine
+    water: Water = later()
+    engine: Engine = later()
     gearbox: Gearbox
-    shaft: Shaft
-    propeller: Propeller
-    governor: Governor
-    operating_point: NominalPoint
+    shaft: Shaft = later()
+    propeller: Propeller = later()
+    governor: Governor = later()
+    operating_point: NominalPoint = later()
     set_point: SetPointLine | None = None
     """None: not known."""
     actuator: Actuator = Actuator()
@@ -251,6 +97,11 @@ class Vessel(Section):
     @model_validator(mode="after")
     def _can_run_at_its_operating_point(self) -> Self:
         self._require_sense()
+        self._require_firing()
+        if not self.given(*PLANT_KEYS) or not (
+            self.given("operating_point.M_b_Nm") or self.given("operating_point.M_s_Nm")
+        ):
+            return self
         point, p = self.operating_point, self.propeller.torque_exponent
         if point.g >= p:
             raise unexpected(
@@ -265,16 +116,6 @@ class Vessel(Section):
                     f"{available:.4g} Nm at {point.n_e_rpm:g} rpm",
                     f"more than the operating point's brake torque {self.nominal_brake_torque:.4g} Nm",
                 )
-        firing, cycle = self.engine.firing, 180.0 * self.engine.strokes
-        if firing is None and self.governor.once_a_firing:
-            raise unexpected("governor.once_a_firing", "true", "a table engine.firing beside it")
-        if firing is not None and firing.stroke_deg > cycle:
-            raise unexpected(
-                "engine.firing.stroke_deg", f"{firing.stroke_deg:g}", f"at most a working cycle, {cycle:g}"
-            )
-        if firing is not None and len(firing.strength or ()) not in (0, self.engine.cylinders):
-            found = f"{len(firing.strength or ())} values"
-            raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
         minimum = self.engine.minimum_torque_Nm
         if minimum is not None and minimum >= self.nominal_brake_torque:
             raise unexpected(
@@ -284,45 +125,54 @@ class Vessel(Section):
             )
         return self
 
+    def _require_firing(self) -> None:
+        """Refuse a firing that does not go with the cylinders."""
+        if not self.given("engine"):
+            return
+        governed = self.given("governor") and self.governor.once_a_firing
+        if self.engine.firing is None:
+            if governed:
+                raise unexpected("governor.once_a_firing", "true", "a table engine.firing beside it")
+            return
+        firing, cycle = self.engine.firing, 180.0 * self.engine.strokes
+        if firing is not None and firing.stroke_deg > cycle:
+            raise unexpected(
+                "engine.firing.stroke_deg", f"{firing.stroke_deg:g}", f"at most a working cycle, {cycle:g}"
+            )
+        if firing is not None and len(firing.strength or ()) not in (0, self.engine.cylinders):
+            found = f"{len(firing.strength or ())} values"
+            raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
+
     def _require_sense(self) -> None:
         """Refuse sizes that no ship has, and name the slip of unit that makes them."""
-        point, engine = self.operating_point, self.engine
-        speed = engine.rated_speed_rpm
-        rated = engine.rated_power_kW * 30e3 / (math.pi * speed)
-        shaft = self.gearbox.ratio * self.gearbox.efficiency
-        checks: tuple[tuple[str, float | None, float, float, Sequence[hints.Slip], str, str], ...] = (
-            ("water.density_kg_m3", self.water.density_kg_m3, 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
-            ("engine.rated_speed_rpm", speed, 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
-            (
-                "propeller.diameter_m",
-                self.propeller.diameter_m,
-                0.05,
-                15.0,
-                hints.LENGTH_M,
-                "m",
-                "propellers",
-            ),
-            (
+
+        def known(key: str) -> float | None:
+            value: Any = self
+            for part in key.split("."):
+                if not self.given(key):
+                    return None
+                value = getattr(value, part)
+            return float(value)
+
+        speed, power = known("engine.rated_speed_rpm"), known("engine.rated_power_kW")
+        # Without a rating any engine will do.
+        rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
+        shaft = self.gearbox.ratio * (known("gearbox.efficiency") or 1.0)
+        checks = (
+            _Size("water.density_kg_m3", 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
+            _Size("engine.rated_speed_rpm", 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
+            _Size("propeller.diameter_m", 0.05, 15.0, hints.LENGTH_M, "m", "propellers"),
+            _Size(
                 "operating_point.n_e_rpm",
-                point.n_e_rpm,
-                0.1 * speed,
-                1.5 * speed,
+                0.1 * speed if speed else 1.0,
+                1.5 * speed if speed else 3e4,
                 hints.SPEED_RPM,
                 "rpm",
                 "this engine",
             ),
-            (
-                "operating_point.M_b_Nm",
-                point.M_b_Nm,
-                0.004 * rated,
-                2.0 * rated,
-                hints.TORQUE,
-                "Nm",
-                "this engine",
-            ),
-            (
+            _Size("operating_point.M_b_Nm", 0.004 * rated, 2.0 * rated, hints.TORQUE, "Nm", "this engine"),
+            _Size(
                 "operating_point.M_s_Nm",
-                point.M_s_Nm,
                 0.004 * rated * shaft,
                 2.0 * rated * shaft,
                 hints.TORQUE,
@@ -330,11 +180,18 @@ class Vessel(Section):
                 "this engine and gearbox",
             ),
         )
-        for key, value, low, high, known, unit, owner in checks:
-            if value is not None and (hint := hints.likely(value, low, high, known, unit)):
-                raise unexpected(
-                    key, f"{value:g} {unit}", f"{low:.4g} to {high:.4g} {unit} as {owner} would have{hint}"
-                )
+        for size in checks:
+            value = known(size.key)
+            if value is not None and not math.isnan(size.low):
+                size.require(value)
+
+    def require(self, *keys: str) -> None:
+        """Raise `InputError` that names all of some keys, such as "propeller.blades", that the ship lacks."""
+        lacking = [key for key in keys if not self.given(key)]
+        if lacking:
+            raise InputError(
+                f"vessel {self.name!r}: lacks {', '.join(lacking)}; add them to its file for what is asked"
+            )
 
     @staticmethod
     def names() -> tuple[str, ...]:
@@ -372,15 +229,14 @@ class Vessel(Section):
         return validated(content, type(self), f"vessel {self.name!r}")
 
     def __repr__(self) -> str:
-        engine = self.engine
-        return (
-            f"Vessel({self.name!r}, {engine.rated_power_kW:g} kW at {engine.rated_speed_rpm:g} rpm, gear "
-            f"{self.gearbox.ratio:g}, propeller {self.propeller.diameter_m:g} m)"
-        )
+        told = [f"gear {self.gearbox.ratio:g}"]
+        if self.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
+            told.insert(0, f"{self.engine.rated_power_kW:g} kW at {self.engine.rated_speed_rpm:g} rpm")
+        if self.given("propeller.diameter_m"):
+            told.append(f"propeller {self.propeller.diameter_m:g} m")
+        return f"Vessel({self.name!r}, {', '.join(told)})"
 
     def _repr_html_(self) -> str:
-        from shipfp_rs.support.html import shown
-
         rows = []
         for section, content in self.model_dump().items():
             if isinstance(content, dict):
@@ -405,7 +261,10 @@ class Vessel(Section):
         point = self.operating_point
         if point.M_b_Nm is not None:
             return point.M_b_Nm
-        assert point.M_s_Nm is not None
+        if point.M_s_Nm is None:
+            raise InputError(
+                f"vessel {self.name!r}: operating_point.M_b_Nm: found nothing, expected it or M_s_Nm; add one"
+            )
         return (point.M_s_Nm + self.gearbox.drag_Nm) / (self.gearbox.ratio * self.gearbox.efficiency)
 
     @property
@@ -492,6 +351,7 @@ class Vessel(Section):
 
         The engine map (eq. 3.5) is the plane through the operating point with the relative slopes v and g.
         """
+        self.require(*PLANT_KEYS)
         point, torque, speed = self.operating_point, self.nominal_brake_torque, self.nominal_engine_speed
         absolute_gain = point.X_0_mm / speed
         minimum = self.engine.minimum_torque_Nm

@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::abreast::{Course, LANES, Member, Stretch, scatter};
+use super::many_vectors::{Course, LANES, Member, Stretch, scatter};
 use super::{Cost, Objective, Products};
 use crate::error::{Error, Result};
-use crate::linear::increments::Increments;
+use crate::linear::delta_form::Increments;
 use crate::linear::{Output, Parameters};
 use crate::pool::on_threads;
 use crate::stop::Stop;
@@ -35,7 +35,7 @@ impl Objective<'_> {
         let costs: Vec<_> = if threads == 1 {
             batch.groups.iter().map(|group| batch.evaluate(group, stop)).collect::<Result<_>>()?
         } else {
-            on_threads(threads, || {
+            on_threads(threads.min(batch.groups.len().max(1)), || {
                 batch.groups.par_iter().map(|group| batch.evaluate(group, stop)).collect()
             })?
         };

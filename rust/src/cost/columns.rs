@@ -3,10 +3,11 @@
 //! A filter commutes with the model but for its start. So the filtered sensitivities are made of the pass' own rows, block by
 //! block while these are in the fastest cache; the record is never filtered as a whole.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::sums::{Combination, Sums};
-use crate::linear::walk::{BLOCK, Block, LANES, STEPS};
+use crate::instruction_set::arch;
+use crate::linear::segmented_pass::{BLOCK, Block, LANES, STEPS};
 
 /// Vectors that are filtered side by side.
 const ABREAST: usize = 8;
@@ -61,7 +62,7 @@ impl<'a> Columns<'a> {
             }
         }
         let (into, width) = if history > 0 { (&mut self.windows, width) } else { (&mut self.rows, BLOCK) };
-        Arch::new().dispatch(Combine {
+        arch().dispatch(Combine {
             block: block.rows(),
             combinations: self.combinations,
             biases: self.biases,
@@ -102,7 +103,7 @@ impl<'a> Columns<'a> {
     }
 
     fn finish(&mut self, sums: &mut Sums) {
-        let arch = Arch::new();
+        let arch = arch();
         let rows = &mut self.rows[..self.combinations.len() * BLOCK];
         if self.order > 0 {
             arch.dispatch(Filter { windows: &self.windows, filters: &self.filters, rows });
@@ -125,6 +126,7 @@ impl WithSimd for Combine<'_> {
     type Output = ();
 
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
     fn with_simd<S: Simd>(self, simd: S) {
         let vectors = BLOCK / S::F64_LANES;
         let block = S::as_simd_f64s(self.block).0;
@@ -133,6 +135,11 @@ impl WithSimd for Combine<'_> {
             let into = S::as_mut_simd_f64s(&mut into[self.width - BLOCK..]).0;
             let bias = if row < self.biases.len() { self.biases[row] } else { 0.0 };
             let into = &mut into[..vectors];
+            if combination.is_empty() {
+                for at in 0..vectors {
+                    into[at] = simd.splat_f64s(bias);
+                }
+            }
             for (term, &(source, factor)) in combination.iter().enumerate() {
                 let source = &block[source * vectors..][..vectors];
                 let factor = simd.splat_f64s(factor);

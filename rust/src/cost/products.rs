@@ -4,7 +4,7 @@ use super::columns::Columns;
 use super::sums::{Combination, Sums};
 use crate::error::{Error, Result, require};
 use crate::linear::basis::{Basis, Span};
-use crate::linear::walk::{LANES, Layout, STEPS, walk};
+use crate::linear::segmented_pass::{LANES, Layout, STEPS, walk};
 use crate::linear::{By, Drive, Output, Parameters, simulate};
 use crate::stop::Stop;
 

@@ -2,7 +2,7 @@
 
 use crate::scalar::Scalar;
 
-use super::turn::cosine;
+use super::cosine::cosine;
 
 /// Angles closer than this are one [rev]: 50 ns at 20 rev/s.
 const SAME_ANGLE: f64 = 1e-6;

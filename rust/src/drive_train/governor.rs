@@ -55,14 +55,75 @@ pub struct Command<T = f64> {
     pub filter_rate: T,
 }
 
+/// What decides whether anti-windup holds the integral.
+#[derive(Debug, Clone, Copy)]
+pub struct Wait<T = f64> {
+    /// Speed error [rev/s].
+    miss: T,
+    /// What is wanted beyond the limit that the error pushes against [mm]; the integral waits where it is positive.
+    excess: T,
+}
+
 impl<T: Scalar> Governor<T> {
+    /// Whether the integral waits, for a governor that always computes.
+    #[inline(always)]
+    #[must_use]
+    pub fn wait(&self, set_speed: T, speed: T, integrated: T, filtered: T, ceiling: &Ceiling<T>) -> Wait<T> {
+        let (miss, lead) = (set_speed - speed, speed - filtered);
+        let wanted = self.wanted(miss, integrated, lead, self.filter);
+        let excess = if miss.value() > 0.0 {
+            wanted - smaller(ceiling.rack, ceiling.torque)
+        } else {
+            self.minimum_rack - wanted
+        };
+        Wait { miss, excess }
+    }
+
+    /// What a step adds to the integral, at whose begin and end these hold: nothing but derivatives.
+    ///
+    /// Where the integral begins or ceases to wait its rate jumps, so it depends on the time of that, which a step does not
+    /// know. The derivative of this time is that of the excess over the excess' rate (di Bernardo et al. 2008,
+    /// *Piecewise-smooth Dynamical Systems*, section 2.5, the saltation matrix). Where the excess comes straight back, the
+    /// command slides along its limit, and the excess depends on nothing: so it does where the integral waited in some
+    /// stages of the step, `torn`, and yet not more at its end than at its begin.
+    #[inline(always)]
+    #[must_use]
+    pub fn switched(&self, begin: &Wait<T>, end: &Wait<T>, step: T, torn: bool) -> T {
+        let (from, to) = (begin.excess.value(), end.excess.value());
+        let switches = (from > 0.0) != (to > 0.0);
+        let turned = begin.miss.value() * end.miss.value() <= 0.0;
+        if turned || !(switches || torn) || !(from - to).is_finite() {
+            return step.constant(0.0);
+        }
+        let slides = |excess: T, by_integral: f64| (excess + -excess.value()) * (-1.0 / by_integral);
+        if !switches {
+            return slides(end.excess, self.integral.value() * end.miss.value().signum());
+        }
+        let part = from / (from - to);
+        let excess = begin.excess * (1.0 - part) + end.excess * part;
+        let miss = begin.miss.value() * (1.0 - part) + end.miss.value() * part;
+        let jump = if to > 0.0 { -miss } else { miss };
+        let by_integral = self.integral.value() * if miss > 0.0 { 1.0 } else { -1.0 };
+        let rate = (to - from) / step.value();
+        let after = rate + by_integral * jump;
+        if after * rate > 0.0 {
+            (excess + -excess.value()) * (jump / rate)
+        } else {
+            slides(excess, by_integral)
+        }
+    }
+
+    #[inline(always)]
+    fn wanted(&self, miss: T, integrated: T, lead: T, filter: T) -> T {
+        let wanted = self.base_rack + self.proportional * miss + self.integral * integrated;
+        if self.derivative.is_zero() { wanted } else { wanted - self.derivative * lead / filter }
+    }
+
     /// What is ordered at a speed error [rev/s], its integral [rev] and a lead of the speed over the filtered one [rev/s],
     /// over so long a filter time [s]; and whether the integral may go on.
     #[inline(always)]
     fn order(&self, miss: T, integrated: T, lead: T, filter: T, ceiling: &Ceiling<T>) -> (T, bool) {
-        let wanted = self.base_rack + self.proportional * miss + self.integral * integrated;
-        let wanted =
-            if self.derivative.is_zero() { wanted } else { wanted - self.derivative * lead / filter };
+        let wanted = self.wanted(miss, integrated, lead, filter);
         let held = (wanted.value() > smaller(ceiling.rack, ceiling.torque).value() && miss.value() > 0.0)
             || (wanted.value() < self.minimum_rack.value() && miss.value() < 0.0);
         (limited(wanted, self.minimum_rack, ceiling.rack), !(self.anti_windup && held))

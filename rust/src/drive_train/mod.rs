@@ -3,10 +3,11 @@
 //! Set point -> dead time -> governor -> dead time -> rate limit -> lag -> engine -> rate limit -> firing -> gearbox ->
 //! shaft -> propeller -> ship. Where all elements are off the equations are those of `plant/`.
 
+mod cosine;
 mod delay;
+mod event_stepper;
 mod firing;
 mod governor;
-mod march;
 mod motion;
 mod parameters;
 mod propeller;
@@ -16,10 +17,10 @@ mod shaft;
 mod ship;
 mod simulate;
 mod state;
-mod turn;
 
+pub use cosine::cosine;
+pub use event_stepper::{March, NAMES, ROWS};
 pub use governor::{Governor, Timing};
-pub use march::{March, NAMES, ROWS};
 pub use motion::{DriveTrain, FLOW, flow_at};
 pub use parameters::{PARAMETERS, Tables};
 pub use propeller::{Propeller, Quadrants};
@@ -27,4 +28,3 @@ pub use ramp::Ramp;
 pub use shaft::{Answer, Shaft};
 pub use simulate::{Run, simulate};
 pub use state::{STATES, State};
-pub use turn::cosine;

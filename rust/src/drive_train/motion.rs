@@ -1,5 +1,7 @@
 //! The equations of motion of the drive train between two events.
 
+use pulp::{Simd, WithSimd};
+
 use crate::plant::{Engine, Envelope, Gearbox, Slope, limited};
 use crate::scalar::{Scalar, smaller};
 
@@ -256,6 +258,24 @@ impl<T: Scalar> DriveTrain<T> {
             held: rack,
         };
         (state, memory)
+    }
+}
+
+/// The signals at an instant, to be computed in one place.
+pub struct FlowAt<'a, L, T> {
+    pub train: &'a DriveTrain<T>,
+    pub limit: &'a mut L,
+    pub memory: &'a Memory<T>,
+    pub at: &'a Instant<T>,
+    pub state: &'a State<T>,
+}
+
+impl<L: Slope, T: Scalar> WithSimd for FlowAt<'_, L, T> {
+    type Output = Flow<T>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Flow<T> {
+        self.train.flow(self.limit, self.memory, self.at, self.state)
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, require};
 use crate::scalar::Scalar;
 
-use super::turn::cosine;
+use super::cosine::cosine;
 
 /// Torque and thrust of a fixed-pitch propeller.
 #[derive(Debug, Clone)]
@@ -106,11 +106,18 @@ impl<T: Scalar> Propeller<T> {
     }
 }
 
+/// Flow that counts as none [m/s]: its square and a direction's derivative are still normal numbers.
+const REST: f64 = 1e-150;
+
 /// Length and angle [rad] of a vector.
 #[inline(always)]
 fn polar<T: Scalar>(along: T, across: T) -> [T; 2] {
     let (x, y) = (along.value(), across.value());
     let length = x.hypot(y);
+    if length < REST {
+        // At rest the flow has no direction, and none is needed: what is made of it goes with a power of its length.
+        return [along.function(length, 1.0), along.constant(y.atan2(x))];
+    }
     let (cosine, sine) = (x / length, y / length);
     // One part carries the value, both their share of its derivatives.
     [

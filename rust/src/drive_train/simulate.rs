@@ -1,15 +1,19 @@
 //! A drive train simulated into rows.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::error::{Error, Result, require};
+use crate::instruction_set::arch;
 use crate::integrate::Hold;
 use crate::plant::Envelope;
 use crate::stop::Stop;
 
 use super::DriveTrain;
+use super::event_stepper::{March, NAMES, ROWS, SAME};
 use super::governor::Timing;
-use super::march::{March, NAMES, ROWS, SAME};
+
+/// Shortest step, in relative roundings of the record's length: events within a step must have times of their own.
+const RESOLUTION: f64 = 1e4;
 
 /// What to simulate.
 #[derive(Debug, Clone, Copy)]
@@ -28,12 +32,19 @@ impl Run<'_> {
     /// Refuse what can't be simulated.
     ///
     /// # Errors
-    /// Where the sample time is not positive, there are no steps or no samples, or a set point is not finite.
+    /// Where the sample time is not positive, there are no steps or no samples, steps are too short to have times of their
+    /// own, or a set point is not finite.
     pub fn check(&self) -> Result<()> {
         let Self { set_speed, dt, substeps, .. } = *self;
         require(dt.is_finite() && dt > 0.0, || format!("dt is {dt}, expected a positive sample time [s]"))?;
         require(substeps > 0, || "substeps is 0, expected at least 1".to_owned())?;
         require(!set_speed.is_empty(), || "n_set has no samples, expected at least 1".to_owned())?;
+        let (step, end) = (dt / substeps as f64, dt * set_speed.len() as f64);
+        require(step >= RESOLUTION * f64::EPSILON * end, || {
+            format!(
+                "substeps is {substeps}: found steps of {step} s in a record of {end} s, expected longer ones; use fewer substeps"
+            )
+        })?;
         match set_speed.iter().position(|value| !value.is_finite()) {
             None => Ok(()),
             Some(bad) => Err(Error::Invalid(format!(
@@ -81,7 +92,7 @@ pub fn simulate(
     run.check_steps(train)?;
     let (samples, length) = (run.set_speed.len(), ROWS * run.set_speed.len());
     require(output.len() == length, || format!("output has {} values, expected {length}", output.len()))?;
-    Arch::new().dispatch(Rows { train, envelope, run, output, samples, stop })
+    arch().dispatch(Rows { train, envelope, run, output, samples, stop })
 }
 
 /// Compiled for the machine's instructions, rounding among them.

@@ -50,6 +50,24 @@ impl<T: Scalar> State<T> {
         }
     }
 
+    /// What has decayed cut to zero.
+    #[inline(always)]
+    #[must_use]
+    pub fn cut(&self) -> Self {
+        Self {
+            engine_side: self.engine_side.cut(),
+            propeller: self.propeller.cut(),
+            twist: self.twist.cut(),
+            crank: self.crank.cut(),
+            turn: self.turn.cut(),
+            rack: self.rack.cut(),
+            charge: self.charge.cut(),
+            error: self.error.cut(),
+            filtered: self.filtered.cut(),
+            ship: self.ship.cut(),
+        }
+    }
+
     /// The state plus so many times another.
     #[inline(always)]
     #[must_use]

@@ -2,10 +2,12 @@
 
 use std::array::from_fn;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::error::{Result, require};
-use crate::linear::walk::BLOCK;
+use crate::instruction_set::arch;
+use crate::linear::segmented_pass::BLOCK;
+use crate::subnormal::cut_all;
 
 /// Coefficients that the filter has at most, and samples that it takes at a time.
 pub const ORDER: usize = 8;
@@ -51,7 +53,8 @@ impl AllPole {
     /// and become those of this one.
     pub fn run(&self, rows: &mut [f64], after: &mut [[f64; ORDER]]) {
         if !self.idle {
-            Arch::new().dispatch(Recursion { filter: self, rows, after });
+            arch().dispatch(Recursion { filter: self, rows, after });
+            cut_all(after.as_flattened_mut());
         }
     }
 }

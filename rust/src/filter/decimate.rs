@@ -1,12 +1,17 @@
 //! Zero-phase FIR low-pass that puts out only the samples wanted, over pieces of any length.
 
-use multiversion::multiversion;
+use pulp::{Simd, WithSimd};
 
 use crate::error::{Error, Result, require};
+use crate::instruction_set::arch;
+use crate::memory::reserve;
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Sums kept side by side, so that no addition waits for the one before.
 const LANES: usize = 32;
+
+/// Largest numerator and denominator of a ratio of rates: a row of taps is kept for each of `up` phases.
+const MOST: usize = 1 << 16;
 
 /// Resamples by `up / down` with one filter: output m is the filter's answer at input m down / up.
 ///
@@ -34,13 +39,16 @@ impl Decimator {
     /// their sum.
     ///
     /// # Errors
-    /// Unless the number of taps is odd, and `up` and `down` are positive.
+    /// Unless the number of taps is odd, they are finite, and `up` and `down` are positive and not too large.
     pub fn new(taps: &[f64], up: usize, down: usize) -> Result<Self> {
         require(taps.len() % 2 == 1, || {
             format!("taps: found {} of them, expected an odd number", taps.len())
         })?;
-        require(up > 0 && down > 0, || {
-            format!("up, down: found {up} and {down}, expected positive numbers")
+        require(taps.iter().all(|tap| tap.is_finite()), || {
+            "taps: found one that is not finite, expected finite numbers".to_owned()
+        })?;
+        require((1..=MOST).contains(&up) && (1..=MOST).contains(&down), || {
+            format!("up, down: found {up} and {down}, expected positive numbers up to {MOST}")
         })?;
         let length = taps.len().div_ceil(up).next_multiple_of(LANES);
         let phases = (0..up)
@@ -64,6 +72,7 @@ impl Decimator {
         if self.held.is_empty() {
             self.held.resize(self.phases[0].len(), first);
         }
+        reserve(&mut self.held, piece.len())?;
         self.held.extend_from_slice(piece);
         self.make(usize::MAX, stop)
     }
@@ -71,13 +80,24 @@ impl Decimator {
     /// The outputs that are left, `total` in all from the very first, the input standing at its last sample.
     ///
     /// # Errors
-    /// On a stop, or where no sample was ever fed.
+    /// On a stop, where no sample was ever fed, or for outputs beyond the filter's reach behind the last one.
     pub fn finish(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
         let Some(&last) = self.held.last() else {
             return Err(Error::Invalid("samples: none were fed, expected at least one".to_owned()));
         };
+        // The input stands for as long as a filter reaches, and for one output more; what lies beyond tells nothing new.
+        let row = self.phases[0].len();
+        let samples = self.given_up + self.held.len() - row;
+        let most = (samples + row).saturating_mul(self.up) / self.down + 1;
+        require(total <= most, || {
+            format!(
+                "total: found {total} outputs of {samples} samples, expected up to {most}; feed all samples first"
+            )
+        })?;
         let end = self.end_of(total).saturating_sub(self.given_up);
-        self.held.resize(end.max(self.held.len()), last);
+        let missing = end.saturating_sub(self.held.len());
+        reserve(&mut self.held, missing)?;
+        self.held.resize(self.held.len() + missing, last);
         self.make(total, stop)
     }
 
@@ -89,7 +109,7 @@ impl Decimator {
 
     /// Make all outputs whose samples are held, but no more than `total` in all, and give up what no later one needs.
     fn make(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
-        let result = outputs(self, total, stop)?;
+        let result = arch().dispatch(Outputs { filter: self, total, stop })?;
         self.made += result.len();
         let begin = self.end_of(self.made) - self.phases[0].len();
         // The last one stays: it may have to be repeated.
@@ -100,23 +120,34 @@ impl Decimator {
     }
 }
 
-/// The outputs that can be made; compiled once for each instruction set and chosen at run time.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx2+fma", "x86_64+avx2+fma"))]
-fn outputs(filter: &Decimator, total: usize, stop: &Stop) -> Result<Vec<f64>> {
-    let mut result = Vec::new();
-    let mut read = 0;
-    for output in filter.made..total {
-        let taps = &filter.phases[(output * filter.down + filter.half) % filter.up];
-        let end = filter.end_of(output) - filter.given_up;
-        let Some(samples) = filter.held.get(end - taps.len()..end) else { break };
-        result.push(dot(taps, samples));
-        read += taps.len();
-        if read >= CHECK_EVERY {
-            stop.check()?;
-            read = 0;
+/// The outputs that can be made; compiled once for each instruction set.
+struct Outputs<'a> {
+    filter: &'a Decimator,
+    total: usize,
+    stop: &'a Stop,
+}
+
+impl WithSimd for Outputs<'_> {
+    type Output = Result<Vec<f64>>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Result<Vec<f64>> {
+        let Self { filter, total, stop } = self;
+        let mut result = Vec::new();
+        let mut read = 0;
+        for output in filter.made..total {
+            let taps = &filter.phases[(output * filter.down + filter.half) % filter.up];
+            let end = filter.end_of(output) - filter.given_up;
+            let Some(samples) = filter.held.get(end - taps.len()..end) else { break };
+            result.push(dot(taps, samples));
+            read += taps.len();
+            if read >= CHECK_EVERY {
+                stop.check()?;
+                read = 0;
+            }
         }
+        Ok(result)
     }
-    Ok(result)
 }
 
 /// Sum of products of two slices of a whole number of lanes.

@@ -9,15 +9,22 @@
 use crate::error::{Result, require};
 use crate::stop::Stop;
 
+/// Longest window over any signal [samples]; over a long one it may reach four times as far as the signal.
+const LONGEST: usize = 1 << 20;
+
 /// Median of the `window` samples around each one, the signal reflected at its ends (d c b a | a b c d | d c b a).
 ///
 /// NaN counts as greater than every number.
 ///
 /// # Errors
-/// Where `window` is even or longer than 2^31, or on a stop.
+/// Where `window` is even, longer than 2^31 or much longer than the signal, or on a stop.
 pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec<f64>> {
     require(window % 2 == 1 && u32::try_from(window).is_ok_and(|window| window < 1 << 31), || {
         format!("window: found {window}, expected an odd number of samples")
+    })?;
+    let most = LONGEST.max(4 * samples.len());
+    require(window <= most, || {
+        format!("window: found {window} for {} samples, expected up to {most}", samples.len())
     })?;
     if samples.is_empty() || window == 1 {
         return Ok(samples.to_vec());

@@ -1,9 +1,16 @@
 //! Slope of a piecewise cubic polynomial at even times.
 
-use multiversion::multiversion;
+use pulp::{Simd, WithSimd};
 
 use crate::error::{Result, require};
+use crate::instruction_set::arch;
+use crate::memory::zeros;
 use crate::stop::{CHECK_EVERY, Stop};
+
+/// Most slopes at once: 24 days at 2 kHz.
+const MOST: usize = 1 << 32;
+/// Least distance of two times, in relative roundings of the latest.
+const RESOLUTION: f64 = 8.0;
 
 /// Slope at the times `start + k / rate` that lie within [first edge, last edge), and the first such k.
 ///
@@ -11,7 +18,8 @@ use crate::stop::{CHECK_EVERY, Stop};
 /// `PPoly`; the values are its own to the last bit.
 ///
 /// # Errors
-/// Unless there are four rows, edges ascend and `rate` is positive; or on a stop.
+/// Unless there are four rows, edges ascend, `rate` is positive and its times can be told apart; for more slopes than memory
+/// holds; or on a stop.
 pub fn slope_at_even_times(
     edges: &[f64],
     coefficients: &[f64],
@@ -34,14 +42,28 @@ pub fn slope_at_even_times(
     require(start.is_finite() && rate.is_finite() && rate > 0.0, || {
         format!("start, rate: found {start} and {rate}, expected finite numbers, the rate positive")
     })?;
+    let latest = start.abs().max(edges[0].abs()).max(edges[stretches].abs());
+    // Where times run together there is no slope at each of them, and no end to a search among them.
+    require(1.0 / rate >= RESOLUTION * f64::EPSILON * latest, || {
+        format!(
+            "rate: found {rate} Hz at times up to {latest} s, expected one that a number of 64 bits can tell apart there"
+        )
+    })?;
     let grid = Grid { start, rate, count };
     let first = grid.first_from(edges[0]);
-    let mut slopes = vec![0.0; grid.first_from(edges[stretches]) - first];
+    let within = grid.first_from(edges[stretches]) - first;
+    require(within <= MOST, || {
+        format!("rate, count: found {within} times within the edges, expected up to {MOST}; use a lower rate")
+    })?;
+    let mut slopes = zeros(within)?;
     let [cubic, square, line] = [0, 1, 2].map(|row| &coefficients[row * stretches..][..stretches]);
+    let arch = arch();
     let (mut at, mut next_check) = (first, first + CHECK_EVERY);
     for (((pair, c0), c1), c2) in edges.windows(2).zip(cubic).zip(square).zip(line) {
         let end = grid.first_from(pair[1]).max(at);
-        stretch(&mut slopes[at - first..end - first], at, &grid, pair[0], [*c0, *c1, *c2]);
+        let slopes = &mut slopes[at - first..end - first];
+        let coefficients = [*c0, *c1, *c2];
+        arch.dispatch(Stretch { slopes, first: at, grid: &grid, edge: pair[0], coefficients });
         at = end;
         if at >= next_check {
             stop.check()?;
@@ -77,11 +99,24 @@ impl Grid {
     }
 }
 
-/// Slopes over one stretch; compiled once for each instruction set and chosen at run time.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
-fn stretch(slopes: &mut [f64], first: usize, grid: &Grid, edge: f64, [c0, c1, c2]: [f64; 3]) {
-    for (k, slope) in (first..).zip(slopes) {
-        let s = grid.time(k) - edge;
-        *slope = c2 + c1 * s * 2.0 + c0 * (s * s) * 3.0;
+/// Slopes over one stretch; compiled once for each instruction set.
+struct Stretch<'a> {
+    slopes: &'a mut [f64],
+    first: usize,
+    grid: &'a Grid,
+    edge: f64,
+    coefficients: [f64; 3],
+}
+
+impl WithSimd for Stretch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { slopes, first, grid, edge, coefficients: [c0, c1, c2] } = self;
+        for (k, slope) in (first..).zip(slopes) {
+            let s = grid.time(k) - edge;
+            *slope = c2 + c1 * s * 2.0 + c0 * (s * s) * 3.0;
+        }
     }
 }

@@ -40,9 +40,14 @@ pub struct SpikeRule {
 /// # Errors
 /// For a rule that makes no sense, or on a stop.
 pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec<(usize, usize)>> {
-    require(rule.longest > 0 && rule.stride > 0, || {
+    require((1..1 << 30).contains(&rule.longest) && rule.stride > 0, || {
         format!("longest, stride: found {} and {}, expected positive numbers", rule.longest, rule.stride)
     })?;
+    for (name, value) in [("threshold", rule.threshold), ("least", rule.least)] {
+        require(value.is_finite() && value >= 0.0, || {
+            format!("{name}: found {value}, expected a finite number of 0 or more")
+        })?;
+    }
     if !may_have_suspects(samples, rule) {
         return Ok(Vec::new());
     }

@@ -8,6 +8,7 @@ use super::scheme::{Hold, Scheme};
 use crate::error::{Error, Result};
 use crate::plant::{Limit, Motion, Number, Power, State};
 use crate::stop::{CHECK_EVERY, Stop};
+use crate::subnormal::cut_all;
 
 /// Rows of an output.
 pub const ROWS: usize = 4;
@@ -138,6 +139,8 @@ pub fn march<M: Method, L, const LANES: usize>(
         for (row, records) in tile.rows.iter().enumerate() {
             group.write(row, from, &records[..count]);
         }
+        cut_all(&mut lanes.speed);
+        cut_all(&mut lanes.error);
         if !lanes.finite() {
             group.check(from, count)?;
         }

@@ -10,17 +10,17 @@
 //! Outputs: `dn = n`, `dE = E`, `dM_b = g n + w = p n + tau_n n'` (engine), `dM_g = p n + tau_prop n'` (strain gauge between
 //! the inertias), `dX = X` (rack position as commanded, before the dead time).
 
-mod advance;
 pub(crate) mod basis;
+pub(crate) mod delta_form;
 mod discrete;
-pub(crate) mod increments;
 mod number;
 mod parameters;
 mod response;
+pub(crate) mod segmented_pass;
 mod simulate;
-pub(crate) mod walk;
+mod step_kernel;
 
 pub use parameters::{By, OUTPUTS, Output, PARAMETERS, Parameters};
 pub use response::{Response, response};
+pub use segmented_pass::Drive;
 pub use simulate::simulate;
-pub use walk::Drive;

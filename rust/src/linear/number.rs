@@ -3,9 +3,12 @@
 use std::array::from_fn;
 use std::ops::{Add, Mul, Neg, Sub};
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
-use super::discrete::DIRECTIONS;
+use crate::instruction_set::arch;
+
+/// Directions of differentiation; `discrete` says what they are.
+pub const DIRECTIONS: usize = 7;
 
 const PARTS: usize = 1 + DIRECTIONS;
 
@@ -158,7 +161,7 @@ impl<const R: usize, const C: usize> Matrix<R, C> {
 
     pub fn product<const C2: usize>(&self, other: &Matrix<C, C2>) -> Matrix<R, C2> {
         let mut result = Matrix::ZERO;
-        Arch::new().dispatch(Product { one: self, other, result: &mut result });
+        arch().dispatch(Product { one: self, other, result: &mut result });
         result
     }
 }

@@ -7,6 +7,15 @@ pub const PARAMETERS: [&str; 9] = ["tau_n", "g", "v", "K_p", "K_i", "p", "tau_pr
 /// Names of the outputs, in the order of their indices.
 pub const OUTPUTS: [&str; 5] = ["dn", "dE", "dM_b", "dM_g", "dX"];
 
+/// Entries of a list of indices: what is asked for more than once costs memory each time.
+const MOST: usize = 64;
+
+fn require_short(name: &str, indices: &[usize]) -> Result<()> {
+    require(indices.len() <= MOST, || {
+        format!("{name}: found {} indices, expected up to {MOST}", indices.len())
+    })
+}
+
 /// What a simulation or a frequency response can give.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Output {
@@ -34,6 +43,7 @@ impl Output {
         require(!indices.is_empty(), || {
             format!("outputs is empty; name at least one of {OUTPUTS:?} by index")
         })?;
+        require_short("outputs", indices)?;
         indices
             .iter()
             .map(|&index| {
@@ -96,6 +106,7 @@ impl By {
     }
 
     fn look_up(indices: &[usize], all: &[Self], also: &str) -> Result<Vec<Self>> {
+        require_short("wrt", indices)?;
         let known = |&index: &usize| {
             all.get(index).copied().ok_or_else(|| {
                 Error::Invalid(format!(

@@ -2,7 +2,7 @@
 
 use super::basis::Basis;
 use super::parameters::{By, OUTPUTS, Output, Parameters};
-use super::walk::{BLOCK, Drive, Layout, walk};
+use super::segmented_pass::{BLOCK, Drive, Layout, walk};
 use crate::error::{Error, Result};
 use crate::stop::Stop;
 

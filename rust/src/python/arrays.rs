@@ -2,28 +2,38 @@
 
 use numpy::ndarray::{Dim, Dimension};
 use numpy::{
-    Element, IntoPyArray, Ix1, PyArray, PyArrayMethods, PyReadonlyArray, PyUntypedArray,
+    Element, IntoPyArray, Ix1, Ix2, PyArray, PyArrayMethods, PyReadonlyArray, PyUntypedArray,
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 
-use crate::error::Error;
+use crate::error::{Error, require};
 
-/// Borrow a C-contiguous array of type `T` and of as many axes as `D` has, or say what was found.
+/// Borrow an aligned C-contiguous array of type `T` and of as many axes as `D` has, or say what was found.
 pub fn borrow<'py, T: Element, D: Dimension>(
     name: &str,
     array: &Bound<'py, PyAny>,
 ) -> PyResult<PyReadonlyArray<'py, T, D>> {
-    if let Ok(array) = array.cast::<PyArray<T, D>>()
-        && array.is_c_contiguous()
-    {
-        return Ok(array.try_readonly()?);
-    }
+    let fault = match array.cast::<PyArray<T, D>>() {
+        Ok(array) if !array.is_c_contiguous() => ", not C-contiguous",
+        Ok(array) if !array.is_empty() && !(array.data() as usize).is_multiple_of(align_of::<T>()) => {
+            ", not aligned"
+        }
+        Ok(array) => {
+            return array.try_readonly().map_err(|_| {
+                let message =
+                    format!("{name}: found an array that another call is writing to, expected one at rest");
+                Error::Invalid(message).into()
+            });
+        }
+        Err(_) => "",
+    };
     let axes = D::NDIM.unwrap_or_default();
     let found = match array.cast::<PyUntypedArray>() {
         Ok(array) => {
-            let order = if array.is_c_contiguous() { "" } else { ", not C-contiguous" };
-            format!("{} of shape {:?}{order}", array.dtype(), array.shape())
+            let fault =
+                if fault.is_empty() && !array.is_c_contiguous() { ", not C-contiguous" } else { fault };
+            format!("{} of shape {:?}{fault}", array.dtype(), array.shape())
         }
         Err(_) => array.get_type().to_string(),
     };
@@ -32,6 +42,34 @@ pub fn borrow<'py, T: Element, D: Dimension>(
         "{name}: found {found}, expected a C-contiguous {expected} array of {axes} axes"
     ))
     .into())
+}
+
+/// Check that an array has the shape that the other arguments ask for.
+pub fn expect_shape<const N: usize>(
+    name: &str,
+    found: &[usize],
+    expected: [usize; N],
+    meaning: &str,
+) -> PyResult<()> {
+    Ok(require(found == expected, || {
+        format!("{name}: found an array of shape {found:?}, expected {expected:?} ({meaning})")
+    })?)
+}
+
+/// Zeros of that shape; one that no memory holds is a `MemoryError`, and a panic in the crate's own constructor.
+pub fn zeros<const N: usize>(
+    py: Python<'_>,
+    shape: [usize; N],
+) -> PyResult<Bound<'_, PyArray<f64, Dim<[usize; N]>>>>
+where
+    Dim<[usize; N]>: Dimension,
+{
+    let bytes = shape.iter().try_fold(size_of::<f64>(), |bytes, &length| bytes.checked_mul(length));
+    if bytes.is_none_or(|bytes| isize::try_from(bytes).is_err()) {
+        return Err(Error::Memory { bytes: bytes.unwrap_or(usize::MAX) }.into());
+    }
+    let array = py.import("numpy")?.call_method1("zeros", (shape.to_vec(),))?;
+    Ok(array.cast_into()?)
 }
 
 /// Give the values to Python as an array of that shape, without a copy.
@@ -49,3 +87,5 @@ where
 
 /// An array of one axis.
 pub type Vector<'py> = PyReadonlyArray<'py, f64, Ix1>;
+/// An array of two axes.
+pub type Matrix<'py> = PyReadonlyArray<'py, f64, Ix2>;

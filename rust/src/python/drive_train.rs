@@ -1,17 +1,17 @@
 //! Bindings of the whole drive train.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
 use super::guard;
-use super::linear::expect_shape;
-use super::plant::{envelope, zeros};
+use super::plant::envelope;
 use crate::drive_train::{
     DriveTrain, FLOW, PARAMETERS, Quadrants, ROWS, Run, STATES, State, Tables, flow_at, simulate,
 };
-use crate::error::Error;
+use crate::error::{Error, require};
+use crate::integrate::Hold;
 
 /// Simulate one drive train; rows `n_e`, `n_s`, `M_b`, `M_g`, `M_s`, `X_f`, `E_n`, ship speed.
 #[pyfunction]
@@ -26,13 +26,13 @@ fn simulate_drive_train<'py>(
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let train = drive_train(parameters, strength, quadrants)?;
     let envelope = envelope(limit_speed, limit_torque)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
-    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
-    let output: Bound<'_, PyArray2<f64>> = zeros(py, (ROWS, n_set.len()))?.cast_into()?;
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
+    let output = zeros(py, [ROWS, n_set.len()])?;
     let mut rows = output.readwrite();
     let values = rows.as_slice_mut()?;
     let work = n_set.len().saturating_mul(substeps);
@@ -61,6 +61,12 @@ fn drive_train_rates<'py>(
     let Ok(entries) = <[f64; STATES]>::try_from(state.as_slice()?) else {
         return Err(Error::Invalid(format!("state has {} values, expected {STATES}", state.len())).into());
     };
+    for (name, value) in [("n_set", n_set), ("fuel", fuel)] {
+        require(value.is_finite(), || format!("{name} is {value}, expected a finite number"))?;
+    }
+    require(entries.iter().all(|entry| entry.is_finite()), || {
+        format!("state is {entries:?}, expected finite numbers")
+    })?;
     let flow =
         guard::run(py, 1, |_| Ok(flow_at(&train, &envelope, &State::from_array(entries), n_set, fuel)))?;
     hand_back(py, flow.to_vec(), [STATES + FLOW])
@@ -77,7 +83,7 @@ fn drive_train(
 
 pub(super) fn tables(strength: &Bound<'_, PyAny>, quadrants: &Bound<'_, PyAny>) -> PyResult<Tables> {
     let strength: Vector<'_> = borrow("strength", strength)?;
-    let quadrants: PyReadonlyArray2<'_, f64> = borrow("quadrants", quadrants)?;
+    let quadrants: Matrix<'_> = borrow("quadrants", quadrants)?;
     let points = quadrants.shape()[1];
     expect_shape("quadrants", quadrants.shape(), [3, points], "angle, torque, thrust; points")?;
     let rows = quadrants.as_slice()?;

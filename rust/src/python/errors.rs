@@ -1,6 +1,6 @@
 //! The one place where a kernel's error becomes a Python exception.
 
-use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 
 use crate::error::Error;
@@ -26,6 +26,7 @@ impl From<Error> for PyErr {
             Error::Diverged { .. } | Error::Member { .. } => {
                 package_error("SimulationError", error.to_string())
             }
+            Error::Memory { .. } => PyMemoryError::new_err(error.to_string()),
             Error::Stopped => PyKeyboardInterrupt::new_err(()),
             Error::Internal(_) => package_error("InternalError", error.to_string()),
         }

@@ -1,10 +1,11 @@
 //! Bindings of the filters of long channels.
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back};
 use super::guard;
+use super::streaming::Streaming;
 use crate::filter;
 
 /// Median of the `window` samples around each one, the signal reflected at its ends.
@@ -51,7 +52,9 @@ fn slope_at_even_times<'py>(
     count: usize,
 ) -> PyResult<(usize, Bound<'py, PyArray1<f64>>)> {
     let edges: Vector<'_> = borrow("edges", edges)?;
-    let coefficients: PyReadonlyArray2<'_, f64> = borrow("coefficients", coefficients)?;
+    let coefficients: Matrix<'_> = borrow("coefficients", coefficients)?;
+    let stretches = edges.len().saturating_sub(1);
+    expect_shape("coefficients", coefficients.shape(), [4, stretches], "powers, stretches between edges")?;
     let (edges, coefficients) = (edges.as_slice()?, coefficients.as_slice()?);
     let (first, slopes) = guard::run(py, count, |stop| {
         filter::slope_at_even_times(edges, coefficients, start, rate, count, stop)
@@ -61,14 +64,14 @@ fn slope_at_even_times<'py>(
 
 /// Resampling by `up / down` with one zero-phase filter, the input in pieces; see ARCHITECTURE.md.
 #[pyclass(module = "shipfp_rs._core")]
-struct Decimator(filter::Decimator);
+struct Decimator(Streaming<filter::Decimator>);
 
 #[pymethods]
 impl Decimator {
     #[new]
     fn new(taps: &Bound<'_, PyAny>, up: usize, down: usize) -> PyResult<Self> {
         let taps: Vector<'_> = borrow("taps", taps)?;
-        Ok(Self(filter::Decimator::new(taps.as_slice()?, up, down)?))
+        Ok(Self(Streaming::new(filter::Decimator::new(taps.as_slice()?, up, down)?)))
     }
 
     /// Outputs that the next piece completes.
@@ -78,14 +81,15 @@ impl Decimator {
         samples: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let samples: Vector<'_> = borrow("samples", samples)?;
-        let (filter, samples) = (&mut self.0, samples.as_slice()?);
-        Ok(guard::run(py, samples.len(), |stop| filter.feed(samples, stop))?.into_pyarray(py))
+        let samples = samples.as_slice()?;
+        Ok(self.0.run(py, samples.len(), |filter, stop| filter.feed(samples, stop))?.into_pyarray(py))
     }
 
-    /// The outputs that are left, `total` in all.
+    /// The outputs that are left, `total` in all; the filter takes no more pieces.
     fn finish<'py>(&mut self, py: Python<'py>, total: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let filter = &mut self.0;
-        Ok(guard::run(py, 0, |stop| filter.finish(total, stop))?.into_pyarray(py))
+        let outputs = self.0.run(py, 0, |filter, stop| filter.finish(total, stop))?;
+        self.0.finish();
+        Ok(outputs.into_pyarray(py))
     }
 }
 

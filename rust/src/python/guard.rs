@@ -45,7 +45,9 @@ pub fn run<T: Send>(
         std::thread::scope(|scope| {
             let (done, result) = channel();
             let flag = &stop;
-            scope.spawn(move || done.send(caught(|| kernel(flag))));
+            std::thread::Builder::new()
+                .spawn_scoped(scope, move || done.send(caught(|| kernel(flag))))
+                .map_err(|error| Error::Internal(format!("can't start a thread: {error}")))?;
             let mut signal = None;
             loop {
                 match result.recv_timeout(LOOK_EVERY) {

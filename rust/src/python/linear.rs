@@ -1,16 +1,13 @@
 //! Bindings of the linear kernels.
 
-use numpy::{
-    Complex64, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2,
-    PyUntypedArrayMethods,
-};
+use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
 use super::guard;
 use crate::cost::{Cost, Objective, Record};
-use crate::error::require;
+use crate::integrate::Hold;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
@@ -24,7 +21,7 @@ fn simulate_linear<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
 ) -> PyResult<Rows<'py>> {
@@ -39,7 +36,7 @@ fn linear_sensitivities<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     wrt: Vec<usize>,
@@ -48,11 +45,11 @@ fn linear_sensitivities<'py>(
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
     let parameters = Parameters::new(parameters.as_slice()?, "parameters")?;
-    let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
+    let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
     let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
     let samples = drive.samples();
-    let values = PyArray2::zeros(py, [outputs.len(), samples], false);
-    let derivatives = PyArray3::zeros(py, [wrt.len(), outputs.len(), samples], false);
+    let values = zeros(py, [outputs.len(), samples])?;
+    let derivatives = zeros(py, [wrt.len(), outputs.len(), samples])?;
     {
         let (mut values, mut derivatives) = (values.readwrite(), derivatives.readwrite());
         let (values, derivatives) = (values.as_slice_mut()?, derivatives.as_slice_mut()?);
@@ -84,18 +81,6 @@ type CostOfOne<'py> = (f64, Bound<'py, PyArray1<f64>>, Rows<'py>, Rows<'py>, usi
 type CostOfMany<'py> =
     (Bound<'py, PyArray1<f64>>, Rows<'py>, RowsByParameter<'py>, RowsByParameter<'py>, usize);
 
-/// Check that an array has the shape that the other arguments ask for.
-pub(super) fn expect_shape<const N: usize>(
-    name: &str,
-    found: &[usize],
-    expected: [usize; N],
-    meaning: &str,
-) -> PyResult<()> {
-    Ok(require(found == expected, || {
-        format!("{name}: found an array of shape {found:?}, expected {expected:?} ({meaning})")
-    })?)
-}
-
 /// Weighted cost of one parameter vector: (cost, gradient [W], Gauss-Newton matrix [W, W], scatter [O, O], samples counted).
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
@@ -104,7 +89,7 @@ fn linear_cost<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     measured: &Bound<'py, PyAny>,
@@ -134,7 +119,7 @@ fn linear_cost_batch<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     measured: &Bound<'py, PyAny>,
@@ -142,7 +127,7 @@ fn linear_cost_batch<'py>(
     wrt: Vec<usize>,
     threads: usize,
 ) -> PyResult<CostOfMany<'py>> {
-    let vectors: PyReadonlyArray2<'_, f64> = borrow("parameters", parameters)?;
+    let vectors: Matrix<'_> = borrow("parameters", parameters)?;
     let members = vectors.shape()[0];
     expect_shape("parameters", vectors.shape(), [members, PARAMETERS.len()], "members, parameters")?;
     let vectors = vectors
@@ -174,7 +159,7 @@ fn linear_products<'py>(
     parameters: &Bound<'py, PyAny>,
     dn_set: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     measured: &Bound<'py, PyAny>,
@@ -186,10 +171,10 @@ fn linear_products<'py>(
     let vector = Parameters::new(vector.as_slice()?, "parameters")?;
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let measured: PyReadonlyArray2<'_, f64> = borrow("measured", measured)?;
+    let measured: Matrix<'_> = borrow("measured", measured)?;
     let offsets: Vector<'_> = borrow("offsets", offsets)?;
-    let filters: PyReadonlyArray2<'_, f64> = borrow("filters", filters)?;
-    let drive = Drive::new(dn_set.as_slice()?, dt, hold.parse()?, initial.as_slice()?)?;
+    let filters: Matrix<'_> = borrow("filters", filters)?;
+    let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
     let rows = outputs.len();
     expect_shape("measured", measured.shape(), [rows, drive.samples()], "outputs, samples")?;
     expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
@@ -205,8 +190,8 @@ fn linear_products<'py>(
 struct ObjectiveArrays<'py> {
     dn_set: Vector<'py>,
     initial: Vector<'py>,
-    measured: PyReadonlyArray2<'py, f64>,
-    weight: PyReadonlyArray2<'py, f64>,
+    measured: Matrix<'py>,
+    weight: Matrix<'py>,
 }
 
 impl<'py> ObjectiveArrays<'py> {
@@ -224,8 +209,8 @@ impl<'py> ObjectiveArrays<'py> {
         })
     }
 
-    fn objective(&self, dt: f64, hold: &str, outputs: &[usize], wrt: &[usize]) -> PyResult<Objective<'_>> {
-        let drive = Drive::new(self.dn_set.as_slice()?, dt, hold.parse()?, self.initial.as_slice()?)?;
+    fn objective(&self, dt: f64, hold: Hold, outputs: &[usize], wrt: &[usize]) -> PyResult<Objective<'_>> {
+        let drive = Drive::new(self.dn_set.as_slice()?, dt, hold, self.initial.as_slice()?)?;
         let rows = outputs.len();
         expect_shape("measured", self.measured.shape(), [rows, drive.samples()], "outputs, samples")?;
         expect_shape("weight", self.weight.shape(), [rows, rows], "outputs, outputs")?;

@@ -5,16 +5,21 @@
 
 mod arrays;
 mod drive_train;
+mod duplicate_rows;
 mod errors;
 mod filter;
 mod guard;
-mod leftover;
+mod hold;
+mod instruction_set;
 mod linear;
 mod plant;
 mod pulse;
-mod repeats;
+mod pyramid;
+mod residual_correlation;
 mod sensitivity;
+mod ship;
 mod statespace;
+mod streaming;
 
 use pyo3::prelude::*;
 
@@ -25,12 +30,15 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     drive_train::register(module)?;
     filter::register(module)?;
     guard::register(module)?;
-    leftover::register(module)?;
+    instruction_set::register(module)?;
+    residual_correlation::register(module)?;
     linear::register(module)?;
     plant::register(module)?;
     pulse::register(module)?;
-    repeats::register(module)?;
+    duplicate_rows::register(module)?;
+    pyramid::register(module)?;
     sensitivity::register(module)?;
+    ship::register(module)?;
     statespace::register(module)?;
     Ok(())
 }

@@ -1,15 +1,13 @@
 //! Bindings of the plant kernels.
 
-use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow};
+use super::arrays::{Matrix, Vector, borrow, zeros};
 use super::guard;
-use crate::integrate::{ROWS, Rows, Runs, Scheme, simulate};
+use crate::integrate::{Hold, ROWS, Rows, Runs, Scheme, simulate};
 use crate::plant::{Envelope, PARAMETERS};
-
-type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 
 /// Simulate one plant; rows `n_s`, `E_n`, `X_f`, `M_b`.
 #[pyfunction]
@@ -23,16 +21,16 @@ fn simulate_plant<'py>(
     dt: f64,
     substeps: usize,
     method: &str,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
-    let scheme = Scheme::new(dt, substeps, method.parse()?, hold.parse()?)?;
+    let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
     let runs = Runs::one(parameters.as_slice()?, n_set.as_slice()?, initial.as_slice()?)?;
-    let output: Bound<'_, PyArray2<f64>> = zeros(py, (ROWS, n_set.len()))?.cast_into()?;
+    let output = zeros(py, [ROWS, n_set.len()])?;
     let mut rows = output.readwrite();
     let values = rows.as_slice_mut()?;
     guard::run(py, scheme.steps(n_set.len()), |stop| simulate(&runs, &envelope, &scheme, 1, values, stop))?;
@@ -52,7 +50,7 @@ fn simulate_plant_batch<'py>(
     dt: f64,
     substeps: usize,
     method: &str,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
@@ -60,10 +58,10 @@ fn simulate_plant_batch<'py>(
     let n_set: Matrix<'_> = borrow("n_set", n_set)?;
     let initial: Matrix<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
-    let scheme = Scheme::new(dt, substeps, method.parse()?, hold.parse()?)?;
+    let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
     let runs = Runs::many(rows(&parameters)?, rows(&n_set)?, rows(&initial)?)?;
     let samples = n_set.shape()[1];
-    let output: Bound<'_, PyArray3<f64>> = zeros(py, (runs.len(), ROWS, samples))?.cast_into()?;
+    let output = zeros(py, [runs.len(), ROWS, samples])?;
     let mut trajectories = output.readwrite();
     let values = trajectories.as_slice_mut()?;
     let work = scheme.steps(samples).saturating_mul(runs.len());
@@ -80,11 +78,6 @@ pub(super) fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> P
 
 fn rows<'a>(matrix: &'a Matrix<'_>) -> PyResult<Rows<'a>> {
     Ok(Rows { values: matrix.as_slice()?, shape: [matrix.shape()[0], matrix.shape()[1]] })
-}
-
-/// `numpy.zeros`; too large a shape is a `MemoryError` there, and a panic in the crate's own constructor.
-pub(super) fn zeros<'py>(py: Python<'py>, shape: impl IntoPyObject<'py>) -> PyResult<Bound<'py, PyAny>> {
-    py.import("numpy")?.call_method1("zeros", (shape,))
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,15 +1,15 @@
 //! Bindings of the drive train with its derivatives.
 
-use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
 use super::drive_train::tables;
 use super::guard;
-use super::linear::expect_shape;
-use super::plant::{envelope, zeros};
+use super::plant::envelope;
 use crate::drive_train::{PARAMETERS, Run};
+use crate::integrate::Hold;
 use crate::sensitivity::{OUTPUTS, Output, Record, Subject, simulate};
 
 type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
@@ -27,17 +27,17 @@ fn drive_train_sensitivities<'py>(
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
     outputs: Vec<usize>,
     directions: &Bound<'py, PyAny>,
 ) -> PyResult<Sensitivities<'py>> {
     let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
-    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let outputs = Output::from_indices(&outputs)?;
     let (count, samples) = (outputs.len(), n_set.len());
-    let values: Bound<'_, PyArray2<f64>> = zeros(py, (count, samples))?.cast_into()?;
-    let slopes: Bound<'_, PyArray3<f64>> = zeros(py, (subject.directions(), count, samples))?.cast_into()?;
+    let values = zeros(py, [count, samples])?;
+    let slopes = zeros(py, [subject.directions(), count, samples])?;
     {
         let (mut values, mut slopes) = (values.readwrite(), slopes.readwrite());
         let (values, slopes) = (values.as_slice_mut()?, slopes.as_slice_mut()?);
@@ -63,7 +63,7 @@ fn drive_train_products<'py>(
     n_set: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
     outputs: Vec<usize>,
     directions: &Bound<'py, PyAny>,
     scale: &Bound<'py, PyAny>,
@@ -73,10 +73,10 @@ fn drive_train_products<'py>(
 ) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
     let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
-    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold: hold.parse()? };
+    let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let rows = outputs.len();
-    let measured: PyReadonlyArray2<'_, f64> = borrow("measured", measured)?;
-    let filters: PyReadonlyArray2<'_, f64> = borrow("filters", filters)?;
+    let measured: Matrix<'_> = borrow("measured", measured)?;
+    let filters: Matrix<'_> = borrow("filters", filters)?;
     let scale: Vector<'_> = borrow("scale", scale)?;
     let offsets: Vector<'_> = borrow("offsets", offsets)?;
     expect_shape("measured", measured.shape(), [rows, n_set.len()], "outputs, samples")?;
@@ -102,7 +102,7 @@ fn subject(
     directions: &Bound<'_, PyAny>,
 ) -> PyResult<Subject> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
-    let directions: PyReadonlyArray2<'_, f64> = borrow("directions", directions)?;
+    let directions: Matrix<'_> = borrow("directions", directions)?;
     expect_shape(
         "directions",
         directions.shape(),

@@ -1,11 +1,12 @@
 //! Bindings of the state-space kernels.
 
-use numpy::{Complex64, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Complex64, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Vector, borrow, hand_back};
+use super::arrays::{Matrix, Vector, borrow, hand_back, zeros};
 use super::guard;
 use crate::error::require;
+use crate::integrate::Hold;
 use crate::statespace::StateSpace;
 
 fn model(
@@ -14,9 +15,9 @@ fn model(
     c: &Bound<'_, PyAny>,
     d: &Bound<'_, PyAny>,
 ) -> PyResult<StateSpace> {
-    let a: PyReadonlyArray2<'_, f64> = borrow("A", a)?;
+    let a: Matrix<'_> = borrow("A", a)?;
     let b: Vector<'_> = borrow("B", b)?;
-    let c: PyReadonlyArray2<'_, f64> = borrow("C", c)?;
+    let c: Matrix<'_> = borrow("C", c)?;
     let d: Vector<'_> = borrow("D", d)?;
     for (name, found, expected) in
         [("A", a.shape(), [b.len(), b.len()]), ("C", c.shape(), [d.len(), b.len()])]
@@ -44,18 +45,18 @@ fn simulate_statespace<'py>(
     D: &Bound<'py, PyAny>,
     u: &Bound<'py, PyAny>,
     dt: f64,
-    hold: &str,
+    hold: Hold,
     initial: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let model = model(A, B, C, D)?;
-    let hold = hold.parse()?;
     let input: Vector<'_> = borrow("u", u)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let output = PyArray2::zeros(py, [model.outputs(), input.len()], false);
+    let output = zeros(py, [model.outputs(), input.len()])?;
     {
         let mut output = output.readwrite();
         let (input, initial, rows) = (input.as_slice()?, initial.as_slice()?, output.as_slice_mut()?);
-        let work = input.len().saturating_mul(model.states() * (model.states() + model.outputs()));
+        let work =
+            input.len().saturating_mul(model.states().saturating_mul(model.states() + model.outputs()));
         guard::run(py, work, |stop| model.simulate(input, dt, hold, initial, rows, stop))?;
     }
     Ok(output)

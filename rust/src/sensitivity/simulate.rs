@@ -4,8 +4,9 @@ use crate::drive_train::Run;
 use crate::error::{Result, require};
 use crate::stop::{CHECK_EVERY, Stop};
 
-use super::march::{Output, march};
+use super::output::Output;
 use super::parameters::{MOST, Subject};
+use super::pass::march;
 
 /// Simulate `outputs` into `values` `[output, sample]`, and their derivatives in each direction of the subject into
 /// `slopes` `[direction, output, sample]`.

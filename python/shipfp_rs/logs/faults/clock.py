@@ -19,6 +19,10 @@ FIRST = 1024
 """Rows from whose median the sample interval is known well enough to see jumps."""
 MOST_JUMPS = 0.01
 """Share of rows at which a clock may jump; one that jumps more often is no clock."""
+MARKED = 64
+"""Rows from one to the next at which it is looked whether the times keep to a straight line."""
+BENT = 2e-5
+"""Share of a record's length by which its times may leave a straight line: a clock is no better over hours."""
 COMPARED = 4096
 """Rows compared at most to tell rows written twice from a clock set back."""
 FILL = 1 << 16
@@ -70,6 +74,7 @@ class ClockScan:
         self._last = self._start = self._interval = np.nan
         self._rows: list[npt.NDArray[np.int64]] = []
         self._jumps: list[Array] = []
+        self._marks: list[tuple[npt.NDArray[np.int64], Array]] = []
 
     def feed(self, times: Array) -> None:
         """Take the next times [s]."""
@@ -98,8 +103,22 @@ class ClockScan:
         odd = np.flatnonzero(~(np.abs(steps - self._interval) < 0.5 * self._interval))
         self._rows.append(odd + self._count)
         self._jumps.append(steps[odd])
+        marked = np.arange(-self._count % MARKED, len(times), MARKED)
+        self._marks.append((marked + self._count, times[marked]))
         self._last = float(times[-1])
         self._count += len(times)
+
+    def bends(self) -> bool:
+        """Whether the times, apart from their jumps, leave a straight line by more than a step and `BENT` of the record."""
+        if not self._marks:
+            return False
+        rows, times = (np.concatenate(part) for part in zip(*self._marks, strict=True))
+        rows, times = np.append(rows, self._count - 1), np.append(times, self._last)
+        jumped = np.concatenate([[], *self._rows]).astype(np.int64)
+        excess = np.concatenate([[0.0], np.cumsum(np.concatenate([[], *self._jumps]) - self._interval)])
+        line = times - excess[np.searchsorted(jumped, rows, side="right")]
+        ideal = np.interp(rows, [rows[0], rows[-1]], [line[0], line[-1]])
+        return bool(np.ptp(line - ideal) > max(self._interval, BENT * float(np.ptp(times))))
 
     def finish(
         self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool

@@ -15,8 +15,9 @@ from shipfp_rs.logs.faults.repeats import repeated_rows
 from shipfp_rs.support.spans import Spans
 
 if TYPE_CHECKING:
+    from shipfp_rs.logs.channel import Channel
     from shipfp_rs.logs.channel_reader import Rows
-    from shipfp_rs.logs.log import Channel, Log
+    from shipfp_rs.logs.log import Log
 
 Array = npt.NDArray[np.float64]
 

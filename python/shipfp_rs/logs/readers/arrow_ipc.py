@@ -11,13 +11,13 @@ import pyarrow.ipc
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.table import log_of_table
+from shipfp_rs.logs.readers.table import Options, log_of_table
 
 MAGIC = b"ARROW1\0\0"
 
 
-@register_reader(".feather", ".arrow", ".arrows")
-def open_arrow(path: Path, rate_hz: float | None) -> Log:
+@register_reader(".feather", ".arrow", ".arrows", takes=("time",))
+def open_arrow(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
     """Open an Arrow file or stream.
 
     A file without its footer holds a stream all the same: its whole record batches are read, with a warning.
@@ -29,11 +29,11 @@ def open_arrow(path: Path, rate_hz: float | None) -> Log:
     if begin[:6] == b"FEA1":
         raise InputError(f"{path}: a Feather file of version 1; write it again as version 2")
     if begin == MAGIC and closed:
-        return _open_file(path, rate_hz)
-    return _open_stream(path, len(MAGIC) if begin == MAGIC else 0, rate_hz)
+        return _open_file(path, rate_hz, time)
+    return _open_stream(path, len(MAGIC) if begin == MAGIC else 0, rate_hz, time)
 
 
-def _open_file(path: Path, rate_hz: float | None) -> Log:
+def _open_file(path: Path, rate_hz: float | None, time: str | None) -> Log:
     file = pa.ipc.open_file(pa.memory_map(str(path)))
     lengths = [file.get_batch(index).num_rows for index in range(file.num_record_batches)]
 
@@ -46,10 +46,10 @@ def _open_file(path: Path, rate_hz: float | None) -> Log:
                 yield from _pieces(source.get_batch(index).column(0), skip, size)
             skip = max(skip - length, 0)
 
-    return log_of_table(path, file.schema, sum(lengths), batches, rate_hz)
+    return log_of_table(path, file.schema, sum(lengths), batches, rate_hz, Options(time))
 
 
-def _open_stream(path: Path, offset: int, rate_hz: float | None) -> Log:
+def _open_stream(path: Path, offset: int, rate_hz: float | None, time: str | None) -> Log:
     def stream(columns: list[int] | None = None) -> pa.RecordBatchStreamReader:
         source = pa.memory_map(str(path))
         source.seek(offset)
@@ -79,7 +79,7 @@ def _open_stream(path: Path, offset: int, rate_hz: float | None) -> Log:
                 yield from _pieces(batch.column(0), skip, size)
             skip = max(skip - length, 0)
 
-    return log_of_table(path, schema, sum(lengths), batches, rate_hz)
+    return log_of_table(path, schema, sum(lengths), batches, rate_hz, Options(time))
 
 
 def _pieces(values: pa.Array, first: int, size: int) -> Iterator[pa.Array]:

@@ -17,7 +17,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Log, Samples
+from shipfp_rs.logs.channel import Samples
+from shipfp_rs.logs.log import Log
 
 SPARE_BYTES = 200_000_000
 """What a reader may use beside three times the file."""
@@ -73,7 +74,13 @@ class _Server:
             }, None
 
     def _open(
-        self, package: str, module: str, reader: str, path: str, rate_hz: float | None
+        self,
+        package: str,
+        module: str,
+        reader: str,
+        path: str,
+        rate_hz: float | None,
+        options: dict[str, str],
     ) -> dict[str, Any]:
         self._log, self._streams, self._path = None, {}, path
         _bound_memory(None)
@@ -93,7 +100,7 @@ class _Server:
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", LogWarning)
             try:
-                log = self._log = open_log(Path(path), rate_hz)
+                log = self._log = open_log(Path(path), rate_hz, **options)
             except InputError as error:
                 # What was left out may be why.
                 raise InputError("; ".join([str(error), *(str(note.message) for note in notes)])) from error
@@ -101,6 +108,17 @@ class _Server:
             "channels": [asdict(channel) for channel in log.channels.values()],
             "start_utc": log.start_utc and log.start_utc.isoformat(),
             "warnings": [str(note.message) for note in notes],
+            "notes": list(log.notes),
+            "faults": [
+                {
+                    "kind": fault.kind,
+                    "channel": fault.channel,
+                    "method": fault.method,
+                    "spans": fault.spans.tolist(),
+                    "excluded": fault.excluded,
+                }
+                for fault in log.faults
+            ],
             "grown": used - self._start_bytes,
         }
 

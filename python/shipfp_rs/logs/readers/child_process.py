@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from shipfp_rs.logs.log import Samples
+from shipfp_rs.logs.channel import Samples
 
 TIRED_BYTES = 100_000_000
 """A child that has grown by so much is not given another file."""

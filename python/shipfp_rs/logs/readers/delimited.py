@@ -16,66 +16,114 @@ import pyarrow.csv
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.delimited_layout import Layout, find_layout
-from shipfp_rs.logs.readers.table import log_of_table
+from shipfp_rs.logs.readers.delimited_layout import GROUPED, NUMBER, Layout, find_layout
+from shipfp_rs.logs.readers.table import Options, log_of_table
 
 PART = 1 << 22
 """Bytes of text parsed at once."""
 
 
-@register_reader(".csv", ".txt", ".asc")
-def open_delimited(path: Path, rate_hz: float | None) -> Log:
-    """Open a delimited file: delimiter, decimal mark, headings, units and rate are found in its first lines.
+@register_reader(".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log", ".asc", takes=("time",))
+def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
+    """Open a delimited file: delimiter, decimal mark, headings, units, time and rate are found in its first lines.
 
     A last line without a line end may have been cut anywhere, also within its last number: it is left out, with a
-    warning.
+    warning. So are lines of words after the last record.
     """
     layout = find_layout(path)
     index = _Index(path, layout)
-    for start, text in _parts(path, layout.bytes_before):
-        index.add(start, text)
-    _warn_of_rest(path, index.end)
+    for start, text, length in _parts(path, layout, layout.bytes_before):
+        index.add(start, text, length)
+    if layout.footer:
+        shown = " | ".join(layout.footer)[:60]
+        warnings.warn(
+            f"{path}: {len(layout.footer)} lines after the last record are left out: {shown!r}",
+            LogWarning,
+            stacklevel=5,
+        )
+    else:
+        _warn_of_rest(path, layout, index.end)
+    kept = [
+        k
+        for k in range(len(layout.headings))
+        if not (index.kinds[k] == pa.null() and not layout.named_column(k))
+    ]
     schema = pa.schema(
-        pa.field(f"{name} [{unit}]" if unit else name, kind)
-        for name, unit, kind in zip(layout.headings, layout.units, index.kinds, strict=True)
+        pa.field(
+            f"{layout.headings[k]} [{layout.units[k]}]" if layout.units[k] else layout.headings[k],
+            index.kinds[k],
+        )
+        for k in kept
     )
-    places = {name: k for k, name in enumerate(schema.names)}
+    places = {name: k for k, name in zip(kept, schema.names, strict=True)}
 
     def batches(column: str, first: int, size: int) -> Iterator[pa.Array]:
         part = int(np.searchsorted(index.rows, first, side="right")) - 1
         skip = first - index.rows[part]
-        for row, (_, text) in zip(index.rows[part:], _parts(path, index.offsets[part]), strict=False):
-            values = _parse(path, layout, text, row, {places[column]: schema.field(column).type})
+        place, kind = places[column], schema.field(column).type
+        for row, (_, text, _) in zip(
+            index.rows[part:], _parts(path, layout, index.offsets[part]), strict=False
+        ):
+            if place in index.grouped:
+                told = _parse(path, layout, text, row, {place: pa.string()}).column(0).combine_chunks()
+                values = _ungrouped(path, layout, place, told, row)
+            else:
+                values = _parse(path, layout, text, row, {place: kind}).column(0)
             for start in range(skip, len(values), size):
-                yield values.column(0)[start : start + size].combine_chunks()
+                part_of = values[start : start + size]
+                yield part_of.combine_chunks() if isinstance(part_of, pa.ChunkedArray) else part_of
             skip = max(skip - len(values), 0)
 
-    return log_of_table(path, schema, index.rows[-1], batches, rate_hz or layout.rate_hz)
+    options = Options(time, european=layout.decimal == ",", nameless=not layout.named)
+    notes = () if layout.named else ("no headings: columns are counted",)
+    return log_of_table(
+        path,
+        schema,
+        index.rows[-1],
+        batches,
+        rate_hz or layout.rate_hz if not time else rate_hz,
+        options,
+        notes,
+    )
 
 
-def _parts(path: Path, offset: int) -> Iterator[tuple[int, bytes]]:
-    """Yield offset and text of about as many whole lines as make a part."""
+def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes, int]]:
+    """Yield offset, text and length in the file of the whole lines of each part; what was UTF-16 becomes UTF-8."""
+    end_of_line = "\n".encode(layout.encoding)
     with path.open("rb") as file:
         file.seek(offset)
         rest = b""
-        while read := file.read(PART):
-            end = read.rfind(b"\n") + 1
+        while read := file.read(max(min(PART, layout.bytes_end - offset - len(rest)), 0)):
+            end = read.rfind(end_of_line) + len(end_of_line)
+            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # two halves of two letters
+                end = read.rfind(end_of_line, 0, end - 1) + len(end_of_line)
+            if end < len(end_of_line):
+                end = 0
             if not end and len(read) == PART:
                 raise InputError(
                     f"{path}: no line end within {PART} bytes from byte {offset}; is the file damaged?"
                 )
             if end:
                 text = rest + read[:end]
-                yield offset, text
+                yield offset, _plain(layout, text), len(text)
                 offset += len(text)
                 rest = b""
             rest += read[end:]
 
 
-def _warn_of_rest(path: Path, end: int) -> None:
+def _plain(layout: Layout, text: bytes) -> bytes:
+    if layout.wide == 2:
+        text = text.decode(layout.encoding, "replace").encode()
+    if layout.delimiter == " ":  # columns are padded with any number of spaces
+        text = re.sub(rb"[ \t]+", b" ", text)
+        text = re.sub(rb"(?m)^ | (?=\r?$)", b"", text)
+    return text
+
+
+def _warn_of_rest(path: Path, layout: Layout, end: int) -> None:
     with path.open("rb") as file:
         file.seek(end)
-        rest = file.read(60).decode("latin-1").strip()
+        rest = file.read(60 * layout.wide).decode(layout.encoding, "replace").strip()
     if rest:
         warnings.warn(
             f"{path}: the last line has no line end and may be cut: {rest!r} is left out; end it with one if it is "
@@ -104,20 +152,27 @@ class _Index:
         self.kinds = [pa.null()] * len(self.layout.headings)
         self._least = [0] * len(self.kinds)
         self._end = self.layout.bytes_before
+        self.grouped: set[int] = set()
+        """Columns of numbers with marks between thousands."""
 
-    def add(self, offset: int, text: bytes) -> None:
-        table = _parse(self.path, self.layout, text, self.rows[-1])
+    def add(self, offset: int, text: bytes, length: int) -> None:
+        texts = {k: pa.string() for k, timelike in enumerate(self.layout.timelike) if timelike}
+        table = _parse(self.path, self.layout, text, self.rows[-1], texts, all_columns=True)
         for k, numeric in enumerate(self.layout.numeric):
             kind, values = table.schema.types[k], table.column(k)
             if numeric and not _is_known(kind):
+                if pa.types.is_string(kind) and _is_grouped(self.layout, values):
+                    self.grouped.add(k)
                 kind = pa.float64()  # reading the column names the cell that is no number
+            elif not numeric and not _is_known(kind):
+                kind = pa.string()
             elif kind == pa.float64() and (pc.max(pc.abs(values)).as_py() or 0.0) >= 2.0**63:
                 kind = self._unsigned(text, k) or kind
             if kind == pa.int64():
                 self._least[k] = min(self._least[k], pc.min(values).as_py())
             self.kinds[k] = _wider(self.kinds[k], kind, self._least[k] < 0)
         self.offsets.append(offset)
-        self._end = offset + len(text)
+        self._end = offset + length
         self.rows.append(self.rows[-1] + len(table))
 
     def _unsigned(self, text: bytes, column: int) -> pa.DataType | None:
@@ -127,6 +182,31 @@ class _Index:
         except InputError:
             return None
         return pa.uint64()
+
+
+def _is_grouped(layout: Layout, values: pa.ChunkedArray) -> bool:
+    """Whether all cells are numbers, some with marks between thousands."""
+    cells = pc.utf8_trim_whitespace(values).drop_null().to_pylist()
+    pattern = re.compile(
+        f"(?:{NUMBER.pattern})" if layout.decimal == "." else "[+-]?\\d*(?:,\\d*)?(?:[eE][+-]?\\d+)?",
+        re.IGNORECASE,
+    )
+    return bool(cells) and all(
+        not cell or pattern.fullmatch(cell) or GROUPED[layout.decimal].fullmatch(cell) for cell in cells
+    )
+
+
+def _ungrouped(path: Path, layout: Layout, place: int, cells: pa.Array, row: int) -> pa.Array:
+    """Return numbers with marks between thousands as numbers."""
+    bare = pc.replace_substring_regex(cells, "[^0-9eE+\\-" + layout.decimal + "]", "")
+    bare = pc.replace_substring(bare, layout.decimal, ".")
+    bare = pc.if_else(pc.equal(bare, ""), pa.scalar(None, pa.string()), bare)
+    try:
+        return bare.cast(pa.float64())
+    except pa.ArrowInvalid as error:
+        raise InputError(
+            f"{path}: channel {layout.headings[place]!r}, from line {layout.lines_before + row + 1} on: {error}"
+        ) from error
 
 
 def _is_known(kind: pa.DataType) -> bool:
@@ -148,20 +228,29 @@ def _wider(one: pa.DataType, other: pa.DataType, negative: bool) -> pa.DataType:
 
 
 def _parse(
-    path: Path, layout: Layout, text: bytes, row: int, only: dict[int, pa.DataType] | None = None
+    path: Path,
+    layout: Layout,
+    text: bytes,
+    row: int,
+    only: dict[int, pa.DataType] | None = None,
+    *,
+    all_columns: bool = False,
 ) -> pa.Table:
-    """Parse lines from record `row` on; all columns with the types they seem to have, or those in `only`."""
+    """Parse lines from record `row` on; columns have the types in `only` or seem to have; those in `only`, or all."""
     names = [str(k) for k in range(len(layout.headings))]
     types: dict[str, Any] = {names[k]: kind for k, kind in (only or {}).items()}
     try:
         return pa.csv.read_csv(
             pa.BufferReader(text),
             read_options=pa.csv.ReadOptions(
-                column_names=names, encoding=layout.encoding, use_threads=False, block_size=2 * PART
+                column_names=names, encoding=_arrow_encoding(layout), use_threads=False, block_size=2 * PART
             ),
             parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter, ignore_empty_lines=len(names) > 1),
             convert_options=pa.csv.ConvertOptions(
-                include_columns=list(types), column_types=types, decimal_point=layout.decimal
+                include_columns=[] if all_columns else list(types),
+                column_types=types,
+                decimal_point=layout.decimal,
+                strings_can_be_null=True,
             ),
         )
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -174,5 +263,9 @@ def _parse(
             message = f"line {line + int(cell[1])} {told}"
         else:
             message = f"from line {line + 1} on: {message}"
-        where = f"channel {layout.headings[next(iter(only))]!r}: " if only else ""
+        where = f"channel {layout.headings[next(iter(only))]!r}: " if only and not all_columns else ""
         raise InputError(f"{path}: {where}{message}") from error
+
+
+def _arrow_encoding(layout: Layout) -> str:
+    return "utf-8" if layout.wide == 2 else layout.encoding

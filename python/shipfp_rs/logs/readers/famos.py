@@ -9,11 +9,15 @@ import warnings
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
 """Trigger times count from here, on the logger's own clock, which is taken as UTC."""
@@ -41,12 +45,20 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
     left = _sample_bytes(path)
     channels: list[Channel] = []
     keys: dict[str, tuple[str, Literal["raw", "scaled"]]] = {}
+    paired: dict[str, Blocks] = {}
+    skipped: list[str] = []
     for channel in found:
         if channel.dimension != 1:
-            raise InputError(
-                f"{path}: channel {channel.name!r} holds pairs of x and y, expected samples at a fixed rate; "
-                "resample it in FAMOS"
-            )
+            pair = _pair(path, file, channel, channel.absolute_trigger_time - first)
+            if isinstance(pair, str):
+                skipped.append(f"{channel.name} ({pair})")
+            else:
+                axis, read = pair
+                axis.tell(path)
+                paired[channel.name] = axis.on_grid(read)
+                unit = channel.y_unit.strip().strip('"')
+                channels.append(Channel(channel.name, unit, axis.rate_hz, axis.samples, axis.start_s))
+            continue
         step = channel.x_step_width
         if rate_hz is None and not (math.isfinite(step) and step > 0):
             raise InputError(
@@ -68,9 +80,18 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
                 samples = _cut(path, channel.name, samples, held, alone=len(found) == 1)
         channels.append(Channel(channel.name, unit, rate_hz or 1.0 / step, samples, start_s))
 
+    if skipped and not channels:
+        raise InputError(
+            f"{path}: nothing but pairs of x and y: {', '.join(skipped)}; resample them in FAMOS"
+        )
+    if skipped:
+        warnings.warn(f"{path}: pairs of x and y left out: {', '.join(skipped)}", LogWarning, stacklevel=2)
     counts = {channel.name: channel.samples for channel in channels}
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        if name in paired:
+            yield from paired[name](name, first, size)
+            return
         uuid, mode = keys[name]
         left = counts[name] - first
         for chunk in file.iter_channel_numpy(
@@ -82,6 +103,29 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
             left -= len(chunk["y"])
 
     return Log(str(path), channels, blocks, start_utc)
+
+
+def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis, Blocks] | str:
+    """Return the grid and the samples of pairs whose x is a time that increases; else why they are left out."""
+    if channel.x_unit.strip().strip('"').lower() not in ("s", "ms", "sec", ""):
+        return f"x is in {channel.x_unit!r}, no time"
+    parts = list(file.iter_channel_numpy(channel.uuid, include_x=True, chunk_rows=BLOCK, mode="scaled"))
+    factor = 1e-3 if channel.x_unit.strip().strip('"') == "ms" else 1.0
+    x = (
+        np.concatenate([np.empty(0), *(np.asarray(part["x"], dtype=np.float64) for part in parts)]) * factor
+        + later_s
+    )
+    y = np.concatenate([np.empty(0), *(np.asarray(part["y"], dtype=np.float64) for part in parts)])
+    try:
+        axis = time_axis(path, channel.name, lambda: [x])
+    except InputError as error:
+        return str(error).removeprefix(f"{path}: ")
+
+    def read(name: str, first: int, size: int) -> Iterator[Samples]:
+        for start in range(first, len(y), size):
+            yield y[start : start + size]
+
+    return axis, read
 
 
 def _sample_bytes(path: Path) -> int:

@@ -14,9 +14,13 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.columns import column_names, is_table
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_base import TIME_NAMES, seconds_per, split_unit, stated_rate, time_base
+from shipfp_rs.logs.readers.time_base import seconds_per, stated_rate
+from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
 SINCE = re.compile(r"\s*([a-zµ]+)\s+since\s+(.+)")
@@ -39,14 +43,15 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     file = h5py.File(path, "r")
     rows, skipped = _find_rows(file)
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
-    times = {key: row for key, row in rows.items() if posixpath.basename(key).lower() in TIME_NAMES}
-    clocks: dict[str, tuple[float, float, datetime | None]] = {}
+    times = {key: row for key, row in rows.items() if is_time(split_bracketed(posixpath.basename(key))[0])}
+    clocks: dict[str, tuple[TimeAxis, datetime | None]] = {}
+    axis_of: dict[str, TimeAxis] = {}
     found: dict[str, tuple[_Row, Channel, datetime | None]] = {}
     for key, row in rows.items():
         if key in times or (row.length == 1 and len(rows) > 1):
             continue
         facts = _attributes(row.dataset)
-        name, unit = split_unit(key)
+        name, unit = split_bracketed(key)
         unit = _text(facts.get("unit", facts.get("units", unit)))
         start_s = float(np.asarray(facts.get("start_s", 0.0)).reshape(-1)[0])
         stamp = next((facts[each] for each in START_NAMES if each in facts), None)
@@ -56,8 +61,12 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
             time = _time_of(path, key, row.length, times)
             if time not in clocks:
                 clocks[time] = _clock(path, time, times[time])
-            start_s, rate, zero = clocks[time]
+                clocks[time][0].tell(path)
+            axis, zero = clocks[time]
             start_utc = zero or start_utc
+            axis_of[name] = axis
+            found[name] = (row, Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s), start_utc)
+            continue
         found[name] = (row, Channel(name, unit, rate, row.length, start_s), start_utc)
     if skipped and not found:
         raise InputError(f"{path}: no numbers along one axis in {', '.join(skipped)}")
@@ -66,10 +75,15 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
             f"{path}: no numbers along one axis in {', '.join(skipped)}; left out", LogWarning, stacklevel=2
         )
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+    def rows_of(name: str, first: int, size: int) -> Iterator[Samples]:
         row = found[name][0]
         for start in range(first, row.length, size):
             yield row.read(start, min(start + size, row.length))
+
+    readers = {name: axis.on_grid(rows_of) for name, axis in axis_of.items()}
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return readers.get(name, rows_of)(name, first, size)
 
     zero = min((utc for _, _, utc in found.values() if utc), default=None)
     channels = [
@@ -81,15 +95,16 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
 
 @dataclass(frozen=True)
 class _Row:
-    """Numbers along one axis of a dataset, or one field of it."""
+    """Numbers along one axis of a dataset, one field of it, or one column of a table."""
 
     dataset: Any
     length: int
     field: str | None = None
+    column: int = 0
 
     def read(self, start: int, stop: int) -> Samples:
         axis = int(np.argmax(self.dataset.shape))
-        place = tuple(slice(start, stop) if k == axis else 0 for k in range(self.dataset.ndim))
+        place = tuple(slice(start, stop) if k == axis else self.column for k in range(self.dataset.ndim))
         try:
             samples: Samples = (self.dataset.fields(self.field) if self.field else self.dataset)[place]
         except OSError as error:
@@ -131,11 +146,47 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
                 and matlab not in ("char", "cell")
             ):
                 rows[key] = _Row(item, item.size, field)
+            elif (
+                field is None
+                and kind.kind in "biuf"
+                and kind.itemsize <= 8
+                and item.ndim == 2
+                and matlab not in ("char", "cell")
+            ):
+                if not is_table(item.shape):
+                    skipped.append(key)
+                    return
+                above = posixpath.dirname(name)
+                for k, column in enumerate(
+                    column_names(min(item.shape), _words(item), posixpath.basename(name))
+                ):
+                    rows[posixpath.join(above, column)] = _Row(item, max(item.shape), None, k)
             else:
                 skipped.append(key)
 
     file.visititems(visit)
     return rows, skipped
+
+
+def _words(dataset: Any) -> dict[str, list[str]]:
+    """Lists of words about a dataset: attributes of it, and cells of MATLAB beside it."""
+    import h5py
+
+    found: dict[str, list[str]] = {}
+    for name, value in dataset.attrs.items():
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "OSU":
+            found[name] = [_text(word) for word in value]
+    for name, item in dataset.parent.items():
+        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "OS":
+            continue
+        content = item[()]
+        if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+            cells = [dataset.file[ref] for ref in np.ravel(content) if ref]
+            if all(_text(cell.attrs.get("MATLAB_class", "")) == "char" for cell in cells):
+                found[name] = ["".join(chr(code) for code in np.ravel(cell[()])) for cell in cells]
+        elif isinstance(content, np.ndarray) and content.ndim == 1:
+            found[name] = [_text(word) for word in content]
+    return found
 
 
 def _missing_filter(dataset: Any) -> str | None:
@@ -180,15 +231,18 @@ def _time_of(path: Path, key: str, length: int, times: dict[str, _Row]) -> str:
         above = posixpath.dirname(above)
 
 
-def _clock(path: Path, key: str, row: _Row) -> tuple[float, float, datetime | None]:
-    """Start [s], rate [Hz] and zero of a row of times."""
+def _clock(path: Path, key: str, row: _Row) -> tuple[TimeAxis, datetime | None]:
+    """Return grid and zero of a row of times."""
     facts = row.dataset.attrs
-    unit = _text(facts.get("units", facts.get("unit", "")))
+    unit = _text(facts.get("units", facts.get("unit", split_bracketed(key)[1])))
     since = SINCE.fullmatch(unit)
     zero = _instant(path, since[2]) if since else None
     factor = seconds_per(path, since[1] if since else unit)
-    blocks = (row.read(k, min(k + BLOCK, row.length)) * factor for k in range(0, row.length, BLOCK))
-    return *time_base(path, key, blocks, check=True), zero
+
+    def times() -> Iterator[Any]:
+        return (row.read(k, min(k + BLOCK, row.length)) * factor for k in range(0, row.length, BLOCK))
+
+    return time_axis(path, key, times), zero
 
 
 def _instant(path: Path, value: Any) -> datetime:

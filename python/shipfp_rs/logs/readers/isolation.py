@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log, Reader, Samples
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.log import Log, Reader
 from shipfp_rs.logs.readers.child_process import LOCK, Child, give_back, take
 
 LIMIT_S = 30.0
@@ -28,13 +30,13 @@ def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
 
     def decorate(reader: Reader) -> Reader:
         @functools.wraps(reader)
-        def open_in_child(path: Path, rate_hz: float | None) -> Log:
+        def open_in_child(path: Path, rate_hz: float | None, **options: str) -> Log:
             if importlib.util.find_spec(package) is None:
                 raise InputError(
                     f"{path}: reading {path.suffix} needs the optional package {package}; "
                     f"pip install 'shipfp_rs[{extra}]'"
                 )
-            return _Source(package, reader, path, rate_hz).log()
+            return _Source(package, reader, path, rate_hz, options).log()
 
         return open_in_child
 
@@ -44,10 +46,13 @@ def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
 class _Source:
     """One file, opened by whichever child is at hand while any of its channels is being read."""
 
-    def __init__(self, package: str, reader: Reader, path: Path, rate_hz: float | None) -> None:
+    def __init__(
+        self, package: str, reader: Reader, path: Path, rate_hz: float | None, options: dict[str, str]
+    ) -> None:
         self.path = path
         self._package = package
-        self._where = [package, reader.__module__, reader.__name__, str(path.absolute()), rate_hz]
+        self._options = options
+        self._where = [package, reader.__module__, reader.__name__, str(path.absolute()), rate_hz, options]
         self._child: Child | None = None
         self._readers = 0
 
@@ -57,14 +62,16 @@ class _Source:
         try:
             channels = [Channel(**channel) for channel in facts["channels"]]
             start = datetime.fromisoformat(facts["start_utc"]) if facts["start_utc"] else None
-            notes = [str(note) for note in facts["warnings"]]
+            told = [str(note) for note in facts["warnings"]]
+            notes = tuple(str(note) for note in facts["notes"])
+            faults = tuple(Fault(**fault) for fault in facts["faults"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{self.path}: the package {self._package} answers nonsense; is the file damaged?"
             ) from error
-        for note in notes:
+        for note in told:
             warnings.warn(note, LogWarning, stacklevel=5)
-        return Log(str(self.path), channels, self._blocks, start)
+        return Log(str(self.path), channels, self._blocks, start, faults, notes)
 
     def _open(self, child: Child) -> dict[str, Any]:
         facts, _ = self._ask(child, {"open": self._where})
@@ -73,7 +80,7 @@ class _Source:
 
     def _key(self) -> tuple[Any, ...]:
         status = self.path.stat()
-        return (*self._where, status.st_mtime_ns, status.st_size)
+        return (*self._where[:-1], *self._options.items(), status.st_mtime_ns, status.st_size)
 
     def _blocks(self, name: str, first: int, size: int) -> Iterator[Samples]:
         with self._reading() as child:

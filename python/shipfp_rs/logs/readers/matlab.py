@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+import posixpath
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.columns import (
+    VALUES,
+    Row,
+    axis_of,
+    blocks_of,
+    column_names,
+    is_table,
+    no_time,
+    time_of,
+)
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_base import TIME_NAMES, stated_rate, time_base
-
-CLASSES = (
-    "double",
-    "single",
-    "int8",
-    "uint8",
-    "int16",
-    "uint16",
-    "int32",
-    "uint32",
-    "int64",
-    "uint64",
-    "logical",
-)
+from shipfp_rs.logs.readers.time_column import TimePlan
+from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, split_unit
+from shipfp_rs.logs.time_axis import TimeAxis
 
 
 @register_reader(".mat")
@@ -38,10 +44,11 @@ def open_matlab(path: Path, rate_hz: float | None) -> Log:
 
 @in_child("scipy.io", extra="")
 def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
-    """Open a MATLAB file up to version 7: each vector of numbers is a channel.
+    """Open a MATLAB file up to version 7: vectors, columns of matrices, and both within structs are channels.
 
-    A vector `time` or `t` [s] is the time base of those of its length; a scalar `fs`, `rate_hz` or `dt` is that of all.
-    SciPy reads a variable whole, at most 2 GB in these versions; larger logs are saved with -v7.3.
+    A vector `time` or `t` is the time base of those of its length in the same struct or in one within it; a scalar `fs`,
+    `rate_hz` or `dt` does as well. Columns of a matrix are named by a cell of as many words beside it. SciPy reads a
+    variable whole, at most 2 GB in these versions; larger logs are saved with -v7.3.
     """
     from scipy.io import loadmat, whosmat
 
@@ -57,48 +64,168 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
         found = {name: found[name] for name in list(found)[:whole]}
     if not found:
         raise InputError(f"{path}: no variables in it")
-
-    def load(name: str) -> Samples:
-        values: Samples = loadmat(path, variable_names=[name], mat_dtype=True)[name].ravel()
-        return values.astype(bool) if found[name][1] == "logical" else values
-
-    lengths = {
-        name: max(shape)
-        for name, (shape, kind) in found.items()
-        if kind in CLASSES and len(shape) == 2 and min(shape) == 1
-    }
-    scalars = [(name, load(name)) for name, length in lengths.items() if length == 1]
-    rate = rate_hz or stated_rate(scalars)
-    times = {length: name for name, length in lengths.items() if name.lower() in TIME_NAMES and length > 1}
-    clocks = {
-        length: (0.0, rate) if rate else time_base(path, name, [load(name)], check=True)
-        for length, name in times.items()
-    }
-    channels: list[Channel] = []
-    skipped = [name for name in found if name not in lengths]
-    for name, length in lengths.items():
-        if length == 1 or name in times.values():
+    tree = _Tree()
+    opaque = [name for name, (_, kind) in found.items() if kind in ("opaque", "object", "function")]
+    for name, (_, kind) in found.items():
+        if name in opaque or name.startswith("__") or not name:
             continue
-        if length not in clocks and rate is None:
-            raise InputError(
-                f"{path}: no time base for {name!r}: neither a scalar rate_hz nor a vector time of its {length} "
-                "samples; add one or give rate_hz (--rate)"
-            )
-        start_s, own_rate = clocks.get(length, (0.0, rate))
-        channels.append(Channel(name, "", float(own_rate or 0.0), length, start_s))
+        content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[name]
+        tree.add(name, content, logical=kind == "logical")
+    rows, plain = tree.rows(), tree.scalars
+    clocks: dict[str, tuple[TimeAxis, TimePlan]] = {}
+    channels: list[Channel] = []
+    axis_by: dict[str, TimeAxis] = {}
+    starts: dict[str, datetime] = {}
+    for name, row in rows.items():
+        if is_time(split_bracketed(posixpath.basename(name))[0]) and (row.length > 1 and len(rows) > 1):
+            continue
+        key, beside = time_of(path, row, rows, plain, None)
+        rate = rate_hz or beside
+        if rate is None and not key:
+            raise no_time(path, row)
+        if rate is not None:
+            channels.append(Channel(name, row.unit, rate, row.length))
+            continue
+        if key not in clocks:
+            clocks[key] = axis_of(path, key, rows[key])
+            clocks[key][0].tell(path)
+        axis, plan = clocks[key]
+        axis_by[name] = axis
+        if plan.zero:
+            starts[name] = plan.zero
+        channels.append(Channel(name, row.unit, axis.rate_hz, axis.samples, axis.start_s))
+    skipped = [*tree.skipped, *opaque]
+    hint = "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if opaque else ""
     if skipped and not channels:
-        raise InputError(f"{path}: no vectors of numbers among {', '.join(skipped)}")
+        raise InputError(f"{path}: no vectors of numbers among {', '.join(skipped)}{hint}")
     if skipped:
         warnings.warn(
-            f"{path}: no vectors of numbers: {', '.join(skipped)}; left out", LogWarning, stacklevel=2
+            f"{path}: no vectors of numbers: {', '.join(skipped)}; left out{hint}", LogWarning, stacklevel=2
         )
+    zero = min(starts.values(), default=None)
+    channels = [
+        replace(c, start_s=c.start_s + (starts[c.name] - zero).total_seconds())
+        if zero and c.name in starts
+        else c
+        for c in channels
+    ]
+    plain_blocks = blocks_of(rows)
+    readers = {name: axis.on_grid(plain_blocks) for name, axis in axis_by.items()}
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        samples = load(name)
-        for start in range(first, len(samples), size):
-            yield samples[start : start + size]
+        return readers.get(name, plain_blocks)(name, first, size)
 
-    return Log(str(path), channels, blocks)
+    notes = tuple(plan.note for _, plan in clocks.values() if plan.note)
+    return Log(str(path), channels, blocks, zero, notes=notes)
+
+
+class _Tree:
+    """Variables of a file, structs opened."""
+
+    def __init__(self) -> None:
+        self.held: dict[str, npt.NDArray[Any]] = {}
+        self.units: dict[str, str] = {}
+        self.words: dict[str, list[str]] = {}
+        self.scalars: list[tuple[str, Any]] = []
+        self.skipped: list[str] = []
+
+    def add(self, name: str, content: Any, *, logical: bool = False) -> None:
+        """Take a variable, or a field of a struct under its path."""
+        array = np.asarray(content)
+        fields = getattr(content, "_fieldnames", None)
+        if fields is not None:
+            for field in fields:
+                self.add(f"{name}/{field}", getattr(content, field))
+            return
+        if array.dtype == object and array.size and hasattr(array.flat[0], "_fieldnames"):
+            for k, item in enumerate(array.flat):
+                label = next(
+                    (
+                        _word(getattr(item, key))
+                        for key in ("label", "name", "Name")
+                        if key in item._fieldnames
+                    ),
+                    "",
+                )
+                inner = name if array.size == 1 else f"{name}/{label or k + 1}"
+                self.add(inner, item)
+            return
+        text = _word(content)
+        if text:
+            base = posixpath.dirname(name)
+            if posixpath.basename(name).lower() in ("unit", "units") and base:
+                self.units[base] = text
+            else:
+                self.skipped.append(name)
+        elif array.dtype == object and array.size and all(_word(cell) for cell in array.flat):
+            self.words[name] = [_word(cell) for cell in array.flat]
+        elif array.dtype.kind in "biuf" and array.size == 1:
+            self.scalars.append((name, array.reshape(-1)[0]))
+        elif array.dtype.kind in "biuf" and array.ndim == 2 and array.size:
+            self.held[name] = array.astype(bool) if logical else array
+        else:
+            self.skipped.append(name)
+
+    def rows(self) -> dict[str, Row]:
+        """Vectors and columns of matrices, by name."""
+        found: dict[str, Row] = {}
+        for name, array in self.held.items():
+            if min(array.shape) == 1:
+                vector = array.ravel()
+                key = self._channel(name)
+                found[key] = _row(key, self._unit(name), vector)
+                continue
+            table = array if array.shape[0] >= array.shape[1] else array.T
+            if not is_table(table.shape):
+                self.skipped.append(name)
+                continue
+            above = posixpath.dirname(name)
+            beside = {key: words for key, words in self.words.items() if posixpath.dirname(key) == above}
+            names = column_names(table.shape[1], beside, posixpath.basename(name))
+            for k, heading in enumerate(names):
+                own, unit = split_unit(heading)
+                key = posixpath.join(above, own) if own not in found else f"{name}/{own}"
+                found[key] = _row(key, unit, table[:, k])
+        # A matrix without names may begin with its time.
+        for name, array in self.held.items():
+            first = f"{posixpath.basename(name)} 1"
+            key = posixpath.join(posixpath.dirname(name), first)
+            if (
+                key in found
+                and min(array.shape) > 1
+                and not any(is_time(posixpath.basename(k)) for k in found)
+            ):
+                steps = np.diff(found[key].read(0, found[key].length).astype(np.float64))
+                step = float(np.median(steps))
+                if step > 0.0 and step != 1.0 and (np.abs(steps - step) < 0.5 * step).all():
+                    row = found.pop(key)
+                    time = posixpath.join(posixpath.dirname(key), "time")
+                    found[time] = Row(time, "", row.length, row.read)
+        return found
+
+    def _channel(self, name: str) -> str:
+        """A struct of one channel, its samples in `data` or the like, is called as the struct."""
+        above, last = posixpath.split(name)
+        only = [
+            key
+            for key in self.held
+            if posixpath.dirname(key) == above and not is_time(posixpath.basename(key))
+        ]
+        return above if above and last.lower() in VALUES and len(only) == 1 else name
+
+    def _unit(self, name: str) -> str:
+        return self.units.get(name) or self.units.get(posixpath.dirname(name), "")
+
+
+def _row(name: str, unit: str, values: npt.NDArray[Any]) -> Row:
+    return Row(name, unit, len(values), lambda start, stop: values[start:stop])
+
+
+def _word(value: Any) -> str:
+    array = np.asarray(value)
+    while array.dtype == object and array.size == 1:
+        array = np.asarray(array.reshape(-1)[0])
+    return str(array.reshape(-1)[0]).strip() if array.dtype.kind in "US" and array.size == 1 else ""
 
 
 def _whole_variables(path: Path) -> int | None:

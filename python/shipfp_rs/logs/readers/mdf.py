@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, register_reader
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_base import time_base
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 
-@register_reader(".mf4", ".mdf")
+@register_reader(".mf4", ".mdf", takes=("names",))
 @in_child("asammdf", extra="mdf")
-def open_mdf(path: Path, rate_hz: float | None) -> Log:
+def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
     """Open an MDF file: values scaled as it says, texts as the numbers they stand for.
 
     A name that several groups have is followed by its group's number. Invalidated samples are gaps. Groups
@@ -30,16 +32,24 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
     file: Any = asammdf.MDF(path)
     if rate_hz is None and not any(group.channel_group.cycles_nr for group in file.groups):
         raise InputError(f"{path}: no samples in it; was the recording finished?")
-    names = Counter(channel.name for group in file.groups for channel in group.channels)
+    frames = _frames(file)
+    if frames is not None:
+        return log_of_frames(path, frames, names, file.header.start_time.astimezone(UTC))
+    if names is not None:
+        raise InputError(
+            f"{path}: holds no frames of a CAN bus, for which {names} would be; leave --names out"
+        )
+    counts = Counter(channel.name for group in file.groups for channel in group.channels)
     channels: list[Channel] = []
     keys: dict[str, tuple[int, int, bool]] = {}
+    axis_of: dict[str, TimeAxis] = {}
     skipped: list[str] = []
     reasons: list[str] = []
     for number, group in enumerate(file.groups):
         count = group.channel_group.cycles_nr
         master = file.masters_db.get(number)
         try:
-            start_s, rate = _group_time(path, file, number, count, rate_hz)
+            axis = _group_axis(path, file, number, count, rate_hz)
         except InputError as error:
             skipped += [channel.name for index, channel in enumerate(group.channels) if index != master]
             reasons.append(str(error))
@@ -47,13 +57,15 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
         for index, channel in enumerate(group.channels):
             if index == master:
                 continue
-            name = channel.name if names[channel.name] == 1 else f"{channel.name} {number}"
+            name = channel.name if counts[channel.name] == 1 else f"{channel.name} {number}"
             raw = _must_be_raw(file, number, index)
             if raw is None or name in keys:
                 skipped.append(name)
                 continue
             keys[name] = (number, index, raw)
-            channels.append(Channel(name, _unit(channel), rate, count, start_s))
+            axis_of[name] = axis
+            channels.append(Channel(name, _unit(channel), axis.rate_hz, axis.samples, axis.start_s))
+        axis.tell(path)
     if not channels and reasons:
         raise InputError(reasons[0])
     if skipped:
@@ -64,25 +76,69 @@ def open_mdf(path: Path, rate_hz: float | None) -> Log:
             stacklevel=2,
         )
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+    def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         number, index, raw = keys[name]
         count = file.groups[number].channel_group.cycles_nr
         for start in range(first, count, size):
             yield _values(file, number, index, raw, start, min(size, count - start))
 
+    readers = {name: axis.on_grid(rows) for name, axis in axis_of.items()}
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return readers[name](name, first, size)
+
     return Log(str(path), channels, blocks, file.header.start_time.astimezone(UTC))
 
 
-def _group_time(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> tuple[float, float]:
-    """Start [s] and rate [Hz] of a channel group."""
+def _frames(file: Any) -> Frames | None:
+    """Return the frames of the CAN buses that a file holds, None where it holds none."""
+    parts: list[Frames] = []
+    for number, group in enumerate(file.groups):
+        by_name = {channel.name: index for index, channel in enumerate(group.channels)}
+        if "CAN_DataFrame.ID" not in by_name or not group.channel_group.cycles_nr:
+            continue
+
+        def read(name: str, number: int = number, by_name: dict[str, int] = by_name) -> Any:
+            index = by_name.get(f"CAN_DataFrame.{name}")
+            return (
+                None if index is None else file.get(group=number, index=index, raw=True, samples_only=True)[0]
+            )
+
+        identifier, data, kind = read("ID"), read("DataBytes"), read("IDE")
+        identifier = np.asarray(identifier, dtype=np.uint64)
+        extended = (identifier >= 1 << 31) | (identifier > 0x7FF) if kind is None else np.asarray(kind) != 0
+        data = np.asarray(data, dtype=np.uint8).reshape(len(identifier), -1)
+        length = read("DataLength")
+        length = np.full(len(data), data.shape[1]) if length is None else np.asarray(length)
+        wide = np.zeros((len(data), 64), dtype=np.uint8)
+        wide[:, : data.shape[1]] = data
+        parts.append(
+            Frames(
+                np.asarray(file.get_master(number), dtype=np.float64),
+                (identifier & 0x1FFFFFFF).astype(np.uint32),
+                np.asarray(extended, dtype=np.bool_),
+                wide,
+                length.astype(np.int64),
+            )
+        )
+    if not parts:
+        return None
+    fields = ("time_s", "identifier", "extended", "data", "length")
+    return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+
+
+def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> TimeAxis:
+    """Return the grid of a channel group."""
     if file.masters_db.get(number) is None and rate_hz is None:
         raise InputError(f"{path}: group {number} has no time channel; give rate_hz (--rate)")
-    master = (
-        file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
-        for start in range(0, count, BLOCK)
-    )
-    start_s, rate = time_base(path, f"time of group {number}", master, check=rate_hz is None)
-    return start_s, rate_hz or rate
+
+    def times() -> Iterator[Any]:
+        return (
+            file.get_master(number, record_offset=start, record_count=min(BLOCK, count - start))
+            for start in range(0, count, BLOCK)
+        )
+
+    return time_axis(path, f"time of group {number}", times, rate_hz=rate_hz)
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:

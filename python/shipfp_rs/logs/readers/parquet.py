@@ -13,14 +13,14 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs import log as logs
-from shipfp_rs.logs.log import Channel, Log, Samples, register_reader
-from shipfp_rs.logs.readers.table import METADATA_KEY, log_of_table
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, register_reader, register_writer
+from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
 from shipfp_rs.support.files import replacing
 
 
-@register_reader(".parquet", ".pq")
-def open_parquet(path: Path, rate_hz: float | None) -> Log:
+@register_reader(".parquet", ".pq", takes=("time",))
+def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
     """Open a Parquet file."""
     with path.open("rb") as stream:
         begin = stream.read(4)
@@ -50,13 +50,14 @@ def open_parquet(path: Path, rate_hz: float | None) -> Log:
                 yield batch.column(0)[skip:]
             skip = max(skip - len(batch), 0)
 
-    return log_of_table(path, file.schema_arrow, file.metadata.num_rows, batches, rate_hz)
+    return log_of_table(path, file.schema_arrow, file.metadata.num_rows, batches, rate_hz, Options(time))
 
 
+@register_writer(".parquet", ".pq")
 def write_parquet(log: Log, path: Path) -> Path:
     """Write a log as `Log.write` says."""
-    if path.suffix.lower() not in (".parquet", ".pq"):
-        raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
+    if path.exists() and Path(log.name).exists() and path.samefile(log.name):
+        raise InputError(f"{path}: is the log itself; choose another name")
     queues = {name: _Rows(log.raw_blocks(name)) for name in log.channels}
     clock = {} if log.start_utc is None else {"start_utc": log.start_utc.isoformat()}
     schema = pa.schema(
@@ -68,8 +69,8 @@ def write_parquet(log: Log, path: Path) -> Path:
         replacing(path) as temporary,
         pa.parquet.ParquetWriter(temporary, schema, compression="zstd", use_dictionary=False) as writer,
     ):
-        for first in range(0, length, logs.BLOCK):
-            rows = min(logs.BLOCK, length - first)
+        for first in range(0, length, BLOCK):
+            rows = min(BLOCK, length - first)
             columns = [queues[field.name].take(rows, field.type) for field in schema]
             writer.write_table(pa.Table.from_arrays(columns, schema=schema))
     return path
@@ -103,6 +104,7 @@ def _field(channel: Channel, dtype: np.dtype[Any]) -> pa.Field:
         "rate_hz": channel.rate_hz,
         "start_s": channel.start_s,
         "samples": channel.samples,
+        **({"resolution": channel.resolution} if channel.resolution else {}),
     }
     return pa.field(
         channel.name, pa.from_numpy_dtype(dtype), metadata={METADATA_KEY: json.dumps(facts).encode()}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,12 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
-from shipfp_rs.logs.log import BLOCK, Channel, Log, Samples, one_line_errors
-from shipfp_rs.logs.readers.time_base import TIME_NAMES, seconds_per, split_unit
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.log import Log, one_line_errors
+from shipfp_rs.logs.readers.text_time import looks_like_time
+from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, TimePlan, Wish, find_time
+from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""
@@ -25,7 +29,24 @@ Batches = Callable[[str, int, int], Iterator[pa.Array]]
 """(column, first row, size) to its values from that row on, in arrays of at most the size."""
 
 
-def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rate_hz: float | None) -> Log:
+@dataclass(frozen=True)
+class Options:
+    """How a table is read: the wish for its time, whether its numbers have decimal commas, whether columns have names."""
+
+    time: str | None = None
+    european: bool = False
+    nameless: bool = False
+
+
+def log_of_table(
+    path: Path,
+    schema: pa.Schema,
+    rows: int,
+    batches: Batches,
+    rate_hz: float | None,
+    options: Options | None = None,
+    notes: Sequence[str] = (),
+) -> Log:
     """Build a log from a table; columns without numbers are left out, with a warning."""
     if len(set(schema.names)) < len(schema.names):
         twice = next(name for name in schema.names if schema.names.count(name) > 1)
@@ -37,9 +58,6 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
         name = field.name if name in fields else name
         fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
 
-    start_s, start_utc = 0.0, _start_utc(path, schema)
-    clock: Clock | None = None
-
     def same(row: int, earlier: int, count: int) -> bool:
         """Whether all numbers of some rows stand in earlier ones as well."""
         for field, _ in fields.values():
@@ -49,35 +67,46 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
                     return False
         return True
 
-    time = next((name for name in fields if name.lower() in TIME_NAMES), None)
-    if rows and time is not None and "rate_hz" not in fields[time][1]:
-        field, facts = fields.pop(time)
-        start_utc = start_utc or _first_stamp(field, batches)
-        scan = ClockScan()
-        for times in _times(path, field, facts["unit"], batches, start_utc):
-            scan.feed(times)
-        clock = scan.finish(str(path), time, same, trusted=rate_hz is None)
-        start_s, rate_hz = clock.start_s, rate_hz or clock.rate_hz
+    options = options or Options()
+    start_utc = _start_utc(path, schema)
+    plans = find_plans(path, fields, rows, batches, options)
+    times = {key for plan in plans for key in plan.keys}
+    used = {name for name, (field, _) in fields.items() if field.name in times}
+    fields = {name: entry for name, entry in fields.items() if name not in used}
+    axes = [_axis(path, plan, batches, rate_hz, same) for plan in plans]
+    zeros = [plan.zero for plan in plans if plan.zero]
+    zero = min(zeros, default=None)
+    start_utc = start_utc or zero
 
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
         raise InputError(f"{path}: no numbers in {', '.join(without)}; expected at least one channel of them")
-    if without:
-        warnings.warn(f"{path}: no numbers in {', '.join(without)}; left out", LogWarning, stacklevel=5)
-    channels = []
-    for name, (_, facts) in fields.items():
+    if lost := [name for name in without if not _is_other_time(fields[name][0], batches)]:
+        warnings.warn(f"{path}: no numbers in {', '.join(lost)}; left out", LogWarning, stacklevel=5)
+    channels: list[Channel] = []
+    axis_of: dict[str, TimeAxis] = {}
+    order = schema.names
+    for name, (field, facts) in fields.items():
         if name in without:
             continue
-        rate = facts.get("rate_hz", rate_hz)
-        if rate is None:
-            raise InputError(
-                f"{path}: no time base for {name!r}: neither a column {TIME_NAMES[0]!r} nor a rate; add the "
-                "column or give rate_hz (--rate)"
+        rate, begin, count = (
+            facts.get("rate_hz", rate_hz),
+            facts.get("start_s", 0.0),
+            min(facts["samples"], rows),
+        )
+        if axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
+            place = max(
+                (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(field.name)),
+                default=0,
             )
-        begin = facts.get("start_s", start_s)
-        # A column with a rate of its own does not go by the time column.
-        count = clock.samples if clock and "rate_hz" not in facts else min(facts["samples"], rows)
-        channels.append(Channel(name, facts["unit"], float(rate), count, float(begin)))
+            axis, own = axes[place], plans[place].zero
+            axis_of[name] = axis
+            later = (own - zero).total_seconds() if own and zero else 0.0
+            rate, begin, count = axis.rate_hz, axis.start_s + later, axis.samples
+        if rate is None:
+            raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
+        resolution = float(facts.get("resolution", 0.0))
+        channels.append(Channel(name, facts["unit"], float(rate), count, float(begin), resolution))
 
     def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
         field, facts = fields[channel]
@@ -89,16 +118,104 @@ def log_of_table(path: Path, schema: pa.Schema, rows: int, batches: Batches, rat
                 yield _samples(batch[:left])
                 left -= len(batch)
 
-    if clock is None or not clock.faults:
-        return Log(str(path), channels, blocks, start_utc)
-    for fault in clock.faults:
-        warnings.warn(f"{path}: {fault}", LogWarning, stacklevel=5)
-    by_clock = spliced(blocks, clock.segments)
+    readers = {name: axis.on_grid(blocks) for name, axis in axis_of.items()}
+    for axis in axes:
+        axis.tell(path)
 
     def at_their_times(channel: str, first: int, size: int) -> Iterator[Samples]:
-        return (blocks if "rate_hz" in fields[channel][1] else by_clock)(channel, first, size)
+        return readers.get(channel, blocks)(channel, first, size)
 
-    return Log(str(path), channels, at_their_times, start_utc, clock.faults)
+    told = (*notes, *(plan.note for plan in plans if plan.note))
+    faults = tuple(fault for axis in axes for fault in axis.faults)
+    return Log(str(path), channels, at_their_times, start_utc, faults, notes=told)
+
+
+def find_plans(
+    path: Path,
+    fields: Mapping[str, tuple[pa.Field, dict[str, Any]]],
+    rows: int,
+    batches: Batches,
+    options: Options,
+) -> list[TimePlan]:
+    """Find which columns are the time; only those that may be are read."""
+    if not rows:
+        return []
+    columns = []
+    first = next(iter(fields), "")
+    wished = Wish.of(options.time).columns if options.time else ()
+    for name, (field, facts) in fields.items():
+        asked = name in wished or field.name in wished or name.lower() in {text.lower() for text in wished}
+        likely = (
+            not wished
+            and "rate_hz" not in facts
+            and (is_time_like(field.type, name) or (options.nameless and name == first))
+        )
+        if asked or likely:
+            cells = pa.concat_arrays(_first(batches(field.name, 0, SAMPLE_ROWS)))
+            columns.append(Column(name, facts["unit"], field.name, cells))
+    names = {name: field.name for name, (field, _) in fields.items()}
+    return find_time(
+        path, columns, names, wish=options.time, european=options.european, nameless=options.nameless
+    )
+
+
+def is_time_like(kind: pa.DataType, name: str) -> bool:
+    """Whether a column may be time: timestamps, text, or numbers under a name of time."""
+    if pa.types.is_timestamp(kind) or pa.types.is_string(kind):
+        return True
+    return _is_number(kind) and not pa.types.is_boolean(kind) and (is_time(name) or is_date(name))
+
+
+def _is_other_time(field: pa.Field, batches: Batches) -> bool:
+    """Whether a column holds times that are not used, which the notes tell."""
+    if pa.types.is_timestamp(field.type) or not pa.types.is_string(field.type):
+        return bool(pa.types.is_timestamp(field.type))
+    cells = [
+        cell for part in _first(batches(field.name, 0, SAMPLE_ROWS)) for cell in part.to_pylist() if cell
+    ]
+    return bool(cells) and looks_like_time(cells[0])
+
+
+def _first(batches: Iterator[pa.Array]) -> list[pa.Array]:
+    parts, count = [], 0
+    for batch in batches:
+        parts.append(batch[: SAMPLE_ROWS - count])
+        count += len(parts[-1])
+        if count >= SAMPLE_ROWS:
+            break
+    return parts
+
+
+def _axis(
+    path: Path,
+    plan: TimePlan,
+    batches: Batches,
+    rate_hz: float | None,
+    same: Callable[[int, int, int], bool],
+) -> TimeAxis:
+    def cells(key: str) -> Iterator[pa.Array]:
+        return batches(key, 0, BLOCK)
+
+    def times() -> Iterator[npt.NDArray[np.float64]]:
+        with one_line_errors(path):
+            yield from plan.seconds(path, cells)
+
+    return time_axis(path, plan.name, times, rate_hz=rate_hz, same=same)
+
+
+def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without: Sequence[str]) -> str:
+    """What to add to a table that tells no time."""
+    for name, (_, facts) in fields.items():
+        if is_time(name) and facts["unit"]:
+            return (
+                f"column {name!r} is in {facts['unit']!r}, expected timestamps or a number of s, ms, us, ns, min or h; give "
+                "its unit (--time 'COLUMN [ms]') or rate_hz (--rate)"
+            )
+    texts = ", ".join(repr(name) for name in without[:3])
+    return (
+        "neither a column 'time' nor a rate; add the column or give rate_hz (--rate), or name the column of time (--time)"
+        + (f"; {texts} holds no time that is known here" if texts else "")
+    )
 
 
 def _rows(batches: Batches, column: str, first: int, count: int) -> Samples:
@@ -121,7 +238,13 @@ def _samples(values: pa.Array) -> Samples:
 def _facts(path: Path, field: pa.Field) -> dict[str, Any]:
     """What this package wrote about a channel."""
     facts = _json(path, field.metadata)
-    kinds = {"unit": str, "rate_hz": int | float, "start_s": int | float, "samples": int}
+    kinds = {
+        "unit": str,
+        "rate_hz": int | float,
+        "start_s": int | float,
+        "samples": int,
+        "resolution": int | float,
+    }
     for key, kind in kinds.items():
         if key in facts and not isinstance(facts[key], kind):
             raise InputError(
@@ -140,40 +263,6 @@ def _json(path: Path, metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
     if not isinstance(facts, dict):
         raise InputError(f"{path}: metadata {facts!r}, expected names and values; is the file damaged?")
     return facts
-
-
-def _first_stamp(field: pa.Field, batches: Batches) -> datetime | None:
-    """Return the first of a column of timestamps; those without a zone are taken as UTC."""
-    if not pa.types.is_timestamp(field.type):
-        return None
-    first = next(batches(field.name, 0, 1))[0].cast(pa.timestamp("us"), safe=False).as_py()
-    return first.replace(tzinfo=UTC) if first else None
-
-
-def _times(
-    path: Path, field: pa.Field, unit: str, batches: Batches, zero: datetime | None
-) -> Iterator[npt.NDArray[np.float64]]:
-    """Yield a time column in seconds; timestamps count from `zero`."""
-    offset = 0
-    if pa.types.is_timestamp(field.type):
-        unit = field.type.unit
-        offset = _microseconds(zero) * 1000 // round(seconds_per(path, unit) * 1e9)
-    elif not _is_number(field.type):
-        raise InputError(
-            f"{path}: time column holds {field.type}, expected timestamps or a number of s, ms, us or ns"
-        )
-    factor = seconds_per(path, unit)
-    with one_line_errors(path):
-        for batch in batches(field.name, 0, BLOCK):
-            if pa.types.is_timestamp(batch.type):
-                batch = batch.cast(pa.int64())
-            values = _samples(batch)
-            values = values.filled(0) if isinstance(values, np.ma.MaskedArray) else values
-            yield (values - offset if offset else values) * factor
-
-
-def _microseconds(instant: datetime | None) -> int:
-    return 0 if instant is None else (instant - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1)
 
 
 def _is_number(kind: pa.DataType) -> bool:

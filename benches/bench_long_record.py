@@ -1,0 +1,192 @@
+"""Time per sample of a long record over that of a short one, for every kernel that carries states.
+
+States and derivatives that decay must not reach subnormal numbers, with which a processor computes many times slower. The
+records are 100 s and 1600 s at 200 Hz; the set point moves in one case, and stands still after a second in the other.
+`python -m benches.bench_long_record`, with a release build installed. Processor seconds of one thread.
+"""
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+
+from benches.timing import in_turn, print_table, spread
+from shipfp_rs import Vessel, _core
+from shipfp_rs.vessel.drive_train import OFF
+
+RATE_HZ = 200.0
+SHORT_S, LONG_S = 100.0, 1600.0
+POLES = {"slow": (1.5, 10.0, 1.0), "fast": (0.03, 1.0, 50.0)}
+"""Time constant tau_n of the shaft [s], K_p, K_i: the slowest pole decays at 0.09 and at 23 per second."""
+NO_TABLE = np.empty(0)
+NO_QUADRANTS = np.empty((3, 0))
+
+
+def set_point(moves: bool, samples: int) -> np.ndarray:
+    """Relative deviation: a sine of 0.2 Hz, or a step of one second and nothing after it."""
+    time = np.arange(samples) / RATE_HZ
+    return 0.01 * np.sin(2.0 * np.pi * 0.2 * time) if moves else 0.01 * (time < 1.0)
+
+
+def linear_calls(poles: str, dn_set: np.ndarray, dead_time: float) -> dict[str, Callable[[], object]]:
+    tau_n, k_p, k_i = POLES[poles]
+    parameters = np.array([tau_n, -0.583, 1.583, k_p, k_i, 2.0, 0.4 * tau_n, dead_time, 0.0])
+    common = (dn_set, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]))
+    outputs, wrt = [0, 2], [0, 1, 2, 3, 4, 9, 10]
+    measured = np.random.default_rng(1).normal(size=(2, len(dn_set)))
+    filters = np.array([[1.0, -0.4, 0.1]] * 2)
+    many = np.tile(parameters, (16, 1))
+    calls: dict[str, Callable[[], object]] = {
+        "linear_sensitivities": lambda: _core.linear_sensitivities(parameters, *common, outputs, wrt),
+        "linear_products": lambda: _core.linear_products(
+            parameters, *common, outputs, measured, np.zeros(2), filters, wrt
+        ),
+    }
+    if dead_time == 0.0:
+        calls["linear_cost_batch"] = lambda: _core.linear_cost_batch(
+            many, *common, outputs, measured, np.eye(2), [], 1
+        )
+    return {f"{name}{', dead time' if dead_time else ''}": call for name, call in calls.items()}
+
+
+def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
+    tau_n, k_p, k_i = POLES[poles]
+    vessel = Vessel.load("stan-launch-804")
+    n_e = vessel.nominal_shaft_speed * vessel.plant_parameters()[1]
+    plant = dict(zip(_core.PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
+    plant["inertia"] *= tau_n / 1.5
+    plant["Kp_abs"] *= k_p / 10.0
+    plant["Ki_abs"] *= k_i
+    names = _core.DRIVE_TRAIN_PARAMETERS
+    free = ["inertia", "A1", "A2", "Kp_abs", "Ki_abs", "initial_speed", "initial_error"]
+    directions = np.array([[float(name == wanted) for name in names] for wanted in free])
+    n_set = n_e * (1.0 + dn_set)
+    common = (n_set, 1.0 / RATE_HZ, 2 if poles == "fast" else 1, "first")
+    measured = np.random.default_rng(1).normal(size=(2, len(n_set)))
+
+    def vector(**changes: float) -> np.ndarray:
+        start = {
+            "propeller_inertia": 0.4 * plant["inertia"],
+            "initial_speed": 1.001 * n_e / plant["gear_ratio"],
+            "initial_error": 0.0,
+            "set_point_before": n_e,
+            "turbocharger_lag": 1.0,
+            "derivative_filter": 0.05,
+            "drag_exponent": 1.0,
+            "firing_width": 0.5,
+            "blades": 3.0,
+            "blade_path": 1.7,
+            "inflow": 1.0,
+            "thrust_coefficient": 100.0,
+            "ship_resistance": 500.0,
+            "initial_ship_speed": 0.0,
+            "crank_angle": 0.0,
+            "limit_factor": 1.0,
+        }
+        values = OFF | plant | start | changes
+        return np.array([values[name] for name in names])
+
+    def products(parameters: np.ndarray) -> Callable[[], object]:
+        return lambda: _core.drive_train_products(
+            parameters,
+            NO_TABLE,
+            NO_TABLE,
+            np.ones(6),
+            NO_QUADRANTS,
+            *common,
+            [0, 2],
+            directions,
+            np.ones(2),
+            measured,
+            np.zeros(2),
+            np.ones((2, 1)),
+        )
+
+    lagging, sampled = vector(fuel_lag=0.005), vector(governor_period=0.005)
+    return {
+        "drive_train_products, two states": products(vector()),
+        "drive_train_products, lag": products(lagging),
+        "drive_train_products, sampled governor": products(sampled),
+        "simulate_drive_train, lag": lambda: _core.simulate_drive_train(
+            lagging, NO_TABLE, NO_TABLE, np.ones(6), NO_QUADRANTS, *common
+        ),
+    }
+
+
+def other_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
+    tau_n, k_p, k_i = POLES[poles]
+    A = np.array([[-(2.583 + 1.583 * k_p) / tau_n, 1.583 * k_i / tau_n], [-1.0, 0.0]])
+    B, C, D = np.array([1.583 * k_p / tau_n, 1.0]), np.array([[1.0, 0.0], [2.0, 0.5]]), np.zeros(2)
+    samples = len(dn_set)
+    # A stretch without measurement, behind which the filter rings out as fast as its pole says.
+    valid = np.arange(samples) % 4096 < 64
+    models = np.zeros((2, 8))
+    models[:, 0] = -np.exp(-1.0 / (RATE_HZ * tau_n))
+    rng = np.random.default_rng(2)
+    slopes, residuals = rng.normal(size=(3, samples)), rng.normal(size=(2, samples)) * valid
+    mix = rng.normal(size=(2, 4, 4))
+    return {
+        "simulate_statespace": lambda: _core.simulate_statespace(
+            A, B, C, D, dn_set, 1.0 / RATE_HZ, "zero", np.array([0.01, 0.0])
+        ),
+        "leftover_sums": lambda: _core.leftover_sums(
+            dn_set[None], [0], slopes, mix, residuals, valid, models
+        ),
+    }
+
+
+def calls(poles: str, moves: bool, duration_s: float) -> dict[str, Callable[[], object]]:
+    dn_set = set_point(moves, round(duration_s * RATE_HZ))
+    return {
+        **linear_calls(poles, dn_set, 0.0),
+        **linear_calls(poles, dn_set, 0.05 if poles == "slow" else 0.004),
+        **plant_calls(poles, dn_set),
+        **other_calls(poles, dn_set),
+    }
+
+
+def measure(repeats: int, short_s: float, long_s: float) -> list[list[str]]:
+    """Rows: kernel, poles, set point, ns a sample of the short record and of the long one, and their ratio."""
+    rows = []
+    for poles in POLES:
+        for moves in (True, False):
+            short, long = calls(poles, moves, short_s), calls(poles, moves, long_s)
+            for name in short:
+                # As many samples in one turn: the clock is coarse.
+                turns = round(long_s / short_s)
+
+                def often(call: Callable[[], object] = short[name], turns: int = turns) -> None:
+                    for _ in range(turns):
+                        call()
+
+                times = in_turn({"short": often, "long": long[name]}, repeats)
+                samples = long_s * RATE_HZ
+                figures = [np.median(times[key]) / samples * 1e9 for key in ("short", "long")]
+                ratios = [late / early for late, early in zip(times["long"], times["short"], strict=True)]
+                rows.append(
+                    [
+                        name,
+                        poles,
+                        "moves" if moves else "stands",
+                        *(f"{figure:.1f}" for figure in figures),
+                        spread(ratios),
+                    ]
+                )
+    return rows
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="short records, just to see that it runs")
+    options = parser.parse_args()
+    short_s, long_s = (1.0, 4.0) if options.quick else (SHORT_S, LONG_S)
+    rows = measure(1 if options.quick else options.repeats, short_s, long_s)
+    print_table(
+        ["kernel", "poles", "set point", f"ns at {short_s:g} s", f"ns at {long_s:g} s", "long / short"], rows
+    )
+
+
+if __name__ == "__main__":
+    main()

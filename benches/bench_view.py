@@ -1,0 +1,180 @@
+"""`shipfp view` of a long log: first overview against pyarrow's reading of the file, second opening, zoom and pan, memory.
+
+`python -m benches.bench_view` takes half an hour of log (18 million samples, five channels at 2 kHz, Parquet); `--full` the
+trial's 3.2 hours (114 million). Reading and opening take turns, each in a process of its own on two cores, imports not
+timed. The processors' own seconds stand beside the clock's: where others use the machine they change less. Zoom and pan
+are timed in Chromium, from the call to the drawing made of the stretch's own tiles; without Playwright and Chromium they
+are left out. Build with `maturin develop --release` first.
+"""
+
+import argparse
+import json
+import os
+import random
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benches.long_log import RUN2_S, long_log
+from benches.timing import print_table
+
+CORES = 2
+MOVES = 120
+ON_SCREEN_MS = 50.0
+"""Aim for the 95th percentile of zoom and pan."""
+
+
+def read(path: Path) -> dict[str, float]:
+    """Read the whole file into memory; the last of three times finds its memory warm."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    pa.set_cpu_count(CORES)
+    for _ in range(3):
+        table = None
+        start, busy_s = time.perf_counter(), time.process_time()
+        table = pq.read_table(path)
+        seconds, busy_s = time.perf_counter() - start, time.process_time() - busy_s
+    return {"seconds": seconds, "busy_s": busy_s, "samples": table.num_rows * table.num_columns}
+
+
+def overview(path: Path, again: bool) -> dict[str, float]:
+    """Open a log as the page does, up to the tiles of its coarsest level; the last of three times, as it is read."""
+    from shipfp_rs.view import pyramid
+    from shipfp_rs.view.document import Document
+
+    Document(path).log()  # imports what the format needs
+    times = []
+    for _ in range(1 if again else 3):
+        if not again:
+            for place in pyramid.places(path):
+                place.unlink(missing_ok=True)
+        start, busy_s = time.perf_counter(), time.process_time()
+        document = Document(path)
+        for series in document.series():
+            series.tile(series.depth - 1, 0)
+        times.append((time.perf_counter() - start, time.process_time() - busy_s))
+    return {"seconds": times[-1][0], "busy_s": times[-1][1], "cold_s": times[0][0]}
+
+
+def apart(*arguments: str) -> dict:
+    """Run one part in a process of its own on two cores."""
+    cores = sorted(os.sched_getaffinity(0))[:CORES]
+    done = subprocess.run(
+        [sys.executable, "-m", "benches.bench_view", "--part", *arguments],
+        check=True,
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, cores),
+    )
+    return json.loads(done.stdout)
+
+
+def part(name: str, path: Path) -> None:
+    """Do one part and print what it took."""
+    result = read(path) if name == "read" else overview(path, again=name == "again")
+    print(json.dumps({**result, "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+
+
+def peak_mib(pid: int) -> float:
+    """Most memory that a process has had; the pages of mapped files, which the system may take back, included."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
+
+
+def on_screen(path: Path, moves: int) -> tuple[list[float], list[float], float] | None:
+    """Milliseconds of zooms and pans until drawn, of the clock and per frame, and the server's peak memory [MiB]."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        return None
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None:
+        return None
+    command = [sys.executable, "-m", "shipfp_rs.cli", "view", str(path), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as driver:
+        try:
+            address = next(word for word in server.stdout.readline().split() if word.startswith("http"))
+            arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+            browser = driver.chromium.launch(executable_path=chromium, args=arguments)
+            page = browser.new_page(viewport={"width": 1400, "height": 900})
+            page.set_default_timeout(600_000)
+            page.goto(address)
+            page.wait_for_selector("body[data-ready]")
+            page.wait_for_selector("body[data-faults]")  # inspection takes both processors until it is done
+            first, last = page.evaluate("[shipfp.view.first, shipfp.view.last]")
+            chance = random.Random(0)
+            zooms, pans = [], []
+            for move in range(moves):
+                if move % 12 == 0:  # from all of it down to samples, about a place of its own
+                    page.evaluate("() => { shipfp.view.all(); return shipfp.view.whenSettled(); }")
+                    about = chance.uniform(first, last)
+                kind, call = (pans, "shift(0.3)") if move % 4 == 3 else (zooms, f"zoom(0.25, {about})")
+                timed = (
+                    f"async () => {{ const began = performance.now(); shipfp.view.{call}; "
+                    "await shipfp.view.whenSettled(); return performance.now() - began; }"
+                )
+                kind.append(page.evaluate(timed))
+                page.wait_for_timeout(100)  # a hand is slower than this
+            memory = peak_mib(server.pid)
+            browser.close()
+        finally:
+            server.terminate()
+    return zooms, pans, memory
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two minutes of log, just to see that it runs")
+    parser.add_argument("--full", action="store_true", help="3.2 hours, 114 million samples")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--folder", help="keep the log there, or take it from there")
+    parser.add_argument("--part", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.part:
+        part(options.part[0], Path(options.part[1]))
+        return
+    duration_s, repeats = (
+        (120.0, 1) if options.quick else (RUN2_S if options.full else 1800.0, options.repeats)
+    )
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(options.folder or temporary) / f"run2-{duration_s:.0f}.parquet"
+        if not path.exists():
+            long_log(duration_s).write(path)
+        apart("read", str(path))  # into the system's file cache
+        runs = [tuple(apart(name, str(path)) for name in ("read", "first", "again")) for _ in range(repeats)]
+        moved = on_screen(path, 12 if options.quick else MOVES)
+    print(
+        f"{runs[0][0]['samples'] / 1e6:.1f} million samples, {duration_s / 3600:.2f} h; median of {repeats} turns"
+    )
+    names = ("pyarrow.parquet.read_table", "first overview", "second opening")
+    rows = []
+    for k, name in enumerate(names):
+        row = [name]
+        for unit in ("seconds", "busy_s"):
+            took = statistics.median(run[k][unit] for run in runs)
+            ratio = statistics.median(run[k][unit] / run[0][unit] for run in runs)
+            row += [f"{took:.3f}", f"{ratio:.2f}"]
+        rows.append([*row, f"{max(run[k]['peak_mib'] for run in runs):.0f}"])
+    print_table(["", "s", "ratio", "CPU s", "ratio", "peak MiB"], rows)
+    cold_s = statistics.median(run[1]["cold_s"] for run in runs)
+    print(f"first overview of a fresh process, whose memory is cold: {cold_s:.2f} s")
+    if moved is None:
+        print("zoom and pan: left out, they need Playwright and Chromium")
+        return
+    zooms, pans, memory = moved
+    every = sorted([*zooms, *pans])
+    late = every[min(int(0.95 * len(every)), len(every) - 1)]
+    print(
+        f"{len(zooms)} zooms and {len(pans)} pans in Chromium: median {statistics.median(every):.0f} ms, "
+        f"95th percentile {late:.0f} ms (aim {ON_SCREEN_MS:.0f} ms); the server's peak memory {memory:.0f} MiB"
+    )
+
+
+if __name__ == "__main__":
+    main()

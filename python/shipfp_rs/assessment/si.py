@@ -1,0 +1,87 @@
+"""A fingerprint in SI units: inertias, slopes and gains, through the vessel's gear ratio and the operating point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.vessel.vessel import Vessel
+
+ENGINE_SIDE = "M_b"
+
+
+def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]:
+    """Return what the parameters are in SI units, with intervals, for the mean operating point of the data.
+
+    Parameters
+    ----------
+    fingerprint
+        Estimates in normalised terms; the operating points stand in its data.
+    vessel
+        Gives the gear ratio and, for a torque of the engine, the efficiency between engine and shaft.
+
+    Returns
+    -------
+    dict
+        Quantity to {"value", "std", "ci95", "unit"}; a parameter that the data do not tell has none. Inertias are seen
+        from the propeller shaft, gains act on the engine's speed in rpm.
+
+    Notes
+    -----
+    Eq. 3.23 of the thesis: tau_n = 2 pi I_p n_s0 / M_s0 with n_s0 in rev/s of the shaft; dM/dn = g M_0 / n_0.
+    """
+    point = _operating_point(fingerprint)
+    if point is None:
+        return {}
+    engine_rpm, torque, signal = point
+    shaft_torque = (
+        torque * vessel.gearbox.ratio * vessel.gearbox.efficiency if signal == ENGINE_SIDE else torque
+    )
+    shaft_speed = engine_rpm / 60.0 / vessel.gearbox.ratio
+    inertia = abs(shaft_torque) / (2.0 * math.pi * abs(shaft_speed))
+    slope = abs(shaft_torque) / (abs(engine_rpm) * vessel.gearbox.ratio * vessel.gearbox.efficiency)
+    factors = {
+        "tau_n": ("inertia", inertia, "kg m2"),
+        "tau_prop": ("propeller_inertia", inertia, "kg m2"),
+        "g": ("engine_slope", slope, "Nm/rpm"),
+        "vK_p": ("proportional_gain", slope, "Nm/rpm"),
+        "vK_i": ("integral_gain", slope, "Nm/(rpm s)"),
+        "p": ("propeller_exponent", 1.0, "-"),
+        "T_d": ("dead_time_loop", 1.0, "s"),
+        "T_set": ("dead_time_set_point", 1.0, "s"),
+        "tau_act": ("actuator_lag", 1.0, "s"),
+        "M_max": ("torque_limit", abs(shaft_torque), "Nm"),
+    }
+    rows = {}
+    for name, (quantity, factor, unit) in factors.items():
+        estimate = fingerprint.parameters.get(name)
+        if estimate is not None and estimate.value is not None:
+            rows[quantity] = _scaled(estimate, factor, unit)
+    return rows
+
+
+def _scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
+    assert estimate.value is not None
+    interval = None if estimate.ci95 is None else [factor * end for end in estimate.ci95]
+    return {
+        "value": factor * estimate.value,
+        "std": None if estimate.std is None else factor * estimate.std,
+        "ci95": interval,
+        "unit": unit,
+    }
+
+
+def _operating_point(fingerprint: Fingerprint) -> tuple[float, float, str] | None:
+    """Return engine speed [rpm], torque [Nm] and the torque's signal, means over the experiments; None without a torque."""
+    speeds, torques, signal = [], [], ""
+    for record in fingerprint.data:
+        point: Mapping[str, float] = record.get("operating_point", {})
+        signal = str(record.get("signals", {}).get("dM", ""))
+        if "n_e" in point and signal in point:
+            speeds.append(float(point["n_e"]))
+            torques.append(float(point[signal]))
+    if not speeds:
+        return None
+    return sum(speeds) / len(speeds), sum(torques) / len(torques), signal

@@ -1,0 +1,50 @@
+"""`shipfp view`: look through a log in the browser, mark windows, write TRIAL.toml, run it, read reports."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from shipfp_rs.cli.output import print_text
+from shipfp_rs.errors import InputError
+
+
+def view(
+    path: Annotated[
+        Path, typer.Argument(metavar="LOG|TRIAL.toml|DIR", help="What to look at.", show_default=False)
+    ] = Path(),
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the log tells none.")
+    ] = None,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address and open nothing.")
+    ] = False,
+) -> None:
+    """Look through a log in the browser, mark windows, write TRIAL.toml, run it and read the report.
+
+    The page is served by this command alone, on this machine alone, until Ctrl-C. Beside the log a file
+    NAME.shipfp-pyramid is kept, so that it opens at once the next time; it may be deleted.
+    """
+    from shipfp_rs.logs.log import Log
+    from shipfp_rs.view.desk import Desk
+    from shipfp_rs.view.pyramid import stored
+    from shipfp_rs.view.server import serving, wait_for_the_end
+
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; give a log, a TRIAL.toml or a folder")
+    desk = Desk(path if path.is_dir() else path.parent)
+    page = "folder.html"
+    if path.suffix == ".toml" and path.is_file():
+        page = f"look.html?doc={desk.open_trial(path)[0]}"
+    elif path.is_file():
+        if stored(path, rate_hz) is None:
+            Log.open(path, rate_hz=rate_hz)  # what can't be read is told here, not in the page
+        page = f"look.html?doc={desk.open(path, rate_hz)}"
+    with serving(desk, page) as server:
+        print_text(f"{path}: {server.address}", "Ctrl-C ends it.")
+        if not no_browser:
+            webbrowser.open(server.address)
+        wait_for_the_end()

@@ -1,0 +1,236 @@
+"""From the data's choice of a structure to a fingerprint: intervals that hold after the choice, and what is missed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.choose import Choice, Chooser, Fitted, State
+from shipfp_rs.identification.estimates import estimates
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
+from shipfp_rs.identification.residual_tests import INPUT_LAGS
+from shipfp_rs.identification.verdict import shown
+from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.structure import Torque
+
+SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
+"""Torque signals, the best one first, with the side of the inertia that each is read on."""
+LARGE_MISS_PCT = 10.0
+"""Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
+SMALL_MISS_PCT = 1.0
+"""Part of an output's spread that a model may miss and still stand: a calibrated torque gauge is off by 1 to 1.6 %
+(static torque check of the thesis, eq. 6.3)."""
+KNOWN = ("free", "prior")
+"""States of an estimate that has an interval of its own."""
+
+
+def chooser_of(
+    experiments: Sequence[Experiment],
+    *,
+    torque: Torque | None,
+    outputs: Sequence[str] | None,
+    elements: Mapping[str, bool],
+    narrow: Mapping[str, Mapping[str, object]],
+    search: Mapping[str, object],
+) -> Chooser:
+    """Return what fits structures to the experiments, with the outputs that all of them measured.
+
+    Raises
+    ------
+    InputError
+        Where no speed was measured, or an unknown element is forced on or off.
+    """
+    for name in elements:
+        if name not in ELEMENTS:
+            raise InputError(f"elements: no {name!r}, expected some of {', '.join(ELEMENTS)}")
+    common = set.intersection(*(set(experiment.signals) for experiment in experiments))
+    if not common & {"n_e", "n_s"}:
+        raise InputError("identify: no experiment has a speed, expected the signal n_e or n_s")
+    located = torque or next((side for signal, side in SIGNALS.items() if signal in common), None)
+    if outputs is None:
+        outputs = [
+            "dn",
+            *(["dM"] if located and common & set(SIGNALS) else []),
+            *(["dX"] if "X_f" in common else []),
+        ]
+    return Chooser(
+        experiments,
+        torque=located or "brake",
+        outputs=outputs,
+        forced=[name for name, on in elements.items() if on],
+        excluded=[name for name, on in elements.items() if not on],
+        narrow=narrow,
+        search=search,
+    )
+
+
+def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
+    """Return the fingerprint with the union of the intervals of all structures that the data do not reject.
+
+    The union covers where any of them is right, whichever was chosen; a parameter that one of them leaves open is
+    open. A parameter that a structure lacks has the value of its element that is off, zero.
+    """
+    parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
+    for rival in choice.rivals:
+        # A rival's own profile would cost as much as the choice's, to move an end of a union by little.
+        found = estimates(replace(rival.search, intervals="symmetric"), rival.minimum)
+        others = {**found.parameters, **found.derived}
+        words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
+        for group in (parameters, derived):
+            for name, estimate in group.items():
+                lacks = group is parameters and name not in others
+                group[name] = _joined(estimate, others.get(name), words, off=lacks)
+    return replace(fingerprint, parameters=parameters, derived=derived)
+
+
+def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool) -> Estimate:
+    if estimate.status not in KNOWN or estimate.ci95 is None:
+        return estimate
+    if other is None:
+        # A rival without the element has zero in its parameter's place.
+        return replace(estimate, ci95=(min(0.0, estimate.ci95[0]), estimate.ci95[1])) if off else estimate
+    if other.ci95 is None:
+        if other.status == "fixed" or other.value is not None:
+            return estimate
+        return replace(
+            estimate,
+            value=None,
+            std=None,
+            ci95=None,
+            status="unidentifiable",
+            reason=f"not told by a structure that fits as well ({words}): {other.reason}",
+        )
+    low, high = min(estimate.ci95[0], other.ci95[0]), max(estimate.ci95[1], other.ci95[1])
+    widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
+    std = None if estimate.std is None else estimate.std * widened
+    return replace(estimate, ci95=(low, high), std=std)
+
+
+def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
+    """Return each element's state, its evidence (change of the deviance), and the limit of one that is off."""
+    rows: dict[str, dict[str, Any]] = {}
+    for name, state in choice.states.items():
+        evidence = choice.evidence.get(name)
+        rows[name] = {
+            "state": state,
+            "evidence": None if evidence is None or not np.isfinite(evidence) else float(evidence),
+            "limit": _limit(choice, name, state),
+            "words": ELEMENTS[name].words,
+        }
+    for name in choice.best.elements:
+        rows.setdefault(name, {"state": "on", "evidence": None, "limit": None, "words": ELEMENTS[name].words})
+    return rows
+
+
+def _limit(choice: Choice, name: str, state: State) -> dict[str, Any] | None:
+    """Return the 95 % limit of an element that is off: above it (below it, for a torque limit) the data reject it."""
+    limit = choice.limits.get(name)
+    if state == "on" or limit is None:
+        return None
+    parameter = ELEMENTS[name].parameters[0]
+    return {"parameter": parameter.name, "value": limit, "unit": parameter.unit, "level": 0.95}
+
+
+def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
+    """Return whether the model stands, what it misses of each output, and what that can do to each parameter.
+
+    What the set point still explains of an output's whitened residual, less what chance explains, is its miss: the root
+    of that share of the residual, in per cent of the output's spread. The test's statistic over its degrees of freedom
+    is the residual's power along what the set point drives over that of noise, and estimates follow the residual along
+    nothing else: a dispersion, by whose root their deviations grow (McCullagh and Nelder 1989, section 4.5).
+    """
+    freedom = float(INPUT_LAGS + 1)
+    samples = sum(block.count for block in choice.search.blocks)
+    misses, dispersion = {}, 1.0
+    for name, row in fingerprint.fit.items():
+        if name == "overall":
+            continue
+        share = float(row.get("input_explained_pct") or 0.0) / 100.0
+        rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
+        misses[name] = 100.0 * float(np.sqrt(max(share - freedom / samples, 0.0))) * rest
+        dispersion = max(dispersion, share * samples / freedom)
+    p = fingerprint.fit.get("overall", {}).get("structure_p")
+    unchallenged = p is None or p >= ALARM
+    dispersion = 1.0 if unchallenged else dispersion
+    bias = {
+        name: estimate.std * float(np.sqrt(dispersion - 1.0))
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status in KNOWN and estimate.std is not None
+    }
+    stands = unchallenged or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
+    return {"stands": bool(stands), "misses_pct": misses, "bias": bias, "dispersion": dispersion}
+
+
+def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fingerprint:
+    """Return the fingerprint with what a misfit can do added to the intervals, in quadrature with their halves."""
+    parameters = dict(fingerprint.parameters)
+    for name, bound in bias.items():
+        estimate = parameters[name]
+        if bound == 0.0 or estimate.ci95 is None or estimate.value is None:
+            continue
+        low, high = (
+            estimate.value + sign * float(np.hypot(end - estimate.value, 1.96 * bound))
+            for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
+        )
+        std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
+        parameters[name] = replace(estimate, ci95=(low, high), std=std)
+    return replace(fingerprint, parameters=parameters)
+
+
+def reworded(fingerprint: Fingerprint) -> Fingerprint:
+    """Return the fingerprint with a verdict that opens with what it can be used for, elements and misfit included."""
+    known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
+    open_ones = [
+        name for name, estimate in fingerprint.parameters.items() if estimate.status not in (*KNOWN, "fixed")
+    ]
+    adequate = fingerprint.adequate
+    worst = max(adequate["misses_pct"].values(), default=0.0)
+    if not known:
+        usable = "Not usable, because the data tell no parameter by itself."
+    elif not adequate["stands"] and worst > LARGE_MISS_PCT:
+        usable = f"Not usable, because the model misses {worst:.2g} % of the response that the set point still explains."
+    elif open_ones:
+        usable = (
+            f"Usable for simulation and comparison, except where {_listed(open_ones)} must be known alone."
+        )
+    else:
+        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter."
+    rest = [
+        line for line in fingerprint.verdict if not line.startswith(("Known:", "The residuals contradict"))
+    ]
+    lines = [usable]
+    if known:
+        lines.append("Known: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + ".")
+    acting = [row["words"] for row in fingerprint.elements.values() if row["state"] == "on"]
+    limits = [
+        f"{row['words']} ({row['limit']['parameter']} {'above' if name == 'torque_limit' else 'below'} "
+        f"{row['limit']['value']:.3g} {row['limit']['unit']}, 95 %)".replace(" -,", ",")
+        for name, row in fingerprint.elements.items()
+        if row["state"] == "off" and row["limit"]
+    ]
+    undecided = [row["words"] for row in fingerprint.elements.values() if row["state"] == "open"]
+    if acting:
+        lines.append("Acting elements: " + ", ".join(acting) + ".")
+    if limits:
+        lines.append("Not found to act: " + ", ".join(limits) + ".")
+    if undecided:
+        lines.append(
+            "Undecided, with and without it the model fits as well: "
+            + ", ".join(undecided)
+            + "; the intervals hold for both."
+        )
+    if adequate["dispersion"] > 1.0:
+        missed = ", ".join(f"{value:.2g} % of {name}" for name, value in adequate["misses_pct"].items())
+        lines.append(
+            f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."
+        )
+    return replace(fingerprint, usable=usable, verdict=(*lines, *rest))
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " or " + names[-1]

@@ -1,0 +1,131 @@
+"""Plausibility before a fit: whether there is anything to fit, and whether the channels can be what they are called."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.arrays import Array
+
+LEAST_SWING = 2e-3
+"""Standard deviation of a set point, or of a load, over its operating point, below which it excites nothing."""
+LEAST_SAMPLES = 200
+"""Samples below which no experiment tells a drive train."""
+LEAST_CORRELATION = 0.3
+"""Correlation of the speed with the set point at the best delay below which it does not follow."""
+LONGEST_DELAY_S = 5.0
+"""Longest delay at which the speed is looked for behind its set point [s]."""
+SLOW_HZ = 1.0
+"""Band in which channels are compared [Hz]."""
+POINT_OFF = 0.3
+"""Part by which the mean of a signal may be off its operating point."""
+
+
+def require_excited(experiments: Sequence[Experiment]) -> None:
+    """Refuse experiments that nothing can be found from, or whose channels can't be what they are called.
+
+    Raises
+    ------
+    InputError
+        One line for the first finding: too few samples, a set point that stands still, a speed that does not follow,
+        a torque of the wrong sign, an operating point that is off.
+    """
+    for experiment in experiments:
+        if len(experiment) < LEAST_SAMPLES:
+            raise InputError(
+                f"{experiment.name!r}: {len(experiment)} samples, expected at least {LEAST_SAMPLES}; widen the window"
+            )
+        _require_operating_point(experiment)
+    moving = [experiment for experiment in experiments if _swing(experiment) >= LEAST_SWING]
+    if not moving:
+        worst = max(experiments, key=_swing)
+        raise InputError(
+            f"{worst.name!r}: the set point moves by {100 * _swing(worst):.2g} % of the operating point, expected at least "
+            f"{100 * LEAST_SWING:.2g} %; a set point that stands still tells nothing"
+        )
+    for experiment in moving:
+        _require_following(experiment)
+        _require_torque_sign(experiment)
+
+
+def _swing(experiment: Experiment) -> float:
+    loads = [experiment.normalised("M_load")] if "M_load" in experiment.signals else []
+    return max(float(np.nanstd(values)) for values in (experiment.dn_set, *loads))
+
+
+def _slow(values: Array, rate_hz: float) -> Array:
+    whole = np.isfinite(values)
+    index = np.arange(len(values))
+    bridged = np.interp(index, index[whole], values[whole])
+    filt = butter(2, min(SLOW_HZ / (0.5 * rate_hz), 0.9), output="sos")
+    return np.asarray(sosfiltfilt(filt, bridged - bridged.mean()))
+
+
+def _speed(experiment: Experiment) -> tuple[str, Array] | None:
+    for name in ("n_e", "n_s"):
+        if name in experiment.signals and np.isfinite(experiment.signals[name]).sum() > LEAST_SAMPLES // 2:
+            return name, experiment.normalised(name)
+    return None
+
+
+def _require_operating_point(experiment: Experiment) -> None:
+    for name in ("n_set", "n_e", "n_s", "M_g", "M_s", "M_b"):
+        if name not in experiment.signals or name not in experiment.operating_point:
+            continue
+        values = experiment.normalised(name)
+        if not np.isfinite(values).any():
+            continue
+        mean = float(np.nanmean(values))
+        if abs(mean) > POINT_OFF:
+            raise InputError(
+                f"{experiment.name!r}: {name} is {100 * (1 + mean):.3g} % of its operating point on average, expected about "
+                "100 %; check the calibration, the unit and the operating point"
+            )
+
+
+def _require_following(experiment: Experiment) -> None:
+    if "M_load" in experiment.signals and float(np.std(experiment.dn_set)) < LEAST_SWING:
+        return
+    found = _speed(experiment)
+    if found is None:
+        return
+    name, values = found
+    rate = experiment.rate_hz
+    asked, speed = _slow(experiment.dn_set, rate), _slow(values, rate)
+    longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
+    lags = np.unique(np.linspace(0, longest, 41).astype(int))
+    pairs = [float(np.corrcoef(asked[: len(asked) - lag], speed[lag:])[0, 1]) for lag in lags]
+    best = max(pairs, key=abs)
+    if not np.isfinite(best) or abs(best) < LEAST_CORRELATION:
+        raise InputError(
+            f"{experiment.name!r}: {name} does not follow the set point (correlation {best:.2g} at best within "
+            f"{LONGEST_DELAY_S:g} s), expected at least {LEAST_CORRELATION:g}; is the set point's column the right one?"
+        )
+    if best < 0.0:
+        raise InputError(
+            f"{experiment.name!r}: {name} falls when the set point rises (correlation {best:.2g}), expected it to rise; "
+            "turn the sign of the set point's calibration"
+        )
+
+
+def _require_torque_sign(experiment: Experiment) -> None:
+    found = _speed(experiment)
+    name = next((name for name in ("M_g", "M_s", "M_b") if name in experiment.signals), None)
+    if found is None or name is None:
+        return
+    torque = experiment.normalised(name)
+    if not np.isfinite(torque).any():
+        return
+    slow, speed = _slow(torque, experiment.rate_hz), _slow(found[1], experiment.rate_hz)
+    columns = np.column_stack([speed, np.gradient(speed) * experiment.rate_hz])
+    fitted = np.linalg.lstsq(columns, slow, rcond=None)[0]
+    rest = slow - columns @ fitted
+    explained = 1.0 - float(rest @ rest) / max(float(slow @ slow), 1e-300)
+    if fitted[1] < 0.0 and explained > 0.5:
+        raise InputError(
+            f"{experiment.name!r}: {name} falls while the shaft speeds up, expected it to rise; turn the sign of its scale"
+        )

@@ -1,0 +1,272 @@
+"""A structure and its data as one weighted least-squares problem: residuals, sensitivities and the noise of both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.identification.blocks import Block, Evaluation
+from shipfp_rs.optimise.normal_equations import Products
+from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
+
+NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of the residuals: the inverse square root of their covariance, and each output's AR model."""
+
+    root: Array
+    models: tuple[Array, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """One minimum found: the full vector (parameters, then every block's unknowns), its criterion, how it ended.
+
+    `sums` are every block's there, filtered by the noise's models.
+    """
+
+    vector: Array
+    criterion: float
+    converged: bool
+    message: str
+    evaluations: int
+    noise: Noise
+    sums: Sequence[Products]
+
+
+@dataclass(frozen=True)
+class WeightedProblem:
+    """A structure, its data and the way to weigh them."""
+
+    structure: Structure
+    blocks: tuple[Block, ...]
+    weighting: str
+    noise: str
+    huber: float | None = None
+    ridge: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    initial: Mapping[str, float] = field(default_factory=dict)
+    covariance: str = "model"
+    intervals: str = "profile"
+    weights: Noise | None = None
+    """Weights and noise models that are given, as another search left them; None: they follow the residuals."""
+
+    @cached_property
+    def free(self) -> tuple[Parameter, ...]:
+        """The parameters searched for."""
+        return self.structure.free
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters searched for."""
+        return tuple(parameter.name for parameter in self.free)
+
+    @cached_property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names along the full vector; those of several experiments carry its name."""
+        several = len(self.blocks) > 1
+        own = [
+            f"{name} ({block.data.name})" if several else name
+            for block in self.blocks
+            for name in block.nuisance
+        ]
+        return (*self.names, *own)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the full vector."""
+        return len(self.free) + sum(len(block.nuisance) for block in self.blocks)
+
+    def values(self, vector: Array) -> dict[str, float]:
+        """Return every parameter by name, fixed and tied ones included."""
+        values = {parameter.name: parameter.start for parameter in self.structure.parameters}
+        found = {name: float(value) for name, value in zip(self.names, vector, strict=False)}
+        return self.structure.complete(values | dict(self.initial) | found)
+
+    def places(self) -> Iterator[slice]:
+        """Yield where each block's own unknowns stand in the full vector."""
+        start = len(self.free)
+        for block in self.blocks:
+            yield slice(start, start + len(block.nuisance))
+            start += len(block.nuisance)
+
+    def each(self, vector: Array) -> Iterator[tuple[Block, dict[str, float]]]:
+        """Yield every block with the values of all that its model depends on."""
+        values = self.values(vector)
+        for block, own in zip(self.blocks, self.places(), strict=True):
+            yield block, values | dict(zip(block.nuisance, map(float, vector[own]), strict=True))
+
+    def evaluate(self, vector: Array, names: Sequence[str] | None = None) -> list[Evaluation]:
+        """Evaluate every block; each Jacobian has the block's own columns last, after those of `names` (None: all)."""
+        names = self.names if names is None else names
+        return [block.evaluate(values, names) for block, values in self.each(vector)]
+
+    def filtered(
+        self, vector: Array, noise: Noise, names: Sequence[str] | None = None, *, constants: bool = True
+    ) -> list[Evaluation]:
+        """Evaluate every block and prewhiten the experiments, with or without the columns of offsets."""
+        names = self.names if names is None else names
+        return [
+            block.filtered(values, names, noise.models, constants=constants)
+            for block, values in self.each(vector)
+        ]
+
+    def whitened(self, minimum: Minimum) -> tuple[list[Evaluation], Array, Array]:
+        """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
+
+        The Jacobian is that of the residual, minus that of the model. Long records are turned into as few rows as have
+        the same products, unless a threshold bends single residuals.
+        """
+        vector, noise = minimum.vector, minimum.noise
+        if self.huber is None:
+            evaluations = [
+                block.turned(values, self.names, noise.models, noise.root, sums)
+                for (block, values), sums in zip(self.each(vector), minimum.sums, strict=True)
+            ]
+        else:
+            evaluations = self.filtered(vector, noise)
+        parts = [part.reshape(len(part), -1).T for part in self.parts(evaluations, noise)]
+        rows = np.concatenate([*parts, self.priors(vector)])
+        return evaluations, rows[:, -1], rows[:, :-1]
+
+    def sums(self, vector: Array, noise: Noise) -> list[Products]:
+        """Pass over the data once: every block's sums of products, filtered by the noise's models."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return [block.products(values, self.names, noise.models) for block, values in self.each(vector)]
+
+    def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
+        """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.
+
+        A threshold bends single residuals, so with one they are computed again, whatever their sums.
+        """
+        priors = self.priors(vector)
+        gram = np.asarray(priors.T @ priors)
+        if self.huber is not None:
+            for part in self.parts(self.filtered(vector, noise), noise):
+                rows = part.reshape(len(part), -1)
+                gram += rows @ rows.T
+            return gram
+        with np.errstate(over="ignore", invalid="ignore"):
+            for grid, products in zip(self._grids, sums, strict=True):
+                gram[grid] += products.gram(noise.root)
+        return gram
+
+    @cached_property
+    def _grids(self) -> list[tuple[npt.NDArray[np.intp], ...]]:
+        """Where each block's columns and residual stand in the products of all."""
+        places = [np.r_[: len(self.free), own.start : own.stop, self.size] for own in self.places()]
+        return [np.ix_(place, place) for place in places]
+
+    @cached_property
+    def linear(self) -> npt.NDArray[np.bool_]:
+        """True for the unknowns in which the residual is linear and the cost quadratic, shape (Q,)."""
+        own = [name in block.linear for block in self.blocks for name in block.nuisance]
+        return np.array([False] * len(self.free) + own) & (self.huber is None)
+
+    def parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
+        """Yield each block's [-d(model)/d(vector), e], weighted, shape (Q + 1, O, R)."""
+        start, free = len(self.free), len(self.free)
+        for block, evaluation in zip(self.blocks, evaluations, strict=True):
+            part = rows = _weighted(evaluation, noise)
+            if len(self.blocks) > 1:
+                part = np.zeros((self.size + 1, *rows.shape[1:]))
+                part[:free], part[-1] = rows[:free], rows[-1]
+                part[start : start + len(block.nuisance)] = rows[free:-1]
+            if self.huber is not None:
+                _bend(part, self.huber)
+            start += len(block.nuisance)
+            yield part
+
+    def priors(self, vector: Array) -> Array:
+        """Rows [J, e] of the priors, (mean - value) / std, and of the ridge, sqrt(weight) (nominal - value), eq. 4.6."""
+        rows = [(i, p.prior[0], 1.0 / p.prior[1]) for i, p in enumerate(self.free) if p.prior is not None]
+        rows += [
+            (self.names.index(name), nominal, weight**0.5) for name, (nominal, weight) in self.ridge.items()
+        ]
+        table = np.zeros((len(rows), self.size + 1))
+        for row, (index, nominal, factor) in enumerate(rows):
+            table[row, index] = -factor
+            table[row, -1] = (nominal - vector[index]) * factor
+        return table
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of the full vector; a block's own unknowns have none."""
+        open_end = np.full(self.size - len(self.free), np.inf)
+        lower = np.array([parameter.lower for parameter in self.free])
+        upper = np.array([parameter.upper for parameter in self.free])
+        return np.concatenate([lower, -open_end]), np.concatenate([upper, open_end])
+
+    def noise_at(self, vector: Array, noise: Noise, count: int, scatter: Array) -> tuple[Noise, float]:
+        """Weights that fit the residuals filtered by the noise's models, and what the minima are ranked by.
+
+        The weights are the identity, inverse standard deviations, or the inverse root of the covariance. With them the
+        criterion is N ln det of the scatter of so many samples' residuals.
+        """
+        outputs = len(scatter)
+        if self.weighting == "variance":
+            scatter = np.diag(np.diag(scatter))
+        criterion = float(count * np.linalg.slogdet(scatter + 1e-300 * np.eye(outputs))[1])
+        if self.huber is not None:
+            scatter = np.diag(_robust_variance(self.filtered(vector, noise, ())))
+        # A perfect fit leaves no scatter to weigh by; this floor is far below any measurement.
+        floor = 1e-24 + 1e-14 * np.trace(scatter) / outputs
+        factor = np.linalg.cholesky(scatter + floor * np.eye(outputs))
+        return replace(noise, root=np.linalg.inv(factor)), criterion
+
+    def initial_noise(self) -> Noise:
+        """Weights before the first fit: by the spread of each measured output."""
+        outputs = len(self.structure.outputs)
+        if self.weights is not None:
+            return self.weights
+        if self.weighting in ("none", "std"):
+            return Noise(np.eye(outputs))
+        spread = np.sum([np.diag(block.scatter) for block in self.blocks], axis=0)
+        return Noise(np.diag(1.0 / np.sqrt(np.maximum(spread / len(self.blocks), 1e-24))))
+
+    def require_stable(self, vector: Array) -> None:
+        """Raise SimulationError where the closed loop of a structure that can tell is unstable."""
+        if not self.structure.equations.stable(self.values(vector)):
+            raise SimulationError("the closed loop is unstable, a ship that was measured is not")
+
+
+def mean_scatter(sums: Sequence[Products]) -> tuple[int, Array]:
+    """Return the number of samples and the mean outer product of their residuals, shape (O, O)."""
+    count = sum(part.count for part in sums)
+    if count == 0:
+        raise InputError(NOTHING_LEFT)
+    return count, np.asarray(sum(part.scatter for part in sums) / count)
+
+
+def _weighted(evaluation: Evaluation, noise: Noise) -> Array:
+    """Weighted rows of [-d(model)/d(unknown), e], shape (Q + 1, O, R)."""
+    rows = np.empty((len(evaluation.jacobian) + 1, *evaluation.residual.shape))
+    np.matmul(-noise.root, evaluation.jacobian, out=rows[:-1])
+    np.matmul(noise.root, evaluation.residual, out=rows[-1])
+    return rows
+
+
+def _bend(part: Array, threshold: float) -> None:
+    """Make the squares of the residuals (last row of the part) grow linearly above the threshold, in place.
+
+    Quadratic up to it, then 2 k |e| - k^2, with the same value and slope there (eq. 4.7; 4.8 as printed jumps).
+    """
+    residual = part[-1]
+    large = np.abs(residual) > threshold
+    bent = np.sqrt(2.0 * threshold * np.abs(residual[large]) - threshold**2)
+    part[:-1, large] *= threshold / bent
+    residual[large] = np.sign(residual[large]) * bent
+
+
+def _robust_variance(evaluations: Sequence[Evaluation]) -> Array:
+    """Variance of each output from the median absolute deviation, which outliers leave alone, shape (O,)."""
+    joined = np.concatenate([evaluation.residual[:, evaluation.valid] for evaluation in evaluations], axis=1)
+    spread = np.median(np.abs(joined - np.median(joined, axis=1, keepdims=True)), axis=1)
+    return np.asarray((1.4826 * spread) ** 2)

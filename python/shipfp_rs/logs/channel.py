@@ -1,0 +1,51 @@
+"""One recorded channel: what is known of it, and in which pieces its samples come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy.typing as npt
+
+Samples = npt.NDArray[Any]
+Blocks = Callable[[str, int, int], Iterator[Samples]]
+"""(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
+
+Numbers that can't be NaN have their gaps in a masked array, so that none of their bits is lost."""
+BLOCK = 1 << 20
+"""Samples read or written at once where the caller has no wish."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One recorded channel.
+
+    Parameters
+    ----------
+    name
+        As the logger wrote it, without its unit.
+    unit
+        Unit as the logger wrote it; empty where it wrote none.
+    rate_hz
+        Sample rate [Hz].
+    samples
+        Number of samples.
+    start_s
+        Time of the first sample on the log's clock [s].
+    resolution
+        Step in which values are told, in the unit: a bit of a bus; 0 where it is not known. Its square over twelve is
+        the variance of the rounding.
+    """
+
+    name: str
+    unit: str
+    rate_hz: float
+    samples: int
+    start_s: float = 0.0
+    resolution: float = 0.0
+
+    @property
+    def stop_s(self) -> float:
+        """Time just after the last sample [s]."""
+        return self.start_s + self.samples / self.rate_hz

@@ -1,0 +1,84 @@
+"""File formats: which module reads a suffix, and what the first bytes of a text say."""
+
+from __future__ import annotations
+
+import re
+
+MODULES = {
+    ".parquet": "parquet",
+    ".pq": "parquet",
+    ".feather": "arrow_ipc",
+    ".arrow": "arrow_ipc",
+    ".arrows": "arrow_ipc",
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log"), "delimited"),
+    ".asc": "delimited",
+    ".raw": "famos",
+    ".dat": "famos",
+    ".tdms": "tdms",
+    ".d7d": "dewesoft",
+    ".dxd": "dewesoft",
+    ".mf4": "mdf",
+    ".mdf": "mdf",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".mat": "matlab",
+    ".blf": "can_file",
+    ".trc": "can_file",
+    ".json": "iso19848",
+    ".jsonl": "nmea2000",
+    ".xml": "iso19848",
+}
+"""Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
+
+FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
+    (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
+    (re.compile(rb"\s*\(\d+\.\d+\)\s+\w*can\w*\s+[0-9A-Fa-f]+#"), "can_file"),
+    (
+        re.compile(
+            rb"\s*(?:#[^\n]*\n)*\s*\d{4}-\d\d-\d\d[T-]\d\d:\d\d:[\d.]+Z?,\d,\d{4,6},\d{1,3},\d{1,3},\d{1,3},"
+        ),
+        "nmea2000",
+    ),
+    (re.compile(rb'(?:\s*\{"version"[^\n]*\n)?\s*\{[^\n]*"pgn"\s*:\s*\d'), "nmea2000"),
+    (re.compile(rb"(?:\xef\xbb\xbf)?\s*[{<].{0,2000}?(?:TimeSeriesData|Package)", re.DOTALL), "iso19848"),
+    (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
+)
+"""What the first bytes of a text format say in files of any suffix, and the module that reads it."""
+TEXTS = (
+    ".csv",
+    ".txt",
+    ".tsv",
+    ".tab",
+    ".prn",
+    ".lvm",
+    ".log",
+    ".asc",
+    ".raw",
+    ".dat",
+    ".json",
+    ".jsonl",
+    ".xml",
+    ".trc",
+)
+HINTS = {
+    **dict.fromkeys(
+        (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"), "a compressed file, expected a log; unpack it first"
+    ),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet, expected a log; save it as CSV"),
+    **dict.fromkeys((".toml",), "a configuration file, expected a log"),
+}
+
+
+def of_text(suffix: str, begin: bytes) -> tuple[str, str]:
+    """Return module and suffix that read a text, whose suffix several formats share, by its first bytes."""
+    module = MODULES[suffix]
+    found = next((name for pattern, name in FORMATS if pattern.match(begin)), None)
+    if found is not None:
+        return found, {"can_file": ".trc", "nmea2000": ".jsonl", "iso19848": ".json"}[found]
+    if module == "famos" and not begin.lstrip().startswith(b"|C") and _is_text(begin):
+        return "delimited", ".csv"
+    return module, suffix
+
+
+def _is_text(begin: bytes) -> bool:
+    return not re.search(rb"[\x00-\x08\x0e-\x1f]", begin) or begin[:2] in (b"\xff\xfe", b"\xfe\xff")

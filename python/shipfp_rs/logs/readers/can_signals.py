@@ -1,0 +1,322 @@
+"""Frames of a CAN bus to signals: definitions from a DBC or the engine messages of SAE J1939, decoded as whole arrays."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+
+SPECIAL = 0xFB
+"""First byte from which on a J1939 value is none: parameter specific, reserved, error, not available."""
+EPOCH_S = 9.4e8
+"""A time stamp above it counts from 1970."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of a bus in order of time, payloads padded with zeros."""
+
+    time_s: npt.NDArray[np.float64]
+    identifier: npt.NDArray[np.uint32]
+    extended: npt.NDArray[np.bool_]
+    data: npt.NDArray[np.uint8]
+    length: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A number within a payload: value = scale * raw + offset."""
+
+    name: str
+    unit: str
+    start: int
+    length: int
+    scale: float = 1.0
+    offset: float = 0.0
+    little: bool = True
+    signed: bool = False
+    is_float: bool = False
+    selector: Signal | None = None
+    selected: tuple[int, ...] = ()
+    """Of a multiplexed signal: the one that tells which it is, and at which of its values it is there."""
+
+    def raw(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
+        """Return the recorded integers (or floats) of payloads, shape (N, bytes)."""
+        if self.little:
+            first, shift = divmod(self.start, 8)
+            last = (self.start + self.length - 1) // 8
+            part = data[:, first : last + 1]
+        else:
+            # Bits are counted from the highest of the first byte on; the start is the highest of the value.
+            high = 8 * (self.start // 8) + 7 - self.start % 8
+            first, last = high // 8, (high + self.length - 1) // 8
+            shift = 8 * (last + 1) - high - self.length
+            part = data[:, first : last + 1][:, ::-1]
+        value = np.zeros(len(data), dtype=np.uint64)
+        for k in range(min(part.shape[1], 8)):
+            value |= part[:, k].astype(np.uint64) << np.uint64(8 * k)
+        value >>= np.uint64(shift)
+        if part.shape[1] == 9:
+            value |= part[:, 8].astype(np.uint64) << np.uint64(64 - shift)
+        if self.length < 64:
+            value &= np.uint64((1 << self.length) - 1)
+        if self.is_float:
+            return value.astype(f"u{self.length // 8}").view(f"f{self.length // 8}")
+        if self.signed:
+            lift = np.int64(64 - self.length)
+            return (value.view(np.int64) << lift) >> lift
+        return value
+
+    def values(self, data: npt.NDArray[np.uint8], *, j1939: bool) -> npt.NDArray[np.float64]:
+        """Return the values of payloads; NaN where J1939 says that there is none."""
+        raw = self.raw(data)
+        value = raw.astype(np.float64) * self.scale + self.offset
+        if j1939 and not self.signed and not self.is_float:
+            none = (
+                2
+                if self.length == 2
+                else (1 << self.length) - 2
+                if self.length < 8
+                else SPECIAL << (self.length - 8)
+            )
+            if self.length > 1:
+                value[raw >= np.uint64(none)] = np.nan
+        return np.asarray(value)
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message of the bus by its identifier, or of J1939 by its parameter group, whoever sends it."""
+
+    name: str
+    identifier: int
+    extended: bool
+    j1939: bool
+    signals: tuple[Signal, ...]
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """What frames of the message have in common."""
+        if self.j1939:
+            return "pgn", int(parameter_group(np.array([self.identifier], dtype=np.uint32))[0])
+        return ("extended" if self.extended else "standard"), self.identifier
+
+
+def parameter_group(identifier: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+    """Return the parameter group of 29-bit identifiers; below format 240 their second byte is a destination."""
+    pgn = (identifier >> 8) & 0x3FFFF
+    return np.where(((identifier >> 16) & 0xFF) < 240, pgn & 0x3FF00, pgn)
+
+
+def _percent(name: str, byte: int) -> Signal:
+    return Signal(name, "%", 8 * (byte - 1), 8, 1.0, -125.0)
+
+
+J1939 = (
+    Message("TSC1", 0x0C000000, True, True, (
+        Signal("EngRequestedSpeed", "rpm", 8, 16, 0.125), _percent("EngRequestedTorque", 4),
+    )),
+    Message("EEC1", 0x0CF00400, True, True, (
+        _percent("DriversDemandEngPercentTorque", 2), _percent("ActualEngPercentTorque", 3),
+        Signal("EngSpeed", "rpm", 24, 16, 0.125), _percent("EngDemandPercentTorque", 8),
+    )),
+    Message("EEC2", 0x0CF00300, True, True, (
+        Signal("AccelPedalPos1", "%", 8, 8, 0.4), Signal("EngPercentLoadAtCurrentSpeed", "%", 16, 8),
+    )),
+    Message("EEC3", 0x18FEDF00, True, True, (
+        _percent("NominalFrictionPercentTorque", 1), Signal("EngDesiredOperatingSpeed", "rpm", 8, 16, 0.125),
+    )),
+    Message("LFE1", 0x18FEF200, True, True, (
+        Signal("EngFuelRate", "l/h", 0, 16, 0.05), Signal("EngThrottleValve1Pos1", "%", 48, 8, 0.4),
+    )),
+    Message("IC1", 0x18FEF600, True, True, (Signal("EngIntakeManifold1Press", "kPa", 8, 8, 2.0),)),
+)  # fmt: skip
+"""SAE J1939-71: set point (TSC1, SPN 898, 518), speed and torque (EEC1, SPN 512, 513, 190, 2432), load (EEC2, SPN 91,
+92), desired speed (EEC3, SPN 514, 515), fuel (LFE1, SPN 183, 51), boost (IC1, SPN 102)."""
+
+
+def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:
+    """Return the messages of a DBC (or ARXML, KCD, SYM), or without one the engine messages of J1939."""
+    if names is None:
+        return J1939
+    try:
+        import cantools
+    except ImportError as error:
+        raise InputError(
+            f"{path}: reading {names} needs the optional package cantools; pip install 'shipfp_rs[can]'"
+        ) from error
+    if not Path(names).is_file():
+        raise InputError(f"{names}: no such file, expected the DBC of {path}")
+    try:
+        base: Any = cantools.database.load_file(names, strict=False)
+        definitions = list(base.messages)
+    except Exception as error:  # each kind of file has errors of its own
+        raise InputError(f"{names}: can't be read as a DBC: {' '.join(str(error).split())[:300]}") from error
+    kind = getattr(getattr(base, "dbc", None), "attributes", None) or {}
+    all_j1939 = "J1939" in str(getattr(kind.get("ProtocolType"), "value", ""))
+    found = []
+    for each in definitions:
+        j1939 = bool(each.is_extended_frame and (all_j1939 or each.protocol == "j1939"))
+        found.append(
+            Message(each.name, each.frame_id, bool(each.is_extended_frame), j1939, tuple(_signals(each)))
+        )
+    return tuple(found)
+
+
+def _signals(message: Any) -> Iterator[Signal]:
+    by_name = {signal.name: signal for signal in message.signals}
+    for signal in message.signals:
+        own = _signal(signal)
+        if signal.multiplexer_signal and signal.multiplexer_ids:
+            selector = _signal(by_name[signal.multiplexer_signal])
+            own = replace(own, selector=selector, selected=tuple(signal.multiplexer_ids))
+        yield own
+
+
+def _signal(signal: Any) -> Signal:
+    return Signal(
+        signal.name,
+        signal.unit or "",
+        signal.start,
+        signal.length,
+        float(signal.scale),
+        float(signal.offset),
+        signal.byte_order == "little_endian",
+        bool(signal.is_signed),
+        bool(signal.is_float),
+    )
+
+
+def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
+    """Return the signals of a bus as channels, each at the even rate of its message, with its bit as resolution.
+
+    A name that several messages or senders have is followed by theirs.
+    """
+    messages = messages_of(path, names)
+    if not len(frames.time_s):
+        raise InputError(f"{path}: no frames in it")
+    order = np.argsort(frames.time_s, kind="stable")
+    frames = Frames(
+        *(getattr(frames, name)[order] for name in ("time_s", "identifier", "extended", "data", "length"))
+    )
+    first = float(frames.time_s[0])
+    if zero is None and first > EPOCH_S:
+        zero = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(first * 1e6))
+    time = frames.time_s - first if first > EPOCH_S else frames.time_s
+    found = list(_found(messages, frames))
+    if not found:
+        raise InputError(f"{path}: {_nothing(frames, names)}")
+    counts: dict[str, int] = defaultdict(int)
+    for message, _, _ in found:
+        for signal in message.signals:
+            counts[signal.name] += 1
+    channels: list[Channel] = []
+    held: dict[str, tuple[TimeAxis, Blocks]] = {}
+    notes: list[str] = []
+    faults: list[Fault] = []
+    for message, sender, rows in found:
+        for signal, own in _rows_of(message, frames, rows):
+            if len(own) < 2:
+                continue
+            name = signal.name if counts[signal.name] == 1 else f"{message.name}{sender}.{signal.name}"
+            if name in held:
+                continue
+            samples = signal.values(frames.data[own], j1939=message.j1939)
+            if not np.isfinite(samples).any():
+                continue
+            stamps = time[own]
+            try:
+                axis = time_axis(path, name, partial(iter, (stamps,)))
+            except InputError as error:
+                notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+                continue
+            notes += [axis.note] if axis.note else []
+            faults += axis.faults
+            channels.append(
+                Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
+            )
+            held[name] = (axis, axis.on_grid(_blocks(samples)))
+    if not channels:
+        raise InputError(
+            f"{path}: {', '.join(m.name for m, _, _ in found)} hold no values but 'not available'"
+        )
+    by = (
+        f"DBC {Path(names).name}"
+        if names
+        else "the engine messages of SAE J1939; give a DBC for others (--names)"
+    )
+    told = (f"signals by {by}", *notes)
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return held[name][1](name, first, size)
+
+    return Log(str(path), channels, blocks, zero, tuple(faults), told)
+
+
+def _found(
+    messages: Sequence[Message], frames: Frames
+) -> Iterator[tuple[Message, str, npt.NDArray[np.intp]]]:
+    """Messages that the bus has, with the sender where there are several, and their frames."""
+    by_key = {message.key: message for message in messages}
+    groups = parameter_group(frames.identifier)
+    for (kind, number), message in by_key.items():
+        if kind == "pgn":
+            own = np.flatnonzero(frames.extended & (groups == number))
+            senders = np.unique(frames.identifier[own] & 0xFF)
+            for sender in senders.tolist():
+                rows = own[(frames.identifier[own] & 0xFF) == sender]
+                yield message, f"@{sender}" if len(senders) > 1 else "", rows
+        else:
+            own = np.flatnonzero((frames.extended == (kind == "extended")) & (frames.identifier == number))
+            if len(own):
+                yield message, "", own
+
+
+def _rows_of(
+    message: Message, frames: Frames, rows: npt.NDArray[np.intp]
+) -> Iterator[tuple[Signal, npt.NDArray[np.intp]]]:
+    """Signals of a message with the frames that hold them: long enough, and of the right kind where they share a place."""
+    for signal in message.signals:
+        end = (
+            signal.start + signal.length
+            if signal.little
+            else 8 * (signal.start // 8) + 7 - signal.start % 8 + signal.length
+        )
+        own = rows[frames.length[rows] * 8 >= end]
+        if signal.selector is not None and len(own):
+            told = signal.selector.raw(frames.data[own])
+            own = own[np.isin(told, np.array(signal.selected, dtype=told.dtype))]
+        yield signal, own
+
+
+def _nothing(frames: Frames, names: str | None) -> str:
+    seen = np.unique(frames.identifier)
+    shown = ", ".join(f"0x{identifier:X}" for identifier in seen[:6].tolist()) + (
+        " ..." if len(seen) > 6 else ""
+    )
+    if names is None:
+        return (
+            f"none of its {len(seen)} messages ({shown}) is known without a DBC; give one (--names FILE.dbc)"
+        )
+    return f"none of its {len(seen)} messages ({shown}) stands in {Path(names).name}; give the DBC of this bus (--names)"
+
+
+def _blocks(samples: npt.NDArray[np.float64]) -> Blocks:
+    def read(name: str, first: int, size: int) -> Iterator[Samples]:
+        for start in range(first, len(samples), size):
+            yield samples[start : start + size]
+
+    return read

@@ -1,0 +1,129 @@
+"""Named rows of numbers out of nested variables: structs, matrices with named columns, and the time that each goes by."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks
+from shipfp_rs.logs.readers.time_base import stated_rate
+from shipfp_rs.logs.readers.time_column import Column, TimePlan, find_time
+from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+
+VALUES = ("data", "values", "value", "y", "signal", "samples")
+"""What the samples of a struct of one channel are called."""
+LABELS = (
+    "names",
+    "labels",
+    "channels",
+    "headers",
+    "header",
+    "columns",
+    "colheaders",
+    "channel_names",
+    "channelnames",
+    "signals",
+)
+"""What the names of a matrix's columns are called."""
+MOST_COLUMNS = 256
+LEAST_ROWS = 8
+"""A matrix with more columns, fewer rows, or less than twice as many rows as columns is no table of channels."""
+
+
+def is_table(shape: tuple[int, ...]) -> bool:
+    """Whether a matrix may hold channels side by side."""
+    return (
+        len(shape) == 2 and 1 < min(shape) <= MOST_COLUMNS and max(shape) >= max(LEAST_ROWS, 2 * min(shape))
+    )
+
+
+@dataclass(frozen=True)
+class Row:
+    """Numbers along one axis: name without unit, unit, length, and how they are read."""
+
+    name: str
+    unit: str
+    length: int
+    read: Callable[[int, int], npt.NDArray[Any]]
+
+
+def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> list[str]:
+    """Return names of a matrix's columns: a list of as many words beside it, else its own name and a count."""
+    fitting = {name: words for name, words in beside.items() if len(words) == count}
+    chosen = next((fitting[name] for name in fitting if posixpath.basename(name).lower() in LABELS), None)
+    if chosen is None and len(fitting) == 1:
+        chosen = next(iter(fitting.values()))
+    if chosen is None or len(set(chosen)) < count:
+        return [f"{base} {k + 1}" for k in range(count)]
+    return [str(word).strip() or f"{base} {k + 1}" for k, word in enumerate(chosen)]
+
+
+def time_of(
+    path: Path, row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]], rate_hz: float | None
+) -> tuple[str, float | None]:
+    """Return the key of the row of times that belongs to a row, "" for none, and a rate that stands beside it.
+
+    The nearest counts: in its own struct, then in the one around it.
+    """
+    above = row.name  # of a struct of one channel its own fields come first
+    while True:
+        for key, other in rows.items():
+            if (
+                posixpath.dirname(key) == above
+                and other.length == row.length
+                and is_time(split_bracketed(_last(key))[0])
+            ):
+                return key, None
+        rate = stated_rate(
+            (_last(name), value) for name, value in scalars if posixpath.dirname(name) == above
+        )
+        if rate is not None:
+            return "", rate
+        if not above:
+            return "", rate_hz
+        above = posixpath.dirname(above)
+
+
+def _last(key: str) -> str:
+    return posixpath.basename(key)
+
+
+def axis_of(path: Path, key: str, row: Row) -> tuple[TimeAxis, TimePlan]:
+    """Return the grid of a row of times, and how it counts."""
+    import pyarrow as pa
+
+    def cells(_: str) -> Any:
+        return iter([pa.array(np.asarray(row.read(0, row.length)))])
+
+    name, unit = split_bracketed(_last(key))
+    column = Column(name, row.unit or unit, key, next(cells(key))[:2000])
+    plans = find_time(path, [column], {name: key}, wish=name)
+    plan = plans[0]
+    return time_axis(path, key, lambda: plan.seconds(path, cells)), plan
+
+
+def blocks_of(rows: Mapping[str, Row]) -> Blocks:
+    """Return a function that yields rows in blocks."""
+
+    def read(name: str, first: int, size: int) -> Any:
+        row = rows[name]
+        for start in range(first, row.length, size):
+            yield row.read(start, min(start + size, row.length))
+
+    return read
+
+
+def no_time(path: Path, row: Row) -> InputError:
+    """Return the error of a row without a time."""
+    return InputError(
+        f"{path}: no time base for {row.name!r}: neither a scalar rate_hz nor a vector time of its {row.length} "
+        "samples; add one or give rate_hz (--rate)"
+    )

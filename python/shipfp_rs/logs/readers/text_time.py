@@ -1,0 +1,242 @@
+"""Dates and times of day written as text, in any of the orders of the world, to nanoseconds since 1970."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+Order = Literal["y", "d", "m", ""]
+"""What a date begins with: year, day or month; empty where it is not known yet, or there is no date."""
+Nanoseconds = npt.NDArray[np.int64]
+
+DAY_NS = 86_400_000_000_000
+MISSING = np.iinfo(np.int64).min
+"""Stands for a cell that is empty."""
+
+MONTHS = {
+    name: number
+    for number, names in enumerate(
+        (
+            "jan ene gen janv jän sty янв",
+            "feb févr fév fev lut helmi фев",
+            "mar mär mars mrt mrz maart märz marzo março мар maalis",
+            "apr avr abr kwi huhti апр",
+            "may mai mei maj mag maio mayo мая май touko",
+            "jun juin giu cze kesä июн",
+            "jul juil lug lip heinä июл",
+            "aug août aout ago sie elo авг",
+            "sep sept set wrz syys сен",
+            "oct okt ott out paź loka окт",
+            "nov lis marras ноя",
+            "dec dez déc dic gru joulu дек",
+        ),
+        start=1,
+    )
+    for name in names.split()
+}
+"""Months by the first letters of their names."""
+
+_SEP = r"[-./]\s?"
+_FRACTION = r"(?:[.,:](?P<f>\d{1,9})\d*)?"
+_CLOCK = (
+    rf"(?P<H>\d{{1,3}}):(?P<M>\d\d)(?::(?P<S>\d\d){_FRACTION})?"
+    r"(?:\s*(?P<p>[AaPp])\.?\s?[Mm]\.?)?"
+)
+_MINUTES = r"(?P<M>\d{1,3}):(?P<S>\d\d)[.,](?P<f>\d{1,9})\d*"
+_ZONE = r"(?:\s*(?:Z|UTC|GMT|(?P<z>[+-]\d\d:?(?:\d\d)?)))?"
+_YMD = rf"(?P<y>\d{{4}}){_SEP}(?P<b>\d{{1,2}}){_SEP}(?P<c>\d{{1,2}})\.?"
+_COMPACT = r"(?P<y>(?:19|20)\d\d)(?P<b>\d\d)(?P<c>\d\d)"
+_TWO = rf"(?P<a>\d{{1,2}}){_SEP}(?P<b>\d{{1,2}}){_SEP}(?P<y>\d{{4}}|\d\d)"
+_WORD = r"(?:[^\W\d]{2,10}\.?,?\s+)?(?P<a>\d{1,2})\.?[-./ ]+(?P<w>[^\W\d]{3,10})\.?[-./ ,]+(?P<y>\d{4}|\d\d)"
+_US_WORD = r"(?:[^\W\d]{2,10}\.?,?\s+)?(?P<w>[^\W\d]{3,10})\.?\s+(?P<a>\d{1,2}),?\s+(?P<y>\d{4})"
+_BETWEEN = r"(?:[T_,;]\s?|\s+(?:-\s)?|[:-])"
+_COMPACT_CLOCK = r"(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?"
+
+_DATES = {"ymd": _YMD, "compact": _COMPACT, "two": _TWO, "word": _WORD, "us_word": _US_WORD}
+_PATTERNS = {name: re.compile(rf"\s*{date}\s*") for name, date in _DATES.items()}
+_PATTERNS |= {
+    f"{name}+clock": re.compile(rf"\s*{date}{_BETWEEN}{_CLOCK}{_ZONE}\s*") for name, date in _DATES.items()
+}
+_PATTERNS |= {"clock": re.compile(rf"\s*{_CLOCK}{_ZONE}\s*"), "minutes": re.compile(rf"\s*{_MINUTES}\s*")}
+_PATTERNS |= {"compact+compact": re.compile(rf"\s*{_COMPACT}(?:[T_\s-]){_COMPACT_CLOCK}{_ZONE}\s*")}
+_SHAPE = re.compile(
+    r"\s*(?:[^\W\d]{2,10}\.?,?\s+)?"
+    r"(?:\d{1,4}[-./:]|(?:19|20)\d{6}[T_ -]|[^\W\d]{3,10}\.?,?\s+\d|\d{1,2}\.?[- ]\s?[^\W\d]{3})"
+)
+"""How all but compact dates begin; most cells are told from a time by it alone."""
+
+
+@dataclass(frozen=True)
+class TextTime:
+    """How the cells of a column, or of a date and a clock beside it, are written.
+
+    Parameters
+    ----------
+    pattern
+        Key of the pattern that fits them.
+    order
+        What a date of two-digit parts begins with.
+    sure
+        Whether the order follows from the cells, rather than from custom.
+    """
+
+    pattern: str
+    order: Order = ""
+    sure: bool = True
+
+    @property
+    def has_date(self) -> bool:
+        """Whether the cells tell the day."""
+        return self.pattern not in ("clock", "minutes")
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the cells tell the time of day, or an elapsed time."""
+        return "+" in self.pattern or not self.has_date
+
+
+def looks_like_time(cell: str) -> bool:
+    """Whether a cell holds a date, a time of day, or both."""
+    return bool(_SHAPE.match(cell)) and any(pattern.fullmatch(cell) for pattern in _PATTERNS.values())
+
+
+def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool = False) -> TextTime | None:
+    """Find how some cells are written; None where no one pattern fits all of them.
+
+    Parameters
+    ----------
+    cells
+        Cells of a column, in order of the rows; empty ones are passed over.
+    dates
+        Whether eight digits without marks may be a date.
+    european
+        Whether the file is one of a country that writes the day first: it has decimal commas.
+    """
+    filled = [cell for cell in cells if cell.strip()]
+    if not filled:
+        return None
+    for name, pattern in _PATTERNS.items():
+        if name == "compact" and not dates:
+            continue
+        if all(pattern.fullmatch(cell) for cell in filled):
+            return _ordered(TextTime(name), filled, european=european)
+    return None
+
+
+def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTime:
+    """Tell day first from month first: by parts above twelve, by the days that follow one another, else by custom."""
+    if not found.pattern.startswith("two"):
+        return replace(found, order="y" if found.pattern.startswith(("ymd", "compact")) else "d")
+    match = [_PATTERNS[found.pattern].fullmatch(cell) for cell in cells]
+    first, second = ({int(each[part]) for each in match if each} for part in "ab")
+    if max(first) > 12 or max(second) > 12:
+        return replace(found, order="d" if max(first) > 12 else "m")
+    if len(first | second) > 1 and (len(first) > 1) != (len(second) > 1):
+        # A trial lasts days rather than months.
+        return replace(found, order="d" if len(first) > 1 else "m")
+    american = "/" in cells[0] and re.search(r"[AaPp]\.?\s?[Mm]\.?\s*$", cells[0]) and not european
+    return replace(
+        found, order="m" if american else "d", sure=bool(re.match(r"\s*\d{1,2}\.", cells[0])) or european
+    )
+
+
+def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
+    """Return cells as nanoseconds since 1970, or since midnight where they have no date; `MISSING` for empty ones.
+
+    Raises
+    ------
+    ValueError
+        Where a cell does not fit; its arguments are the row in `cells` and the cell.
+    """
+    cells = pc.utf8_trim_whitespace(cells)
+    empty = pc.or_kleene(cells.is_null(), pc.equal(cells, "")).to_numpy(zero_copy_only=False)
+    parts = pc.extract_regex(cells, _arrow_pattern(how.pattern))
+    fits = parts.is_valid().to_numpy(zero_copy_only=False)
+    if not (fits | empty).all():
+        _refuse(cells, ~(fits | empty))
+    names = {field.name for field in parts.type}
+
+    def number(name: str) -> Nanoseconds:
+        if name not in names:
+            return np.zeros(len(cells), dtype=np.int64)
+        digits = pc.if_else(pc.equal(pc.fill_null(parts.field(name), ""), ""), "0", parts.field(name))
+        return np.asarray(pc.fill_null(digits.cast(pa.int64()), 0).to_numpy(zero_copy_only=False))
+
+    hour, minute, second = number("H"), number("M"), number("S")
+    wrong = (second > 60) | ((minute > 59) & ("H" in names))
+    if "p" in names:
+        half = pc.utf8_lower(pc.fill_null(parts.field("p"), "")).to_numpy(zero_copy_only=False)
+        wrong |= (half != "") & ((hour < 1) | (hour > 12))
+        hour = np.where(half == "", hour, hour % 12 + np.where(half == "p", 12, 0))
+    if wrong.any():
+        _refuse(cells, wrong)
+    value = ((hour * 60 + minute) * 60 + second) * 1_000_000_000
+    if "f" in names:
+        fraction = pc.utf8_rpad(pc.fill_null(parts.field("f"), ""), 9, "0").cast(pa.int64())
+        value += fraction.to_numpy(zero_copy_only=False)
+    if "z" in names:
+        value -= _of_each(parts.field("z"), lambda zone: _zone(zone) * 60_000_000_000)
+    if "y" in names:
+        keys = [parts.field(name) for name in "yabcw" if name in names]
+        told = [name for name in "yabcw" if name in names]
+        joined = pc.binary_join_element_wise(*keys, "/") if len(keys) > 1 else keys[0]
+        days = _of_each(joined, lambda text: _day(dict(zip(told, text.split("/"), strict=True)), how.order))
+        if (days == MISSING).any():
+            _refuse(cells, (days == MISSING) & ~empty)
+        value += np.where(empty, 0, days) * DAY_NS
+    value[empty] = MISSING
+    return value
+
+
+def _arrow_pattern(name: str) -> str:
+    # Arrow's expressions know letters of all languages by another name.
+    return f"^(?:{_PATTERNS[name].pattern})$".replace(r"[^\W\d]", r"\pL")
+
+
+def _refuse(cells: pa.Array, wrong: npt.NDArray[np.bool_]) -> None:
+    row = int(np.flatnonzero(wrong)[0])
+    raise ValueError(row, cells[row].as_py())
+
+
+def _of_each(texts: pa.Array, function: Callable[[str], int]) -> Nanoseconds:
+    """Return what a function makes of each text; it is asked once for each that differs."""
+    coded = pc.fill_null(texts, "").dictionary_encode()
+    values = np.array(
+        [function(text) if text else 0 for text in coded.dictionary.to_pylist()], dtype=np.int64
+    )
+    return np.asarray(values[coded.indices.to_numpy()])
+
+
+def _zone(text: str) -> int:
+    """Minutes east of Greenwich."""
+    digits = text[1:].replace(":", "").ljust(4, "0")
+    return (-1 if text[0] == "-" else 1) * (int(digits[:2]) * 60 + int(digits[2:]))
+
+
+def _day(part: dict[str, str], order: Order) -> int:
+    """Days since 1970; `MISSING` where there is no such day."""
+    if not part["y"]:
+        return 0
+    year = int(part["y"])
+    year += (2000 if year < 70 else 1900) if year < 100 else 0
+    if "w" in part:
+        word = part["w"].lower()
+        month = next((MONTHS[word[:size]] for size in (5, 4, 3) if word[:size] in MONTHS), 0)
+        day = int(part["a"])
+    elif "c" in part:
+        month, day = int(part["b"]), int(part["c"])
+    else:
+        one, two = int(part["a"]), int(part["b"])
+        month, day = (one, two) if order == "m" else (two, one)
+    try:
+        return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+    except ValueError:
+        return int(MISSING)

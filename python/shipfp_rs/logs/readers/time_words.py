@@ -1,0 +1,112 @@
+"""What loggers call time, a date, a clock and a unit of time, in ten languages and more."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+from shipfp_rs.support import units
+
+TIMES_TEXT = """
+time t timestamp timestamps datetime dateandtime elapsedtime elapsed abstime abstimestamp reltime
+relativetime absolutetime measurementtime recordingtime logtime logtimestamp systemtime localtime
+utctime utc gpstime testtime runtime simtime simulationtime timeaxis timeseconds timesec seconds
+secs sec samplingtime epoch unix unixtime posix unixtimestamp xvalue x xaxis xtime xwert xdata
+xvalues timechannel mastertime tsec ts tms tus stamp clock zeit zeitstempel messzeit zeitpunkt
+zeitachse abtastzeit relativzeit relzeit abszeit absolutzeit uhrzeit datumzeit datumuhrzeit sekunden
+laufzeit zeitkanal tijd tijdstip tijdstempel tijdas meettijd looptijd seconden datumtijd datumentijd
+klok temps tempsécoulé heure horodatage horodate dateheure dateetheure instant secondes tempsrelatif
+tid tidspunkt tidsstempel tidsstämpel tidstempel tidpunkt forløbettid klokkeslæt klokkeslett
+klockslag sekunder datotid tiempo hora marcadetiempo fechahora fechayhora segundos
+tiempotranscurrido tempo ora dataora datahora dataeora segundosdecorridos secondi carimbodetempo
+tempotrascorso czas godzina datagodzina czaspomiaru sekundy znacznikczasu aika kellonaika aikaleima
+sekuntia zaman saat süre zamandamgası время часы датавремя χρόνος ώρα 时间 時間 時刻 时刻 시간
+"""
+WORDS = frozenset(TIMES_TEXT.split())
+"""A column of time alone or of date and time, in lower case without spaces and marks."""
+DATES_TEXT = """
+date datum dato fecha data pvm päivä päivämäärä tarih дата ημερομηνία 日期 日付 날짜 day recorddate
+measurementdate messdatum meetdatum utcdate localdate
+"""
+DATES = frozenset(DATES_TEXT.split())
+"""A column of dates."""
+UNITS_TEXT = {
+    1.0: "s sec secs second seconds sek sekunde sekunden seconde seconden secondes "
+    " seg segundo segundos secondi secondo sekund sekunder sekundy sekunti sekuntia saniye с сек δ 秒 초",
+    1e-3: "ms msec millis millisecond milliseconds millisekunden milliseconden мс 毫秒",
+    1e-6: "us µs μs usec micros microsecond microseconds mikrosekunden 微秒",
+    1e-9: "ns nsec nanosecond nanoseconds nanosekunden",
+    60.0: "min mins minute minutes minuten minuti minutos minuter",
+    3600.0: "h hr hrs hour hours std stunde stunden uur uren heure heures hora horas ore timer",
+    86400.0: "d day days tag tage dag dagen",
+}
+SECONDS = {"": 1.0} | {word: factor for factor, text in UNITS_TEXT.items() for word in text.split()}
+"""Seconds in a unit of time, in lower case."""
+
+BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\)|\{([^}]*)\}|<([^>]*)>)\s*")
+TAILS = tuple(
+    re.compile(pattern)
+    for pattern in (
+        r"(.*\S)\s+in\s+(\S+)",
+        r"(.*?\S)\s*/\s*(.+)",
+        r"(.*\S)\s*[,;:]\s*(\S+)",
+        r"(.*\S)\s+-\s+(\S+)",
+    )
+)
+UNDERSCORED = re.compile(r"(.*[^\W_])[ _.]+([a-zµμ]+)")
+
+
+def split_unit(heading: str) -> tuple[str, str]:
+    """Split a heading into name and unit, whichever mark is between: "torque [V]", "n (1/min)", "t / s", "M in Nm".
+
+    Behind a slash, a comma or "in" only a known unit counts; after an underscore only one of time behind a word of time.
+
+    Examples
+    --------
+    >>> [split_unit(text) for text in ("torque [V]", "n / U/min", "Date/Time", "time_ms", "rate_hz")]
+    [('torque', 'V'), ('n', 'rpm'), ('Date/Time', ''), ('time', 'ms'), ('rate_hz', '')]
+    """
+    if BRACKETED.fullmatch(heading):
+        return split_bracketed(heading)
+    spaced = re.fullmatch(r"(.*[^\s/,;:\-])(?<!\sin)\s+(\S+)", heading)
+    if spaced and "/" in spaced[2] and units.told(spaced[2]) == "rpm":
+        return spaced[1], "rpm"
+    for pattern in TAILS:
+        found = pattern.fullmatch(heading)
+        # A dash or a bare letter of a formula is no unit here.
+        if (
+            found
+            and found[2] != "-"
+            and units.is_unit(found[2])
+            and not units.TIME_FORMAT.fullmatch(found[2])
+        ):
+            return found[1], units.told(found[2])
+    found = UNDERSCORED.fullmatch(heading)
+    if found and is_time(found[1]) and found[2].lower() in SECONDS:
+        return found[1], found[2]
+    return heading, ""
+
+
+def split_bracketed(heading: str) -> tuple[str, str]:
+    """Split a heading at a bracket alone, for names in which a slash means something else."""
+    found = BRACKETED.fullmatch(heading)
+    if found is None:
+        return heading, ""
+    return found[1], units.told(next((part for part in found.groups()[1:] if part), ""))
+
+
+def plain(name: str) -> str:
+    """Return a name in lower case without spaces, marks and a count at its end."""
+    text = unicodedata.normalize("NFC", name).lower()
+    text = re.sub(r"[\s_\-./#%*'\"&+:;,!?()]+", "", text)
+    return re.sub(r"(?<=[^\W\d])\d{1,2}$", "", text)
+
+
+def is_time(name: str) -> bool:
+    """Whether a column's name says that it is a time, or a date and a time."""
+    return plain(name) in WORDS
+
+
+def is_date(name: str) -> bool:
+    """Whether a column's name says that it holds dates."""
+    return plain(name) in DATES

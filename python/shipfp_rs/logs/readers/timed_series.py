@@ -1,0 +1,87 @@
+"""Values that come with a time stamp each, by name, as the channels of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.time_axis import time_axis
+
+
+@dataclass
+class Series:
+    """Values of one name; times in seconds since 1970."""
+
+    unit: str = ""
+    resolution: float = 0.0
+    times: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+
+def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str] = ()) -> Log:
+    """Return a log of series, each on an even grid of its own; those that can't be are told of in the notes.
+
+    Raises
+    ------
+    InputError
+        Where none has two values or more in order of time.
+    """
+    kept = {
+        name: each for name, each in series.items() if len(each.values) > 1 and np.isfinite(each.values).any()
+    }
+    zero = min((each.times[0] for each in kept.values()), default=0.0)
+    channels: list[Channel] = []
+    held: dict[str, Blocks] = {}
+    told = list(notes)
+    faults: list[Fault] = []
+    for name, each in kept.items():
+        time = np.asarray(each.times) - zero
+        order = np.argsort(time, kind="stable")
+        samples = np.asarray(each.values, dtype=np.float64)[order]
+        time = time[order]
+        try:
+            axis = time_axis(path, name, partial(iter, (time,)))
+        except InputError as error:
+            told.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+            continue
+        told += [axis.note] if axis.note else []
+        faults += axis.faults
+        channels.append(Channel(name, each.unit, axis.rate_hz, axis.samples, axis.start_s, each.resolution))
+        held[name] = axis.on_grid(_blocks(samples))
+    if not channels:
+        why = told[-1] if len(told) > len(notes) else "no name has two values or more"
+        raise InputError(f"{path}: no series of numbers in it ({why}); is it the right file?")
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return held[name](name, first, size)
+
+    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(zero * 1e6))
+    return Log(str(path), channels, blocks, start if zero else None, tuple(faults), tuple(told))
+
+
+def _blocks(samples: npt.NDArray[np.float64]) -> Blocks:
+    def read(name: str, first: int, size: int) -> Iterator[Samples]:
+        for start in range(first, len(samples), size):
+            yield samples[start : start + size]
+
+    return read
+
+
+def seconds_since_1970(text: str) -> float:
+    """Return an instant in ISO 8601, or with the dash of canboat before the clock; without a zone it is UTC."""
+    text = text.strip()
+    if len(text) > 10 and text[10] == "-":
+        text = f"{text[:10]}T{text[11:]}"
+    instant = datetime.fromisoformat(text)
+    instant = instant.replace(tzinfo=UTC) if instant.tzinfo is None else instant
+    return (instant - datetime(1970, 1, 1, tzinfo=UTC)) / timedelta(seconds=1)

@@ -1,0 +1,270 @@
+"""Times of recorded rows to an even grid: as they are where they are even, resampled where they are not."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.logs.channel import Blocks, Samples
+from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
+from shipfp_rs.logs.faults.record import Fault
+
+Array = npt.NDArray[np.float64]
+Times = Callable[[], Iterable[Array]]
+"""A function that goes through the times of all rows [s], anew at every call."""
+
+GAP = 3.0
+"""Times the step that nine in ten keep to, from which on a step is a gap, kept as such, rather than a straight line."""
+MOST_GROWTH = 8.0
+"""Samples of the even grid to recorded ones, at most; what is recorded denser than the grid is averaged over its cells."""
+MOST_EQUAL = 0.1
+"""Share of rows that may have the time of the row before, where they are not those of a coarse clock."""
+
+
+@dataclass(frozen=True)
+class TimeAxis:
+    """An even grid, and how the rows of a file come to stand on it.
+
+    Parameters
+    ----------
+    start_s, rate_hz, samples
+        Of the grid.
+    faults
+        Jumps and gaps of the clock.
+    note
+        One line about what was done to the times; empty where they were even.
+    on_grid
+        Makes blocks of samples on the grid of blocks of rows.
+    """
+
+    start_s: float
+    rate_hz: float
+    samples: int
+    faults: tuple[Fault, ...]
+    note: str
+    on_grid: Callable[[Blocks], Blocks]
+
+    def tell(self, path: Path | str) -> None:
+        """Warn of jumps and of times that were not even."""
+        for text in (*map(str, self.faults), self.note):
+            if text:
+                warnings.warn(f"{path}: {text}", LogWarning, stacklevel=3)
+
+
+def time_axis(
+    path: Path | str,
+    column: str,
+    times: Times,
+    *,
+    rate_hz: float | None = None,
+    same: Callable[[int, int, int], bool] = lambda row, earlier, count: False,
+) -> TimeAxis:
+    """Find the grid of a column of times.
+
+    Times are even where they keep within half a step of a straight line; single jumps are gaps, rows written twice or a
+    clock set back. A clock coarser than the rows, seconds for instance, tells an even rate by its changes. Anything else
+    is resampled at the rate of its shortest steps (one in twenty is shorter) by straight lines between samples, so
+    that nothing is aliased; where the grid would hold more than eight samples for each recorded one it is coarser, and
+    what is denser than the grid is averaged over its cells. Steps of
+    more than three times what nine in ten keep to stay gaps.
+
+    Parameters
+    ----------
+    path, column
+        File and column, for messages.
+    times
+        Of all rows [s].
+    rate_hz
+        A rate that is trusted above the times; only their start counts then.
+    same
+        (row, earlier row, count) to whether the rows hold the same samples in every channel.
+
+    Raises
+    ------
+    InputError
+        Where the times do not increase.
+    """
+    scan = ClockScan()
+    for part in times():
+        scan.feed(part)
+    try:
+        clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
+    except InputError as error:
+        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error)
+    if rate_hz is None and scan.bends():
+        told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
+        return _uneven(path, column, np.concatenate(list(times())), told)
+    return _even(clock, rate_hz)
+
+
+def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
+    def on_grid(blocks: Blocks) -> Blocks:
+        return spliced(blocks, clock.segments) if clock.faults else blocks
+
+    rate = rate_hz or clock.rate_hz
+    return TimeAxis(clock.start_s, rate, clock.samples, clock.faults, "", on_grid)
+
+
+def _uneven(path: Path | str, column: str, times: Array, told: InputError) -> TimeAxis:
+    """Return the grid of times that are not even; `told` where they are no times at all."""
+    known = np.isfinite(times)
+    count = len(times) if not known.any() else int(np.flatnonzero(known)[-1]) + 1
+    times = times[:count]  # a shorter column of a table ends in empty cells
+    if count < 3 or not known[:count].all():
+        raise told
+    steps = np.diff(times)
+    back = np.flatnonzero(steps < 0.0)
+    if back.size:
+        row = int(back[0]) + 1
+        raise InputError(
+            f"{path}: time column {column!r} goes back at row {row + 1}: {times[row]:.12g} s after "
+            f"{times[row - 1]:.12g} s; cut the file there, or give rate_hz (--rate)"
+        ) from told
+    if not steps.any():
+        raise told
+    coarse = _coarse(times, steps)
+    if coarse is not None:
+        start_s, rate = coarse
+        resolution = float(steps[steps > 0.0].min())
+        note = (
+            f"time column {column!r} has one time for several rows: taken as even at {rate:.6g} Hz, start known to "
+            f"{resolution:g} s"
+        )
+        return replace(_plain(start_s, rate, count), note=note)
+    if np.mean(steps == 0.0) > MOST_EQUAL:
+        raise InputError(
+            f"{path}: time column {column!r} has the same time in {np.count_nonzero(steps == 0.0)} of {count} rows as in "
+            "the row before, and no even rate; give rate_hz (--rate), or a finer column (--time)"
+        ) from told
+    return _resampled(path, column, times, steps)
+
+
+def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
+    return TimeAxis(start_s, rate_hz, count, (), "", lambda blocks: blocks)
+
+
+def _coarse(times: Array, steps: Array) -> tuple[float, float] | None:
+    """Start [s] and rate [Hz] of even rows stamped by a clock with fewer steps than rows, None where it is none."""
+    rises = np.flatnonzero(steps > 0.0) + 1
+    if np.mean(steps == 0.0) < MOST_EQUAL or len(rises) < 3:
+        return None
+    tick = float(steps[rises - 1].min())
+    # The first row of every tick is late by less than a row.
+    period = float(times[rises[-1]] - times[rises[0]]) / float(rises[-1] - rises[0])
+    behind = times - period * np.arange(len(times))
+    if not period > 0.0 or np.ptp(behind) > 1.02 * tick + 2.0 * period:
+        return None
+    # Known to a row in all: the roundest number within that is the logger's.
+    known = 1.5 / float(rises[-1] - rises[0])
+    rate = next(
+        round_
+        for digits in range(1, 13)
+        if abs((round_ := float(f"{1.0 / period:.{digits}g}")) * period - 1.0) <= known
+    )
+    return float(behind[rises].max() if len(rises) else behind.max()), rate
+
+
+def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> TimeAxis:
+    positive = steps[steps > 0.0]
+    median, short, long = (float(value) for value in np.quantile(positive, (0.5, 0.05, 0.9), method="lower"))
+    gaps = np.flatnonzero(steps > GAP * long)
+    covered = float(times[-1] - times[0] - steps[gaps].sum())
+    if not covered > 0.0:
+        raise InputError(f"{path}: time column {column!r} has nothing but gaps; give rate_hz (--rate)")
+    step = median if short > 0.8 * median else short
+    step = max(step, covered / (MOST_GROWTH * len(times)))
+    rate = float(f"{1.0 / step:.6g}")
+    samples = int(np.floor((times[-1] - times[0]) * rate + 1e-6)) + 1
+    if samples > 100 * MOST_GROWTH * len(times):
+        worst = int(gaps[np.argmax(steps[gaps])])
+        raise InputError(
+            f"{path}: time column {column!r} jumps by {steps[worst]:g} s at row {worst + 2}; cut the file there, or give "
+            "rate_hz (--rate)"
+        )
+    at = (np.column_stack([times[gaps], times[gaps + 1]]) - times[0]) * rate
+    spans = np.column_stack([np.floor(at[:, 0] + 1e-6) + 1, np.ceil(at[:, 1] - 1e-6)]).astype(np.int64)
+    spans = spans[spans[:, 1] > spans[:, 0]]
+    fault = Fault("time_gap", column, f"masked: steps of more than {GAP * long:.3g} s", spans)
+    note = (
+        f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "
+        "straight lines, means where samples are denser; give rate_hz (--rate) to take the rows as even"
+    )
+    grid = _Grid(times, float(times[0]), rate, samples, spans)
+    return TimeAxis(grid.start_s, rate, samples, (fault,) if len(spans) else (), note, grid.on_grid)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Rows at uneven times and the grid that they are resampled to."""
+
+    times: Array
+    start_s: float
+    rate_hz: float
+    samples: int
+    gaps: npt.NDArray[np.int64]
+
+    def on_grid(self, blocks: Blocks) -> Blocks:
+        def read(channel: str, first: int, size: int) -> Iterator[Samples]:
+            for start in range(first, self.samples, size):
+                yield self._block(blocks, channel, start, min(start + size, self.samples))
+
+        return read
+
+    def _block(self, blocks: Blocks, channel: str, first: int, stop: int) -> Array:
+        half = 0.5 / self.rate_hz
+        at = self.start_s + np.arange(first, stop) / self.rate_hz
+        low = max(int(np.searchsorted(self.times, at[0] - half, side="right")) - 1, 0)
+        high = min(int(np.searchsorted(self.times, at[-1] + half)) + 1, len(self.times))
+        values = _rows(blocks, channel, low, high)
+        time, index = np.unique(self.times[low:high], return_inverse=True)
+        if len(time) < len(values):  # rows of one time: their mean
+            values = np.bincount(index, values) / np.bincount(index)
+        sampled = np.interp(at, time, values)
+        inside = np.searchsorted(time, at + half) - np.searchsorted(time, at - half)
+        dense = np.flatnonzero(inside > 1)
+        if dense.size:
+            sampled[dense] = _means(time, values, at[dense] - half, at[dense] + half)
+        for start, end in self.gaps - first:
+            sampled[max(start, 0) : max(end, 0)] = np.nan
+        return sampled
+
+
+def _rows(blocks: Blocks, channel: str, first: int, stop: int) -> Array:
+    parts: list[Array] = []
+    left = stop - first
+    for block in blocks(channel, first, left):
+        block = block[:left]
+        parts.append(np.ma.filled(np.ma.asarray(block, dtype=np.float64), np.nan))
+        left -= len(block)
+        if left <= 0:
+            break
+    return np.concatenate([np.empty(0), *parts, np.full(max(left, 0), np.nan)])
+
+
+def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:
+    """Means of the straight lines through the samples over some cells, cut at the first and last sample."""
+    begins, ends = np.maximum(begins, time[0]), np.minimum(ends, time[-1])
+    lost = ~np.isfinite(values)
+    if lost.any():
+        if lost.all():
+            return np.full(len(begins), np.nan)
+        filled = np.interp(time, time[~lost], values[~lost])
+        means = _means(time, filled, begins, ends)
+        counted = np.concatenate([[0], np.cumsum(lost)])
+        means[counted[np.searchsorted(time, ends)] > counted[np.searchsorted(time, begins)]] = np.nan
+        return means
+    areas = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+
+    def area(x: Array) -> Array:
+        k = np.clip(np.searchsorted(time, x, side="right") - 1, 0, len(time) - 2)
+        part = x - time[k]
+        slope = (values[k + 1] - values[k]) / (time[k + 1] - time[k])
+        return np.asarray(areas[k] + part * (values[k] + 0.5 * slope * part))
+
+    return np.asarray((area(ends) - area(begins)) / (ends - begins))

@@ -1,0 +1,106 @@
+"""Bode plots: frequency responses as measured, as fitted, and of several models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from shipfp_rs.plot.style import COLOURS, COMPARED, GREY, LABELS, dress, panels_of
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from shipfp_rs.frequency import FrequencyResponse
+
+
+def bode(
+    measured: FrequencyResponse,
+    model: FrequencyResponse | None = None,
+    axes: Sequence[Axes] | None = None,
+) -> Sequence[Axes]:
+    """Draw amplitude and phase of measured responses to the set point, with the fitted model's curve.
+
+    Parameters
+    ----------
+    measured
+        Points; where it knows their standard deviations they get bars of two of these.
+    model
+        The model's response at frequencies of its own, ascending; measured phases are drawn on its turn.
+    axes
+        Two, amplitude and phase; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+    """
+    amplitude, phase = panels = panels_of(axes, 2, sharex=True)
+    for index, (name, response) in enumerate(measured.response.items()):
+        color, size, angle = COLOURS[name], np.abs(response), _phase(response)
+        if model is not None:
+            curve, label = model.response[name], None if index else "model"
+            expected = np.interp(measured.frequency_hz, model.frequency_hz, _phase(curve))
+            angle += 360.0 * np.round((expected - angle) / 360.0)
+            amplitude.plot(model.frequency_hz, np.abs(curve), color=color, lw=1.2, label=label)
+            phase.plot(model.frequency_hz, _phase(curve), color=color, lw=1.2)
+        bars = angle_bars = None
+        if name in measured.amplitude_std:
+            reach = 2.0 * measured.amplitude_std[name]
+            # Down to a tenth at most: on its way to zero a bar would stretch a logarithmic axis without end.
+            bars = size * np.array([np.minimum(reach, 0.9), reach])
+            # A phase that is lost could be anything: no more than half a turn either way.
+            angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
+        style: dict[str, Any] = {"color": color, "fmt": "o", "ms": 4, "lw": 1.0, "capsize": 2}
+        amplitude.errorbar(measured.frequency_hz, size, bars, label=LABELS[name], **style)
+        phase.errorbar(measured.frequency_hz, angle, angle_bars, label=LABELS[name], **style)
+    _dress_bode(amplitude, phase)
+    amplitude.set_title(measured.name, loc="left", parse_math=False)
+    return panels
+
+
+def responses(
+    curves: Mapping[str, FrequencyResponse], signal: str, axes: Sequence[Axes] | None = None
+) -> Sequence[Axes]:
+    """Draw amplitude and phase of one signal's response by several models, to compare them.
+
+    Parameters
+    ----------
+    curves
+        Label to response; at most six, drawn as lines, the first one broad and grey behind the others.
+    signal
+        Name of the signal.
+    axes
+        Two, amplitude and phase; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+    """
+    amplitude, phase = panels = panels_of(axes, 2, sharex=True)
+    for index, (label, curve) in enumerate(curves.items()):
+        color, width = (GREY, 3.0) if index == 0 else (COMPARED[index - 1], 1.2)
+        frequency, response = curve.frequency_hz, curve.response[signal]
+        amplitude.plot(frequency, np.abs(response), color=color, lw=width, label=label)
+        phase.plot(frequency, _phase(response), color=color, lw=width)
+    _dress_bode(amplitude, phase)
+    return panels
+
+
+def _phase(response: ComplexArray) -> Array:
+    return np.degrees(np.unwrap(np.angle(response)))
+
+
+def _dress_bode(amplitude: Axes, phase: Axes) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    for ax in (amplitude, phase):
+        ax.set_xscale("log")
+    amplitude.set_yscale("log")
+    amplitude.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    amplitude.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    amplitude.yaxis.set_minor_formatter(NullFormatter())
+    dress(amplitude, "amplitude ratio [-]")
+    dress(phase, "phase [deg]", legend=False)
+    phase.set_xlabel("frequency [Hz]")

@@ -1,0 +1,70 @@
+"""Pictures of pulse trains: reflectors, missed and extra pulses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.plot.style import RED, REFLECTORS, dress, panels_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from shipfp_rs.tacho import PulseTimes, ReflectorAngles
+
+
+def pulse_intervals(
+    pulses: PulseTimes, pulses_per_rev: int, angles: ReflectorAngles | None = None, ax: Axes | None = None
+) -> Axes:
+    """Draw each interval between pulses relative to an even share of its turn: reflectors, extra and missed pulses.
+
+    The intervals of a train at steady speed lie on one line for each reflector. A missed or an extra pulse is a
+    cross at the edge, and from there on the colours change places.
+
+    Parameters
+    ----------
+    pulses
+        Crossing times.
+    pulses_per_rev
+        Number of reflectors.
+    angles
+        Spacings found, drawn as lines.
+    ax
+        Axes; made where None.
+
+    Returns
+    -------
+    Axes
+    """
+    (ax,) = panels_of(None if ax is None else [ax], 1)
+    times = pulses.times_s
+    if len(times) <= pulses_per_rev:
+        raise InputError(f"{len(times)} pulses, expected more than the {pulses_per_rev} of one turn")
+    # SciPy is loaded for this picture alone.
+    from scipy.ndimage import median_filter, uniform_filter1d
+
+    # Median over turns nearby: one wrong pulse must not pull the turn it is measured with.
+    period = np.diff(times)
+    share = median_filter(uniform_filter1d(period, pulses_per_rev), 4 * pulses_per_rev + 1)
+    deviation = 100.0 * (period / share - 1.0)
+    place = np.arange(len(period)) % pulses_per_rev
+    # A few wrong pulses must not squeeze the reflectors into one line; they are marked at the edge.
+    reach = max(2.0 * float(np.percentile(np.abs(deviation), 98)), 0.1)
+    beyond = np.abs(deviation) > reach
+    for reflector in range(pulses_per_rev):
+        chosen = (place == reflector) & ~beyond
+        color = REFLECTORS[reflector % len(REFLECTORS)]
+        label = f"interval {reflector + 1} of {pulses_per_rev}"
+        ax.plot(times[1:][chosen], deviation[chosen], ".", ms=3, color=color, label=label, rasterized=True)
+        if angles is not None:
+            share_of_turn = 100.0 * (angles.fractions[reflector] * pulses_per_rev - 1.0)
+            ax.axhline(share_of_turn, color=color, lw=0.8, ls="--")
+    if beyond.any():
+        edge = np.clip(deviation[beyond], -reach, reach)
+        ax.plot(times[1:][beyond], edge, "x", ms=6, color=RED, label=f"beyond, {beyond.sum()}", clip_on=False)
+    ax.set_ylim(-reach, reach)
+    ax.set_xlabel("time [s]")
+    dress(ax, "interval over even share of a turn [%]")
+    return ax

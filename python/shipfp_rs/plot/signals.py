@@ -1,0 +1,98 @@
+"""Pictures of signals against time: as measured, and beside what a model makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
+from shipfp_rs.support.arrays import Mask
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
+    """Draw the signals of an experiment against time, one panel a unit, masked samples marked at the bottom.
+
+    Parameters
+    ----------
+    experiment
+        What to draw.
+    axes
+        One a unit among the signals; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+    """
+    shown = units(experiment)
+    panels = panels_of(axes, len(shown), sharex=True)
+    for ax, unit in zip(panels, shown, strict=True):
+        masked = np.zeros(len(experiment), dtype=bool)
+        for name, samples in experiment.signals.items():
+            if UNITS[name] == unit:
+                ax.plot(*envelope(experiment.time, samples), color=COLOURS[name], lw=1.0, label=LABELS[name])
+                masked |= np.isnan(samples)
+        if masked.any():
+            _mark(ax, experiment, masked)
+        dress(ax, QUANTITIES[unit])
+    panels[0].set_title(experiment.name, loc="left", parse_math=False)
+    panels[-1].set_xlabel("time [s]")
+    return panels
+
+
+def units(experiment: Experiment) -> tuple[str, ...]:
+    """Return the units among an experiment's signals, the panels of `time_series`."""
+    return tuple(dict.fromkeys(UNITS[name] for name in experiment.signals))
+
+
+def fit(
+    experiment: Experiment, simulated: Mapping[str, npt.ArrayLike], axes: Sequence[Axes] | None = None
+) -> Sequence[Axes]:
+    """Draw measured signals and what the fitted model makes of them, one panel a signal.
+
+    Parameters
+    ----------
+    experiment
+        The measured signals.
+    simulated
+        Signal name to the model's normalised deviation (as `Experiment.normalised`), shape (N,).
+    axes
+        One a signal; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+    """
+    panels = panels_of(axes, len(simulated), sharex=True)
+    for ax, (name, deviation) in zip(panels, simulated.items(), strict=True):
+        model = experiment.operating_point[name] * (1.0 + np.asarray(deviation, dtype=np.float64))
+        ax.plot(*envelope(experiment.time, experiment.signals[name]), color=GREY, lw=1.0, label="measured")
+        ax.plot(*envelope(experiment.time, model), color=COLOURS[name], lw=1.0, label="model")
+        dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
+    panels[0].set_title(experiment.name, loc="left", parse_math=False)
+    panels[-1].set_xlabel("time [s]")
+    return panels
+
+
+def _mark(ax: Axes, experiment: Experiment, masked: Mask) -> None:
+    """Draw a strip along the bottom where samples are masked; its edge keeps a single sample visible."""
+    change = np.flatnonzero(np.diff(np.concatenate([[False], masked, [False]]).astype(np.int8)))
+    spans = [
+        (first / experiment.rate_hz, (last - first) / experiment.rate_hz)
+        for first, last in change.reshape(-1, 2)
+    ]
+    share = 100.0 * masked.mean()
+    ax.broken_barh(
+        spans,
+        (0.0, 0.04),
+        transform=ax.get_xaxis_transform(),
+        color=RED,
+        lw=0.8,
+        label=f"masked ({share:.2g} %)",
+    )

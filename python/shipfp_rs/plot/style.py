@@ -1,0 +1,111 @@
+"""Colours, labels and axes that all pictures share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
+LABELS: Mapping[str, str] = {
+    "n_set": "set point $n_{set}$",
+    "n_e": "engine speed $n_e$",
+    "n_s": "shaft speed $n_s$",
+    "M_s": "shaft torque $M_s$",
+    "M_b": "brake torque $M_b$",
+    "M_g": "gauge torque $M_g$",
+    "X_f": "fuel rack $X_f$",
+    "E_n": "speed error $E_n$",
+}
+"""What the signals are called in legends."""
+QUANTITIES: Mapping[str, str] = {
+    "rpm": "speed [rpm]",
+    "rev/s": "shaft speed [rev/s]",
+    "Nm": "torque [Nm]",
+    "mm": "fuel rack [mm]",
+    "rev": "integrated error [rev]",
+}
+"""Axis label of each unit; signals of one unit share a panel."""
+COLOURS: Mapping[str, str] = {
+    "n_set": GREY,
+    "n_e": BLUE,
+    "n_s": BLUE,
+    "M_s": ORANGE,
+    "M_b": PURPLE,
+    "M_g": ORANGE,
+    "X_f": GREEN,
+    "E_n": GREEN,
+}
+REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
+COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
+ENVELOPE_BINS = 1000
+"""Longer signals are drawn as the smallest and largest sample of this many stretches."""
+
+
+def envelope(time: Array, samples: npt.ArrayLike, bins: int = ENVELOPE_BINS) -> tuple[Array, Array]:
+    """Thin a signal for drawing to the smallest and largest sample of each of `bins` stretches, in order.
+
+    Parameters
+    ----------
+    time, samples
+        Shape (N,); NaN samples are passed over, and a stretch of nothing else stays NaN.
+    bins
+        Number of stretches.
+
+    Returns
+    -------
+    tuple of ndarray
+        Time and samples, as given where N is at most 4 `bins`, else of shape (2 `bins`,).
+    """
+    values = np.asarray(samples, dtype=np.float64)
+    if len(values) <= 4 * bins:
+        return time, values
+    edges = np.linspace(0, len(values), bins + 1).astype(np.intp)
+    lowest = np.where(np.isnan(values), np.inf, values)
+    highest = np.where(np.isnan(values), -np.inf, values)
+    picked = np.empty((bins, 2), dtype=np.intp)
+    for index, (first, last) in enumerate(pairwise(edges)):
+        picked[index] = first + np.argmin(lowest[first:last]), first + np.argmax(highest[first:last])
+    order = np.sort(picked, axis=1).ravel()
+    return time[order], values[order]
+
+
+def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) -> Sequence[Axes]:
+    """Return the axes given, which must be so many, or new ones under each other."""
+    if axes is None:
+        from matplotlib import pyplot
+
+        _, made = pyplot.subplots(
+            count, 1, sharex=sharex, squeeze=False, layout="constrained", figsize=(8.0, 1.0 + 2.2 * count)
+        )
+        return [*made[:, 0]]
+    if len(axes) != count:
+        raise InputError(f"{len(axes)} axes given, expected {count}")
+    return axes
+
+
+def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
+    """Give axes a label, a faint grid and a legend above them."""
+    ax.set_ylabel(ylabel)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(visible=True, color=GREY, alpha=0.25, lw=0.6)
+    ax.set_axisbelow(True)
+    if legend:
+        # Above the panel: beside the title, and never over a signal.
+        ax.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=5,
+            frameon=False,
+            fontsize="small",
+            borderaxespad=0.2,
+        )

@@ -1,0 +1,356 @@
+"""Other sources of speed than a plain pulse train: wheels with a mark, edge lists, encoders, speeds as such."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.processing.pulse_train import MARGIN_S, PulseTrain
+from shipfp_rs.processing.trial_channels import Tacho
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.spans import runs
+from shipfp_rs.support.spikes import ROBUST_SIGMA
+from shipfp_rs.support.units import TO_REV, TO_RPM, told
+from shipfp_rs.tacho import IntervalSpeed, PulseTimes, ReflectorAngles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+LEAST_SAMPLES = 4.0
+"""Samples of an encoder from one turn of its virtual pulses to the next, at least: their errors are independent then."""
+MOST_VIRTUAL = 64
+SPEED_RATE_HZ = 200.0
+"""Rate to which a speed recorded as such is averaged: far above what a shaft line does."""
+
+Stretches = Mapping[str, tuple[float, float]]
+
+
+class MarkedWheel(PulseTrain):
+    """A toothed wheel that lacks some teeth side by side, such as 60-2: its gap is filled with the teeth it lacks."""
+
+    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+        pulses = super()._pulses(rows, start_s, stop_s)
+        return replace(
+            pulses, times_s=with_missing(pulses.times_s, self.tacho.pulses_per_rev, self.tacho.missing)
+        )
+
+
+def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
+    """Put the missing teeth of a wheel in, by cubics through two teeth on either side of each gap.
+
+    Parameters
+    ----------
+    times_s
+        Times of the teeth [s], shape (N,).
+    teeth, missing
+        Teeth of the whole wheel and how many it lacks side by side.
+
+    Examples
+    --------
+    >>> turn = np.arange(6.0)[:5]  # a wheel 6-1
+    >>> with_missing(np.concatenate([turn, turn + 6.0, turn + 12.0]), 6, 1)[4:8]
+    array([4., 5., 6., 7.])
+    """
+    periods = np.diff(times_s)
+    if len(periods) < 4:
+        return times_s
+    # A gap is as long as missing + 1 teeth, beside teeth on both sides; one that lost a tooth more is left to repair.
+    usual = np.minimum(np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0]))
+    wide = np.abs(periods / usual - (missing + 1)) < 0.5
+    gaps = np.flatnonzero(wide[1:-1]) + 1
+    at = np.array([-1.0, 0.0, missing + 1.0, missing + 2.0])
+    wanted = np.arange(1.0, missing + 1.0)
+    weights = np.array(
+        [
+            [np.prod([(x - at[j]) / (at[k] - at[j]) for j in range(4) if j != k]) for k in range(4)]
+            for x in wanted
+        ]
+    )
+    around = times_s[gaps[:, None] + np.array([-1, 0, 1, 2])]
+    return np.sort(np.concatenate([times_s, (around @ weights.T).ravel()]))
+
+
+class EdgeList(PulseTrain):
+    """A list of edges from a file of its own, on the log's clock."""
+
+    def __init__(self, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
+        path = Path(tacho.file or "")
+        self.times_s = read_edges(path, tacho) - tacho.delay_s
+        digits = float(np.median(np.diff(self.times_s))) * 1e-3
+        steps = np.abs(self.times_s * 1e6 - np.rint(self.times_s * 1e6)).max() < 1e-3
+        resolution = 1e-6 if steps else min(digits, 1e-6)
+        self.time_std_s = tacho.time_std_s or resolution / np.sqrt(12.0)
+        rate_hz = 1.0 / (self.time_std_s * np.sqrt(12.0))
+        self._clock = Channel(path.name, "", rate_hz, 1, float(self.times_s[0]))
+        super().__init__(_NoRows(self._clock), name, tacho, gear_ratio, stretches)  # type: ignore[arg-type]
+
+    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+        inside = (self.times_s >= start_s - MARGIN_S) & (self.times_s <= stop_s + MARGIN_S)
+        times = self.times_s[inside]
+        if self.tacho.missing:
+            times = with_missing(times, self.tacho.pulses_per_rev, self.tacho.missing)
+        return PulseTimes(times, np.empty((0, 2)), 0.0, 0.5, 1.0, self._clock.rate_hz)
+
+    def _time_std_s(self, label: str) -> float:
+        return float(self.time_std_s)
+
+
+class _NoRows:
+    """Stands for the rows of a channel where there are none."""
+
+    def __init__(self, channel: Channel) -> None:
+        self.channel = channel
+
+
+def read_edges(path: Path, tacho: Tacho) -> Array:
+    """Return the times of a list of edges [s], of those up to the upper level where it tells levels.
+
+    Raises
+    ------
+    InputError
+        Where the file can't be read, lacks a column, or its times do not increase.
+    """
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected a list of edges")
+    try:
+        table = (
+            pa.parquet.read_table(path)
+            if path.suffix.lower() in (".parquet", ".pq")
+            else _table_of_text(path)
+        )
+        columns = {name: table.column(name).cast(pa.float64()).to_numpy() for name in table.column_names}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        reason = " ".join(str(error).split())[:300]
+        raise InputError(
+            f"{path}: can't be read as a list of edges: {reason}; expected columns of numbers"
+        ) from error
+    for key in (tacho.column, tacho.level):
+        if key and key not in columns:
+            raise InputError(f"{path}: no column {key!r}, found {', '.join(columns)}")
+    times = columns[tacho.column or next(iter(columns))]
+    if tacho.level:
+        levels = columns[tacho.level]
+        up = levels > 0.5 * (np.nanmin(levels) + np.nanmax(levels))
+        times = times[up & ~np.insert(up[:-1], 0, False)]
+    bad = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(times) < 2 or bad.size:
+        where = (
+            f"row {int(bad[0]) + 2}: {times[bad[0] + 1]:g} after {times[bad[0]]:g} s"
+            if bad.size
+            else f"{len(times)} edges"
+        )
+        raise InputError(f"{path}: {where}, expected two or more times that increase")
+    return np.asarray(times)
+
+
+def _table_of_text(path: Path) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.csv
+
+    first = path.read_text(encoding="utf-8-sig", errors="replace").split("\n", 1)[0]
+    bare = all(_is_float(cell) for cell in first.replace(";", ",").split(","))
+    return pa.csv.read_csv(
+        path,
+        read_options=pa.csv.ReadOptions(autogenerate_column_names=bare),
+        parse_options=pa.csv.ParseOptions(delimiter=";" if ";" in first else "\t" if "\t" in first else ","),
+    )
+
+
+def _is_float(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class Encoder(PulseTrain):
+    """An encoder's angle, wrapped or counting: the times at which it passes even angles are its pulses.
+
+    An angle is known to its step or its noise, whichever is larger; a pulse's time is, to that over the speed.
+    """
+
+    def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
+        self._std_rev: dict[tuple[float, float], tuple[float, float]] = {}
+        self._stretches = stretches
+        per_rev = tacho.counts_per_rev
+        self._rev = 1.0 / per_rev if per_rev else TO_REV[told(tacho.unit)]
+        calibration = tacho.calibration
+        self._line = None if calibration is None else calibration.calibration(tacho.unit)
+        self._per_rev = self._virtual(rows, tacho, stretches)
+        super().__init__(
+            rows, name, tacho.model_copy(update={"pulses_per_rev": self._per_rev}), gear_ratio, stretches
+        )
+
+    def _angle(self, rows: Rows, start_s: float, stop_s: float) -> tuple[Array, Array, Array]:
+        """Times [s], angle [rev] and gaps [s] of a stretch with its margins; the angle increases."""
+        channel = rows.channel
+        first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
+        stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
+        recorded = rows.read(first, stop).astype(np.float64)
+        known = np.isfinite(recorded)
+        if known.sum() < 8:
+            raise InputError(f"channel {channel.name!r}, {start_s:g} to {stop_s:g} s: no angle in it")
+        time = channel.start_s + (first + np.arange(len(recorded))) / channel.rate_hz
+        gaps = time[0] + (runs(~known) - np.array([1, 0])) / channel.rate_hz
+        values = (recorded if self._line is None else self._line(recorded))[known] * self._rev
+        wrap = self._wrap(values)
+        if wrap:
+            steps = np.diff(values)
+            values = values[0] + np.concatenate([[0.0], np.cumsum(steps - wrap * np.rint(steps / wrap))])
+        if values[-1] < values[0]:
+            values = -values
+        return time[known], values, gaps
+
+    def _wrap(self, values: Array) -> float:
+        """After which angle it begins again [rev]; 0 for one that counts on."""
+        span = float(np.ptp(values))
+        largest = float(np.abs(np.diff(values)).max())
+        if span <= 1.2 and largest > 0.5 * span:
+            return 1.0
+        for bits in (8, 12, 16, 24, 32):  # a counter that runs over
+            if abs(largest / (2.0**bits * self._rev) - 1.0) < 0.1:
+                return float(2.0**bits * self._rev)
+        return 0.0
+
+    def _virtual(self, rows: Rows, tacho: Tacho, stretches: Stretches) -> int:
+        longest = max(stretches.values(), key=lambda each: each[1] - each[0])
+        time, angle, _ = self._angle(rows, *longest)
+        speed = float((angle[-1] - angle[0]) / (time[-1] - time[0]))
+        if not speed > 0.0:
+            raise InputError(
+                f"channels: encoder {tacho.column!r} does not turn from {longest[0]:g} to {longest[1]:g} s"
+            )
+        return int(np.clip(rows.channel.rate_hz / (LEAST_SAMPLES * speed), 1, MOST_VIRTUAL))
+
+    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+        rows.within(start_s, stop_s)
+        time, angle, gaps = self._angle(rows, start_s, stop_s)
+        noise = ROBUST_SIGMA * float(np.median(np.abs(np.diff(angle, 2)))) / np.sqrt(6.0)
+        step = self._rev if self.tacho.counts_per_rev else _step(np.abs(np.diff(angle)))
+        step = max(step, rows.channel.resolution * self._rev)
+        std = self.tacho.std * self._rev if self.tacho.std else max(noise, step / np.sqrt(12.0), 1e-9)
+        forward = np.maximum.accumulate(angle)
+        keep = np.append(True, np.diff(forward) > 0.0)
+        passed = np.arange(np.ceil(forward[0] * self._per_rev), np.floor(forward[-1] * self._per_rev) + 1.0)
+        times = np.interp(passed / self._per_rev, forward[keep], time[keep])
+        inside = np.zeros(len(times), dtype=np.bool_)
+        for begin, end in gaps:
+            inside |= (times > begin) & (times < end)
+        speed = float((angle[-1] - angle[0]) / (time[-1] - time[0]))
+        self._std_rev[start_s, stop_s] = (std, speed)
+        return PulseTimes(times[~inside], gaps, 0.0, 0.5, 1.0, rows.channel.rate_hz)
+
+    def _angles(self, longest: PulseTimes) -> ReflectorAngles:
+        even = np.full(self._per_rev, 1.0 / self._per_rev)
+        return ReflectorAngles(even, np.zeros(self._per_rev), ok=True)
+
+    def _time_std_s(self, label: str) -> float:
+        std, speed = self._std_rev[self._stretches[label]]
+        return std / speed
+
+
+def _step(steps: Array) -> float:
+    """Step in which an angle is told, of which all its differences are multiples; 0 where there is none."""
+    levels = np.unique(np.round(steps, 12))
+    apart = np.diff(levels)
+    apart = apart[apart > 1e-10]
+    if not apart.size:
+        return 0.0
+    step = float(apart.min())
+    ratio = steps[:10_000] / step
+    return step if np.abs(ratio - np.rint(ratio)).max() < 1e-2 else 0.0
+
+
+class SpeedLevel(PulseTrain):
+    """A speed recorded as such, by a drive, a bus or an analogue converter: a mean over each of its samples."""
+
+    def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
+        self._held: dict[tuple[float, float], IntervalSpeed] = {}
+        self._stretches = stretches
+        super().__init__(rows, name, tacho, gear_ratio, stretches)
+
+    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+        rows.within(start_s, stop_s)
+        channel, tacho = rows.channel, self.tacho
+        factor = TO_RPM[told(tacho.unit)] / 60.0
+        first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
+        stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
+        recorded = rows.read(first, stop).astype(np.float64)
+        calibration = tacho.calibration
+        line = None if calibration is None else calibration.calibration(tacho.unit)
+        rps = (recorded if line is None else line(recorded)) * factor
+        if np.nanmedian(rps) < 0.0:
+            rps = -rps
+        block = max(int(channel.rate_hz / SPEED_RATE_HZ), 1)
+        count = len(rps) // block
+        means = rps[: count * block].reshape(count, block).mean(axis=1)
+        scale = factor * (1.0 if line is None else abs(line.scale))
+        noise = ROBUST_SIGMA * float(np.nanmedian(np.abs(np.diff(rps, 2)))) / np.sqrt(6.0) / np.sqrt(block)
+        # Rounding does not average out where the speed stays within a step.
+        rounding = channel.resolution * scale / np.sqrt(12.0)
+        std = tacho.std * factor if tacho.std else max(float(np.hypot(noise, rounding)), 1e-9)
+        duration = block / channel.rate_hz
+        # A sample is taken to stand for the interval around it.
+        time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
+        known = np.isfinite(means) & (means > 0.0)
+        self._held[start_s, stop_s] = IntervalSpeed(
+            time[known],
+            means[known],
+            np.full(int(known.sum()), std),
+            np.full(int(known.sum()), duration),
+            np.zeros(int(known.sum()), dtype=np.uint8),
+            1,
+        )
+        gaps = time[0] + (runs(~np.isfinite(means)) - 0.5) * duration
+        return PulseTimes(time[known], gaps, 0.0, 0.5, 1.0, channel.rate_hz)
+
+    def _angles(self, longest: PulseTimes) -> ReflectorAngles:
+        return ReflectorAngles(np.ones(1), np.zeros(1), ok=True)
+
+    def speed(self, label: str) -> IntervalSpeed:
+        """Return the samples of a stretch as means over their intervals [rev/s]."""
+        return self._held[self._stretches[label]]
+
+    def score(self, speed: IntervalSpeed) -> float:
+        """Below any source that counts turns: nobody knows what a converter's filter did."""
+        return -1.0 / (1.0 + len(speed.time_s))
+
+
+def source_of(
+    rows: Rows | None, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches
+) -> PulseTrain:
+    """Return the source that a table of a trial describes."""
+    if tacho.kind == "edges" or rows is None:
+        return EdgeList(name, tacho, gear_ratio, stretches)
+    kinds: dict[str, type[PulseTrain]] = {"angle": Encoder, "speed": SpeedLevel}
+    kind = kinds.get(tacho.kind, MarkedWheel if tacho.missing else PulseTrain)
+    return kind(rows, name, tacho, gear_ratio, stretches)
+
+
+def require_one_direction(first: PulseTrain, second: PulseTrain) -> None:
+    """Refuse a shaft that turns back: of a pair in quadrature the second train comes first then."""
+    for label, pulses in first.pulses.items():
+        one, two = pulses.times_s, second.pulses[label].times_s
+        if len(one) < 3 or len(two) < 3:
+            continue
+        after = two[np.minimum(np.searchsorted(two, one[:-1]), len(two) - 1)]
+        phase = (after - one[:-1]) / np.diff(one)
+        leads = phase < 0.5
+        if 0.05 < leads.mean() < 0.95:
+            turned = one[int(np.flatnonzero(leads != leads[0])[0])]
+            raise InputError(
+                f"{label}: channels.{first.name} and its quadrature change order at {turned:.3f} s: the shaft turns back "
+                "there; choose stretches of one direction"
+            )

@@ -1,0 +1,220 @@
+"""Channel tables of a TRIAL.toml: calibrations, set point, torque, rack, load and pulse trains."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.toml import Section, unexpected
+from shipfp_rs.support.units import TO_REV, TO_RPM, told
+
+Positive = Annotated[float, Field(gt=0.0)]
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
+
+
+class Line(Section):
+    """A calibration: scale and offset, or a table of readings and values to fit them to."""
+
+    scale: float | None = None
+    offset: float = 0.0
+    table: Annotated[tuple[Pair, ...], Field(strict=False, min_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def _is_one_line(self) -> Self:
+        if (self.scale is None) == (self.table is None):
+            raise unexpected("scale", "neither or both of scale and table", "one of the two")
+        if self.scale == 0.0:
+            raise unexpected("scale", "0", "a scale not zero")
+        if self.table is not None and len({reading for reading, _ in self.table}) < 2:
+            raise unexpected("table", "one reading only", "at least two different readings")
+        return self
+
+    def calibration(self, unit: str) -> Calibration:
+        """Return the line, with `unit` for its values."""
+        if self.table is not None:
+            readings, values = zip(*self.table, strict=True)
+            return Calibration.from_table(readings, values, unit)
+        assert self.scale is not None
+        return Calibration(self.scale, self.offset, unit)
+
+
+class SetPoint(Section):
+    """The channel of the engine-speed set point, calibrated to rpm of the engine."""
+
+    column: str
+    unit: str
+    calibration: Line
+    delay_s: float = 0.0
+    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+
+
+class Torque(Section):
+    """The torque channel, calibrated to Nm."""
+
+    column: str
+    unit: str
+    calibration: Line
+    location: Literal["gauge", "brake", "shaft"]
+    """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
+    delay_s: float = 0.0
+    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+
+
+class Rack(Section):
+    """The fuel rack, or what an engine's CAN bus tells of its fuel: nothing without fuel, and in proportion to it.
+
+    Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm.
+    """
+
+    column: str
+    unit: str
+    calibration: Line
+    delay_s: float = 0.0
+    """How late the channel tells what happened, half the period at which a bus repeats it included [s]; taken off."""
+
+
+LOADS = {"torque": "M_load", "power": "P_load"}
+"""Signals that a measured load becomes."""
+
+
+class Load(Section):
+    """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm or W."""
+
+    column: str
+    unit: str
+    calibration: Line
+    quantity: Literal["torque", "power"]
+    """Torque [Nm] of the load, or its power [W]."""
+    delay_s: float = 0.0
+    """How late the channel tells what happened [s]; taken off."""
+
+
+class Tacho(Section):
+    """A source of speed: a pulse train, a list of its edges, an encoder's angle, or a speed recorded as such.
+
+    The kind follows from the keys: `counts_per_rev`, or a unit of angle, make an encoder; a unit of speed makes a speed;
+    `file` makes a list of edges; anything else is a pulse train.
+    """
+
+    kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
+    column: str = ""
+    """Of the log; in a list of edges that of the times, the first one by default."""
+    pulses_per_rev: Annotated[int, Field(ge=1)] = 1
+    """Of a wheel with missing teeth as many as it would have: 60 for 60-2."""
+    missing: Annotated[int, Field(ge=0, le=4)] = 0
+    """Teeth that a wheel lacks side by side, for its mark: 2 for 60-2."""
+    quadrature: str | None = None
+    """Column of the second train of a pair that is a quarter of a pulse apart."""
+    shaft: Literal["engine", "propeller"] = "engine"
+    threshold: float | None = None
+    """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
+    hysteresis: Positive | None = None
+    """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
+    delay_s: float = 0.0
+    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+    file: str | None = None
+    """A list of edges: a file with a column of times on the log's clock [s]."""
+    level: str | None = None
+    """Its column of levels: of such a list only edges up to a level above the middle count."""
+    time_std_s: Positive | None = None
+    """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
+    unit: str = ""
+    """Of an angle deg, rad, rev or counts; of a speed rpm, rad/s, rev/s or Hz: turns a second."""
+    counts_per_rev: Positive | None = None
+    calibration: Line | None = None
+    """Of an analogue speed or angle: what its volts make in `unit`."""
+    std: Positive | None = None
+    """Standard deviation of a sample, in `unit`; from the samples themselves where it isn't given."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kind_from_keys(cls, content: Any) -> Any:
+        if not isinstance(content, dict) or "kind" in content:
+            return content
+        unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
+        if "file" in content:
+            kind = "edges"
+        elif "counts_per_rev" in content or unit in TO_REV or unit == "counts":
+            kind = "angle"
+        elif unit in TO_RPM and "pulses_per_rev" not in content:
+            kind = "speed"
+        else:
+            return content
+        return {**content, "kind": kind}
+
+    @model_validator(mode="after")
+    def _has_what_its_kind_needs(self) -> Self:
+        given = self.model_fields_set
+        needs = {
+            "pulses": ("column", "pulses_per_rev", "shaft"),
+            "edges": ("file", "pulses_per_rev", "shaft"),
+            "angle": ("column", "unit", "shaft"),
+            "speed": ("column", "unit"),
+        }[self.kind]
+        lacking = [key for key in needs if key not in given]
+        if lacking:
+            raise unexpected(lacking[0], "nothing", f"{' and '.join(lacking)} to be given")
+        if self.kind == "angle" and told(self.unit) not in TO_REV and self.counts_per_rev is None:
+            raise unexpected("counts_per_rev", "nothing", f"it beside unit = {self.unit!r}")
+        if self.kind == "speed" and told(self.unit) not in TO_RPM:
+            raise unexpected("unit", repr(self.unit), f"one of {', '.join(TO_RPM)}")
+        if self.missing and self.pulses_per_rev < 4 * self.missing:
+            raise unexpected(
+                "missing", self.missing, f"less than a quarter of pulses_per_rev, {self.pulses_per_rev}"
+            )
+        return self
+
+
+class Channels(Section):
+    """Set point, torque, actuator, load, and any number of sources of speed under names of their own."""
+
+    # pydantic checks the extra tables as sources of speed.
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Tacho]
+
+    set_point: SetPoint
+    torque: Torque | None = None
+    rack: Rack | None = None
+    actuator: Rack | None = None
+    """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
+    load: Load | None = None
+    """What the machine drives, measured: an input beside the set point."""
+
+    @model_validator(mode="after")
+    def _has_one_actuator(self) -> Self:
+        if self.rack is not None and self.actuator is not None:
+            raise unexpected("actuator", "rack as well", "one of the two")
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_pulse_train(self) -> Self:
+        if not self.tachos:
+            raise unexpected(
+                "PTM",
+                "no pulse train",
+                "at least one table like [channels.PTM_4] with pulses_per_rev, or [channels.speed] with unit = 'rpm'",
+            )
+        return self
+
+    @property
+    def levels(self) -> dict[str, Torque | Rack | Load]:
+        """Measured outputs that are recorded as levels, by the signals that they become."""
+        torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
+        actuator = self.rack or self.actuator
+        load = {} if self.load is None else {LOADS[self.load.quantity]: self.load}
+        return torque | ({} if actuator is None else {"X_f": actuator}) | load
+
+    @property
+    def tachos(self) -> dict[str, Tacho]:
+        """The sources of speed by name; a pair of trains in quadrature is two."""
+        found: dict[str, Tacho] = {}
+        for name, tacho in self.__pydantic_extra__.items():
+            found[name] = tacho
+            if tacho.quadrature is not None:
+                found[f"{name}, second"] = tacho.model_copy(
+                    update={"column": tacho.quadrature, "quadrature": None}
+                )
+        return found

@@ -1,0 +1,224 @@
+"""Tables of a TRIAL.toml but for its channels: header, operating point, processing, windows, identification."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from shipfp_rs.processing.trial_channels import Pair, Positive
+from shipfp_rs.support.toml import Section, unexpected
+
+Relation = Annotated[
+    tuple[str, float, float],
+    Field(strict=False),
+    BeforeValidator(lambda value: [*value, 0.0] if isinstance(value, list) and len(value) == 2 else value),
+]
+"""Name of a parameter, factor and offset; without one 0."""
+Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
+"""A positive number, or "auto" (None)."""
+
+ELEMENTS = ("actuator_lag", "derivative", "sampling", "misreading", "twist", "curvature")
+
+
+class Header(Section):
+    """The trial: its name, the ship, the recordings."""
+
+    name: str
+    vessel: str
+    """A built-in ship's name or the path of a vessel file."""
+    log: Annotated[
+        tuple[str, ...],
+        Field(strict=False, min_length=1),
+        BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    ]
+    """One path or several; relative ones count from the folder of TRIAL.toml."""
+    rate_hz: Positive | None = None
+    """Sample rate of logs that tell none [Hz]."""
+    time_column: str | None = None
+    """Column of time of a table, where it is not found by itself: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
+    names: str | None = None
+    """File that names the channels: a DBC for a CAN log, a channel list for ISO 19848."""
+
+
+class Align(Section):
+    """Several loggers that recorded one trial, each with a clock of its own: brought to one of them."""
+
+    reference: str
+    """File name of the log whose clock counts; all windows are on it."""
+    common: str | None = None
+    """Channel that every log holds, such as the set point's voltage or a pulse train; without one the logs share a
+    clock, and their time stamps count."""
+    pulses: bool = False
+    """Whether the common channel is a pulse train."""
+
+
+class OperatingPoint(Section):
+    """The steady state that signals are normalised with: given, or "auto" from a steady stretch."""
+
+    n_e_rpm: Auto = None
+    M_Nm: Auto = None
+    """At the place of the torque channel."""
+    X_mm: Auto = None
+    """Of the rack's channel, in the unit of its calibration."""
+    steady_s: Pair | None = None
+    """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
+
+    @model_validator(mode="after")
+    def _can_be_had(self) -> Self:
+        if self.steady_s is not None and not self.steady_s[0] < self.steady_s[1]:
+            raise unexpected("steady_s", list(self.steady_s), "[start, stop] with start before stop")
+        return self
+
+
+class Spikes(Section):
+    """Short excursions from the running median that are taken for faults."""
+
+    longest_s: Positive = 0.05
+    """Longest one [s]; excursions of the plant are longer."""
+    threshold: Positive = 6.0
+    """Height in robust standard deviations about the running median."""
+    least: Positive = 0.05
+    """Height below which nothing is a fault, as a share of the median magnitude."""
+
+
+class Faults(Section):
+    """What counts as a fault of a recorded channel, apart from spikes."""
+
+    stuck_s: Positive = 0.25
+    """Shortest stretch of one and the same value in an otherwise noisy channel [s]."""
+    dropout_s: Positive = 0.01
+    """Shortest stretch at zero of a channel that stays away from it [s]."""
+    longest_bridge_s: Positive = 0.25
+    """Longest stretch over which a lost set point is guessed, by a straight line [s]; the answers are masked there."""
+    mains_hz: Positive = 50.0
+    """Frequency of the mains, whose hum is taken out of the set point [Hz]."""
+    least_hum: Positive = 1e-3
+    """Amplitude that counts as hum, as a share of the set point."""
+
+
+class Processing(Section):
+    """How raw channels become signals."""
+
+    rate_hz: Positive = 50.0
+    """Common rate of the signals [Hz]. Above what the tachometer tells there is only interpolation, which a fit that
+    whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s tell 10 Hz."""
+    normalise: Literal["global", "local"] = "global"
+    """About the trial's operating point, or each window about its own means."""
+    detrend: Annotated[int, Field(ge=0, le=3)] = 0
+    """Degree of a polynomial drift that is taken off the outputs; 0: none. A window whose set point is such a trend
+    itself, a stair of steps, keeps its outputs as they are."""
+    speed: Literal["best", "fused"] = "best"
+    """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
+    timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
+    torque_spikes: Spikes = Spikes()
+    """Of the rack's channel, too."""
+    set_point_jumps: Spikes = Spikes()
+    faults: Faults = Faults()
+
+
+class Window(Section):
+    """One stretch of a log, one experiment."""
+
+    name: str
+    kind: str = ""
+    start_s: float
+    stop_s: float
+    log: str | None = None
+    """File name of the log it is cut from; the first one where none is named."""
+
+    @model_validator(mode="after")
+    def _is_not_empty(self) -> Self:
+        if not self.start_s < self.stop_s:
+            raise unexpected("stop_s", f"{self.stop_s:g}", f"more than start_s, {self.start_s:g}")
+        return self
+
+
+class GreyBox(Section):
+    """The plant of the vessel itself in place of [identify]'s linear structure; names are checked by the structure."""
+
+    kind: Literal["grey_box"]
+    free: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+    """What is searched for; all else is the vessel's."""
+    torque: Literal["gauge", "brake"] | None = None
+    """None: what the torque channel's location says."""
+    outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
+    pass_hz: Annotated[float, Field(gt=0.0)] | None = None
+    """Compare below this frequency only: above it an engine's firing has a phase that no fit can know."""
+
+
+HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
+"""Keys of [identify] that are options of `identify` under the same name."""
+OF_ANY_STRUCTURE = frozenset(("elements", "fixed", "priors", "tied", *HOW, "starts", "seed"))
+"""Keys of [identify] that do not describe the linear structure."""
+
+
+NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
+"""Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
+
+
+class Identify(Section):
+    """The structure to fit and how; parameter names are checked by the structure itself.
+
+    Without a key beyond `NARROWING` the data choose the elements of the one ship model.
+    """
+
+    elements: dict[str, bool] = Field(default_factory=dict)
+    """Elements of the ship model that are forced on (true) or off (false); the data choose the others."""
+
+    torque: Literal["gauge", "brake"] | None = None
+    """None: what the torque channel's location says."""
+    products: bool = False
+    """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
+    three_parameters: bool = False
+    """Leave v and g out: effective tau_n, vK_p and vK_i remain, enough to simulate the speed with."""
+    free_exponent: bool = False
+    dead_time_loop: bool = False
+    dead_time_set_point: bool = False
+    actuator_lag: bool = False
+    derivative: bool = False
+    sampling: Literal[True, False, "exact"] = False
+    misreading: bool = False
+    twist: bool = False
+    curvature: bool = False
+    """These six as in `Structure.linear`; not with three_parameters."""
+    outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
+    fixed: dict[str, float] = Field(default_factory=dict)
+    priors: dict[str, Pair] = Field(default_factory=dict)
+    """Name to [mean, standard deviation]."""
+    tied: dict[str, Relation] = Field(default_factory=dict)
+    """Name to [name of another one, factor] or [name, factor, offset]."""
+    weighting: Literal["determinant", "variance", "none"] = "determinant"
+    noise: Literal["ar", "white", "innovations"] | None = None
+    covariance: Literal["model", "sandwich"] = "model"
+    offsets: Literal[True, False, "relative"] = True
+    initial_state: Literal["estimated", "zero"] = "estimated"
+    """These five as in `identify`."""
+    lead_back: bool = False
+    """Simulate the vessel and take off the estimates what the structure lacks beside it (`indirect_inference`)."""
+    starts: Annotated[int, Field(ge=1)] = 8
+    """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Those of `identify`, but for starts and seed."""
+        return {name: getattr(self, name) for name in HOW}
+
+    @property
+    def chooses(self) -> bool:
+        """Whether the data choose the structure."""
+        return not self.model_fields_set - NARROWING
+
+    @property
+    def linear_elements(self) -> dict[str, Any]:
+        """What of the drive train beyond eq. 3.14-3.54 is asked for, by the options of `Structure.linear`."""
+        return {name: value for name in ELEMENTS if (value := getattr(self, name))}
+
+    @model_validator(mode="after")
+    def _three_parameters_are_all(self) -> Self:
+        if self.three_parameters and self.linear_elements:
+            raise unexpected(
+                next(iter(self.linear_elements)), "with three_parameters = true", "one of the two"
+            )
+        return self

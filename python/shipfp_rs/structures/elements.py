@@ -1,0 +1,85 @@
+"""Elements of the one ship model: what each is called, which parameters it brings, and what its absence means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.support import hints
+
+SHORTEST_S = 2e-3
+"""Shortest dead time and lag of an element that acts [s]; a shorter one can't be told from none, which is its absence."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """One part of a drive train that may act or not.
+
+    Parameters
+    ----------
+    name
+        As in `Structure.ship`, TRIAL.toml and fingerprints.
+    words
+        What a report calls it.
+    parameters
+        What it adds to a structure's parameters.
+    needs
+        "gauge": a torque gauge between the inertias; "load": a measured load torque; "": nothing.
+    """
+
+    name: str
+    words: str
+    parameters: tuple[Parameter, ...]
+    needs: str = ""
+
+
+ELEMENTS: dict[str, Element] = {
+    element.name: element
+    for element in (
+        Element("dead_time_loop", "dead time in the loop", (Parameter("T_d", "s", 0.05, SHORTEST_S, 0.5),)),
+        Element(
+            "dead_time_set_point", "dead time of the set point", (Parameter("T_set", "s", 0.05, 0.0, 2.0),)
+        ),
+        Element(
+            "actuator_lag", "lag of the fuel actuator", (Parameter("tau_act", "s", 0.05, SHORTEST_S, 1.0),)
+        ),
+        Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
+        Element(
+            "sampling",
+            "governor that samples and holds",
+            (Parameter("T_s", "s", 0.02, 1e-3, 0.5), Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True)),
+        ),
+        Element("torque_limit", "upper torque limit", (Parameter("M_max", "-", 1.1, 0.5, 5.0),)),
+        Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
+        Element("twist", "twisting shaft", (Parameter("tau_twist", "s", 1e-3, 1e-5, 0.1),), "gauge"),
+        Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
+        Element("late_torque", "torque channel that tells late", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
+        Element("late_speed", "speed channel that tells late", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
+        Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.1, 10.0, fixed=True),), "load"),
+    )
+}
+"""All elements by name, in the order in which structures list their parameters."""
+
+
+def chosen(names: Sequence[str], *, gauge: bool) -> tuple[Element, ...]:
+    """Return the elements of these names in the table's order.
+
+    Raises
+    ------
+    InputError
+        For an unknown or doubled name, or an element that needs a gauge where there is none.
+    """
+    for name in names:
+        if name not in ELEMENTS:
+            raise InputError(
+                f"the ship model has no element {name!r}, {hints.suggestion(name, list(ELEMENTS))}"
+            )
+        if list(names).count(name) > 1:
+            raise InputError(f"element {name!r} is named twice, expected each once")
+        if ELEMENTS[name].needs == "gauge" and not gauge:
+            raise InputError(
+                f"element {name!r}: found no gauge torque, expected torque='gauge' and the output 'dM'"
+            )
+    return tuple(element for element in ELEMENTS.values() if element.name in names)

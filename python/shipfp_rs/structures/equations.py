@@ -1,0 +1,86 @@
+"""Equations of a structure: what every one must compute, and defaults for what only some can."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+
+class Against(NamedTuple):
+    """What outputs are compared with, and the filter of each residual."""
+
+    measured: Array
+    """Normalised outputs (O, N), NaN where masked."""
+    offsets: Array
+    """Added to the simulated outputs, shape (O,)."""
+    filters: Array
+    """FIR filter of each output's residual (O, T), the sample's own tap first."""
+
+
+class Equations(ABC):
+    """What a structure computes: outputs and their derivatives; the rest has defaults."""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Initial states that may be estimated with an experiment, zero if not given; names start with "initial"."""
+        return ()
+
+    @property
+    def linear_in(self) -> tuple[str, ...]:
+        """Initial states in which the outputs are linear."""
+        return ()
+
+    @property
+    def has_products(self) -> bool:
+        """Whether `products` can be called."""
+        return False
+
+    @property
+    def own_offsets(self) -> bool:
+        """Whether the states hold the errors of the operating point, so that outputs need no constants added."""
+        return False
+
+    @abstractmethod
+    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+        """Return the normalised outputs, shape (O, N)."""
+
+    @abstractmethod
+    def sensitivities(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
+    ) -> tuple[Array, Array]:
+        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+
+    def response(
+        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F).
+
+        Raises
+        ------
+        InputError
+            Where the equations have no frequency response.
+        """
+        raise InputError("this structure has no frequency response; fit it to an Experiment")
+
+    def products(
+        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
+    ) -> tuple[Array, int]:
+        """Return sums of products of residuals and sensitivities of each output, filtered, and the number of samples.
+
+        The columns of the sums (O, W + 2, O, W + 2) are the derivatives with respect to `names`, what an offset of the
+        output adds, and its residual.
+        """
+        raise NotImplementedError
+
+    def stable(self, values: Mapping[str, float]) -> bool:
+        """Whether the closed loop is stable; True where the equations can't tell."""
+        return True
+
+    def passed(self, rows: Array, experiment: Experiment) -> Array:
+        """Return measured outputs (O, N) behind the filter that simulated ones go through; unchanged without one."""
+        return rows

@@ -1,0 +1,205 @@
+"""The words of drive-train identification: symbol, meaning, formula, unit, and what others call it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Term:
+    """One entry of the glossary.
+
+    Parameters
+    ----------
+    symbol
+        As in code, results and reports.
+    meaning
+        What it is, in a few words.
+    unit
+        As a fingerprint gives it; "-" for a ratio.
+    formula
+        Definition, in the symbols of the glossary; empty where the meaning says it all.
+    elsewhere
+        Word of the thesis, of MATLAB's System Identification Toolbox or of python-control.
+    """
+
+    symbol: str
+    meaning: str
+    unit: str = "-"
+    formula: str = ""
+    elsewhere: str = ""
+
+
+SIGNALS = (
+    Term("n_set", "set point of the engine speed", "rpm", "", "input u of iddata"),
+    Term("n_e", "engine speed", "rpm", "gear_ratio n_s", "output y of iddata"),
+    Term("n_s", "shaft speed", "rev/s", "", ""),
+    Term("M_b", "brake torque of the engine", "Nm", "A1 X_f + A2 n_e + A3", "thesis: eq. 3.5"),
+    Term(
+        "M_s", "brake torque at the shaft", "Nm", "gear_ratio transmission_efficiency M_b", "thesis: eq. 3.6"
+    ),
+    Term(
+        "M_g",
+        "torque at the strain gauge",
+        "Nm",
+        "M_p + (M_s - M_p) tau_prop / tau_n",
+        "thesis: taken for M_s",
+    ),
+    Term("X_f", "fuel rack", "mm", "", "thesis: X_f"),
+    Term("E_n", "integrated speed error", "rev", "∫ (n_set - n_e) dt", "thesis: the integral state"),
+    Term("dn", "speed deviation", "-", "n_e / n_e0 - 1", "thesis: n*"),
+    Term("dM", "torque deviation", "-", "M / M_0 - 1", "thesis: M*"),
+    Term("dE", "integrated deviation", "s", "E_n / n_e0", ""),
+    Term("dX", "rack deviation", "-", "X_f / X_0 - 1", "thesis: X*"),
+)
+"""Measured signals, and the normalised outputs of the linear structure."""
+
+LINEAR = (
+    Term(
+        "tau_n",
+        "time constant of the drive train's whole inertia, 2π I n_s0 / M_s0",
+        "s",
+        "2π I n_s0 / M_s0",
+        "thesis: τ_n, eq. 3.23",
+    ),
+    Term(
+        "tau_prop",
+        "time constant of the inertia on the propeller's side of the gauge",
+        "s",
+        "2π I_prop n_s0 / M_s0",
+        "not in the thesis",
+    ),
+    Term(
+        "g",
+        "slope of engine torque with speed at a held fuel rack, normalised",
+        "-",
+        "(n_e0 / M_b0) ∂M_b/∂n_e",
+        "thesis: g, eq. 3.25",
+    ),
+    Term(
+        "v",
+        "slope of engine torque with fuel rack at a held speed, normalised",
+        "-",
+        "(X_0 / M_b0) ∂M_b/∂X_f",
+        "thesis: v, eq. 3.24",
+    ),
+    Term(
+        "K_p", "proportional gain of the governor, normalised", "-", "Kp_abs n_e0 / X_0", "MATLAB: Kp of pid"
+    ),
+    Term("K_i", "integral gain of the governor, normalised", "1/s", "Ki_abs n_e0 / X_0", "MATLAB: Ki of pid"),
+    Term("vK_p", "loop gain, proportional", "-", "v K_p", ""),
+    Term("vK_i", "loop gain, integral", "1/s", "v K_i", "thesis: v K_i"),
+    Term("p", "exponent of propeller torque with speed", "-", "M_p ∝ n_s^p", "thesis: 2, eq. 3.8"),
+    Term(
+        "T_d",
+        "dead time in the fuel path, inside the loop",
+        "s",
+        "exp(-s T_d)",
+        "MATLAB: InputDelay; python-control: pade",
+    ),
+    Term(
+        "T_set",
+        "dead time in the set-point path, before the governor",
+        "s",
+        "exp(-s T_set)",
+        "MATLAB: InputDelay",
+    ),
+    Term("K_d", "derivative gain of the governor, normalised", "s", "Kd_abs n_e0 / X_0", "MATLAB: Kd of pid"),
+    Term("vK_d", "loop gain, derivative", "s", "v K_d", ""),
+    Term(
+        "tau_act", "time constant of the fuel actuator", "s", "1 / (1 + tau_act s)", "MATLAB: Tp1 of idproc"
+    ),
+    Term("T_s", "period at which the governor samples", "s", "", "MATLAB: Ts; python-control: dt"),
+    Term("T_0", "when the governor's first sample of a record falls", "s", "", "MATLAB: Tstart"),
+    Term(
+        "misread",
+        "share by which a governor reads the speed off its mean",
+        "-",
+        "(n_set - n_e) / n_e at rest",
+        "",
+    ),
+    Term("tau_twist", "give of the shaft, M_s0 / (2π n_s0 k)", "s", "M_s0 / (2π n_s0 shaft_stiffness)", ""),
+)
+"""Parameters of the linear structure."""
+
+VESSEL = (
+    Term(
+        "inertia", "moment of inertia of all that turns, seen from the propeller", "kg m2", "", "thesis: I_p"
+    ),
+    Term(
+        "propeller_inertia",
+        "share of it on the propeller's side of the gauge",
+        "kg m2",
+        "",
+        "not in the thesis",
+    ),
+    Term("gear_ratio", "engine speed over shaft speed", "-", "n_e / n_s", "thesis: i_gb"),
+    Term("transmission_efficiency", "of the gearbox", "-", "", "thesis: η_trm"),
+    Term("A1", "engine torque per fuel rack, eq. 3.5", "Nm/mm", "v M_b0 / X_0", "thesis: A_1"),
+    Term("A2", "engine torque per engine speed, eq. 3.5", "Nm/(rev/s)", "g M_b0 / n_e0", "thesis: A_2"),
+    Term("A3", "engine torque at no rack and no speed, eq. 3.5", "Nm", "(1 - v - g) M_b0", "thesis: A_3"),
+    Term(
+        "propeller_torque", "at the vessel's operating speed", "Nm", "K_Q ρ n_s0^2 D^5", "thesis: Q, eq. 3.8"
+    ),
+    Term("torque_exponent", "exponent of propeller torque with speed", "-", "p", "thesis: 2"),
+    Term("X_0", "fuel rack at no speed error", "mm", "", "thesis: X_0"),
+    Term("Kp_abs", "proportional gain of the governor", "mm/(rev/s)", "K_p X_0 / n_e0", "thesis: K_p"),
+    Term("Ki_abs", "integral gain of the governor", "mm/rev", "K_i X_0 / n_e0", "thesis: K_i"),
+    Term("minimum_torque", "lowest engine torque", "Nm", "", ""),
+    Term("limit", "factor on the engine's torque envelope", "-", "", "thesis: Fig. 3.3"),
+    Term("rack_rate", "how fast the fuel rack can move", "mm/s", "", "Simulink: Rate Limiter"),
+    Term("torque_rate", "how fast the engine's torque can change", "Nm/s", "", "Simulink: Rate Limiter"),
+    Term(
+        "fuel_dead_time",
+        "dead time between the governor's command and the rack",
+        "s",
+        "",
+        "MATLAB: InputDelay",
+    ),
+    Term("fuel_lag", "time constant of the fuel actuator", "s", "tau_act", "MATLAB: Tp1 of idproc"),
+    Term("shaft_stiffness", "torsional stiffness between engine and propeller", "Nm/rad", "k", ""),
+    Term("shaft_damping", "torsional damping between engine and propeller", "Nm s/rad", "", ""),
+    Term("drag_coefficient", "torque lost in the gearbox at 1 rev/s of the shaft", "Nm/(rev/s)^q", "", ""),
+    Term("drag_exponent", "exponent q of the gearbox's lost torque with speed", "-", "", ""),
+    Term("Kd_abs", "derivative gain of the governor", "mm s/(rev/s)", "K_d X_0 / n_e0", "MATLAB: Kd of pid"),
+    Term("derivative_filter", "time constant of the derivative's filter", "s", "", "MATLAB: Tf of pid"),
+    Term("minimum_rack", "lower stop of the fuel rack", "mm", "", "Simulink: Saturation"),
+    Term("maximum_rack", "upper stop of the fuel rack", "mm", "", "Simulink: Saturation"),
+    Term("smoke_margin", "rack allowed above what the charge air is good for", "mm", "", ""),
+    Term("turbocharger_lag", "time constant with which the charge air follows the rack", "s", "", ""),
+    Term("shaft_ripple", "propeller torque at once a turn of the shaft, over its mean", "-", "", ""),
+    Term("blade_ripple", "propeller torque at blade passage, over its mean", "-", "", ""),
+)
+"""Parameters of the plant in the vessel's own terms."""
+
+OBJECTS = (
+    Term("Experiment", "signals on one time base with their operating point", "", "", "MATLAB: iddata"),
+    Term(
+        "FrequencyResponse",
+        "complex ratio of an output to the set point",
+        "",
+        "",
+        "MATLAB: idfrd; python-control: FRD",
+    ),
+    Term("Excitation", "what is put on the set point", "", "", "MATLAB: idinput"),
+    Term("Structure", "parametric model with bounds and starts", "", "", "MATLAB: idgrey"),
+    Term(
+        "Fingerprint",
+        "estimates with intervals, rank and verdict",
+        "",
+        "",
+        "MATLAB: greyest's result, getcov",
+    ),
+    Term("nrmse_pct", "fit of an output", "%", "100 (1 - |y - ŷ| / |y - mean y|)", "MATLAB: fit of compare"),
+)
+"""What the package hands around, and the figure that a fit is judged by."""
+
+GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *VESSEL, *OBJECTS)}
+"""All terms by symbol."""
+
+
+def meaning(symbol: str) -> str:
+    """Return what a symbol means, in a few words; empty where the glossary has none."""
+    term = GLOSSARY.get(symbol)
+    return "" if term is None else term.meaning

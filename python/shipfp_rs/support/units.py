@@ -1,0 +1,110 @@
+"""Units as loggers write them: many spellings of one unit, damaged letters mended, and factors to SI and rpm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+TURNS_A_MINUTE = """
+rpm r/min rev/min revs/min u/min 1/min /min min-1 min^-1 min⁻¹ umdr/min upm omw/min o/min o.p.m.
+tr/min tours/min t/min ob/min obr/min об/мин varv/min v/min omdr/min omdr./min omdr omdr. giri/min
+g/min rpm. r.p.m. r.p.m rev/mn kierr/min kierr./min d/d dev/dak 转/分 r/mn rot/min στροφές/λεπτό
+στρ/λεπτό
+"""
+RPM = frozenset(TURNS_A_MINUTE.split())
+"""Turns a minute in the languages of logger makers and yards, in lower case and without spaces."""
+
+NAMED: Mapping[str, str] = {
+    "rad/sec": "rad/s",
+    "rad*s^-1": "rad/s",
+    "rad·s-1": "rad/s",
+    "1/s": "1/s",
+    "rps": "rev/s",
+    "r/s": "rev/s",
+    "u/s": "rev/s",
+    "tr/s": "rev/s",
+    "omw/s": "rev/s",
+    "n*m": "Nm",
+    "n·m": "Nm",
+    "n.m": "Nm",
+    "n-m": "Nm",
+    "newtonmeter": "Nm",
+    "kn*m": "kNm",
+    "kn·m": "kNm",
+    "kn.m": "kNm",
+    "deg.c": "°C",
+    "degc": "°C",
+    "grad": "°",
+    "degrees": "deg",
+    "degree": "deg",
+}
+"""Other spellings of a unit, in lower case and without spaces."""
+
+TO_RPM: Mapping[str, float] = {
+    "rpm": 1.0,
+    "rev/s": 60.0,
+    "rad/s": 60.0 / 6.283185307179586,
+    "Hz": 60.0,
+    "deg/s": 1.0 / 6.0,
+}
+"""Turns a minute in one of each unit of speed; a frequency is taken for turns a second."""
+TO_NM: Mapping[str, float] = {"Nm": 1.0, "kNm": 1e3, "MNm": 1e6}
+TO_W: Mapping[str, float] = {"W": 1.0, "kW": 1e3, "MW": 1e6}
+TO_REV: Mapping[str, float] = {
+    "rev": 1.0,
+    "deg": 1.0 / 360.0,
+    "°": 1.0 / 360.0,
+    "rad": 1.0 / 6.283185307179586,
+}
+"""Turns in one of each unit of angle."""
+
+LETTER = "[?�¿]"
+"""What a degree or micro sign becomes where one byte was taken for another code."""
+MENDED = (
+    (re.compile(f"(?:{LETTER}|Â°|Ã‚Â°)([CFK])"), r"°\1"),
+    (re.compile(f"(?:{LETTER}|Âµ|Î¼)(m/m|m|s|V|A|strain|e|eps|Pa|l|g)"), r"µ\1"),
+    (re.compile("(m|mm|km|cm|dm)Â²"), r"\1²"),
+)
+
+TIME_FORMAT = re.compile(r"[dmyhst.fj:/\- ,;]*(?:yy|hh|mm|ss|dd|tt|jj|am/pm)[a-z0.:/\- ,;]*", re.IGNORECASE)
+"""A pattern of a date or a clock such as hh:mm:ss.000, which stands where the unit of such a column would."""
+
+PLAIN = re.compile(
+    r"-|%|‰|°|°?[CFK]|deg[CF]?|[num kMGµμ]?(s|V|A|m|g|N|Nm|N m|N\*m|N·m|N\.m|Hz|W|Pa|bar|rad)"
+    r"|[num kMGµμ]?(l|L|Ohm|Ω|eps|strain|mol|VA|var)"
+    r"|rev|rev/s|[um]?sec|seconds?|millisec(?:onds?)?|min|minutes?|h|Std|Sek|sek|seg|1/s|rad/s|deg/s|rad/s2|rad/s²|kn|kts?|[µu]m/m"
+    r"|[kcm]?m/(s|h|s2|s\^2|s²)|[kt]?g/h|g/kWh|l/h|L/h|m3/h|m³/h|m²|m³"
+    r"|ticks?|counts?|cts|inc|mV/V|bits?|hPa|mbar|psi|ft|lbf?ft|ft-?lb|hp|PS|none|n/a|[a-z]?V AC"
+)
+
+
+def told(unit: str) -> str:
+    """Return a unit as this package writes it: letters that were damaged mended, any spelling of rpm as rpm.
+
+    Examples
+    --------
+    >>> told("U/min"), told("?C"), told("kN·m"), told("V")
+    ('rpm', '°C', 'kNm', 'V')
+    """
+    text = unit.strip()
+    for damaged, whole in MENDED:
+        if found := damaged.fullmatch(text):
+            text = found.expand(whole)
+            break
+    plain = re.sub(r"\s+", "", text).lower()
+    return "rpm" if plain in RPM else NAMED.get(plain, text)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a word is a unit, a dash for none, or the pattern of a date or clock.
+
+    Examples
+    --------
+    >>> [is_unit(word) for word in ("U/min", "hh:mm:ss", "kNm", "torque")]
+    [True, True, True, False]
+    """
+    text = text.strip()
+    known = told(text)
+    return bool(
+        PLAIN.fullmatch(known) or known == "rpm" or known in NAMED.values() or TIME_FORMAT.fullmatch(text)
+    )

@@ -1,0 +1,63 @@
+"""The process that checks or runs a trial for a page: tells its progress a line at a time, ends when its parent does."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+import warnings
+from pathlib import Path
+from typing import Any
+
+GRACE_S = 10.0
+"""Time to tidy up after a stop, before the process ends whatever it does."""
+
+
+def tell(**message: Any) -> None:
+    """Write one message to the parent."""
+    sys.stdout.write(json.dumps(message) + "\n")
+    sys.stdout.flush()
+
+
+def _end_with_parent() -> None:
+    """Stop, as Ctrl-C would, when the parent closes the pipe or is no more."""
+    sys.stdin.buffer.read()
+    os.kill(os.getpid(), signal.SIGINT)
+    threading.Event().wait(GRACE_S)
+    os._exit(1)
+
+
+def main(arguments: list[str]) -> int:
+    """Do the job that the arguments name: check TRIAL.toml, or run TRIAL.toml FOLDER."""
+    from shipfp_rs.errors import ShipfpError
+
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    job, path, *rest = arguments
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: tell(warning=str(message))
+            if job == "check":
+                from shipfp_rs.runs.dry_run import check
+
+                tell(done=check(Path(path), notify=lambda text: tell(progress=text)).to_dict())
+            else:
+                from shipfp_rs.runs.run import run
+
+                found = run(path, rest[0], notify=lambda text: tell(progress=text))
+                tell(done={"folder": Path(rest[0]).name, "verdict": list(found.fingerprint.verdict)})
+    except KeyboardInterrupt:
+        tell(stopped=True)
+        return 130
+    except (ShipfpError, OSError, MemoryError) as error:
+        tell(error=" ".join(str(error).split()) or type(error).__name__)
+        return 2
+    except Exception as error:  # the page shows it in place of a traceback
+        tell(error=f"internal error: {type(error).__name__}: {error}")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

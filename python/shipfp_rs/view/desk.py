@@ -1,0 +1,290 @@
+"""What a page may ask for: documents of one folder, their tiles, drafts of trials, jobs and results."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+import tomllib
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.log import suffixes
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.toml import built_in, validated
+from shipfp_rs.support.units import TO_NM, TO_RPM
+from shipfp_rs.vessel.vessel import Vessel
+from shipfp_rs.view import draft as drafts
+from shipfp_rs.view.document import Document
+from shipfp_rs.view.draft import Draft
+from shipfp_rs.view.jobs import Jobs
+from shipfp_rs.view.results import Results
+
+NAME = re.compile(r"[^/\\\0:.][^/\\\0:]{0,99}\.toml")
+"""A file that may be written: a TOML file's name, and no path."""
+MOST_TILES = 256
+MOST_ENTRIES = 500
+LARGEST_TOML = 1 << 20
+
+Asked = Mapping[str, str]
+
+
+class Desk:
+    """The folder that is looked at, and what is open of it.
+
+    Parameters
+    ----------
+    folder
+        Folder of the trial: the only one that is ever written to.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        self.jobs = Jobs()
+        self.results = Results(self.folder)
+        self._lock = threading.Lock()
+        self._saving = threading.Lock()
+        self._documents: dict[tuple[Path, Path | None], int] = {}
+        self._open: list[Document] = []
+        self.asked: dict[str, Callable[[Asked], Any]] = {
+            "folder": self._folder,
+            "document": lambda asked: self._document(asked).facts(),
+            "faults": self._faults,
+            "windows": lambda asked: self._document(asked).told_windows(_text(asked, "column")),
+            "within": self._within,
+            "mean": lambda asked: self._document(asked).mean(_whole(asked, "series"), *_stretch(asked)),
+            "spectrum": lambda asked: self._document(asked).spectrum(
+                _whole(asked, "series"), *_stretch(asked)
+            ),
+            "draft": self._draft,
+            "processed": lambda asked: self._document(asked).process_state(),
+            "job": lambda asked: self.jobs.job(_whole(asked, "id")).told(),
+            "results": lambda _: {"results": self.results.listed()},
+        }
+        self.told: dict[str, Callable[[Mapping[str, Any]], Any]] = {
+            "preview": self._preview,
+            "save": self._save,
+            "process": self._process,
+            "job": self._begin,
+            "stop": lambda content: self.jobs.stop(_number(content, "id")).told(),
+        }
+
+    def open(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> int:
+        """Return the number of a log's document, new or known."""
+        key = (path.resolve(), trial and trial.resolve())
+        with self._lock:
+            if key not in self._documents:
+                self._documents[key] = len(self._open)
+                self._open.append(Document(path, rate_hz, trial))
+            return self._documents[key]
+
+    def open_trial(self, path: Path) -> list[int]:
+        """Return the documents of a trial's logs, in order; relative names count from its folder."""
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        header = content.get("trial")
+        logs = header.get("log", []) if isinstance(header, dict) else []
+        logs = [logs] if isinstance(logs, str) else logs
+        rate_hz = header.get("rate_hz") if isinstance(header, dict) else None
+        if not logs or not all(isinstance(log, str) for log in logs):
+            raise InputError(f"{path}: trial.log: found no log, expected the path of one")
+        return [self.open(path.parent / log, rate_hz, path) for log in logs]
+
+    def tiles(self, asked: Asked) -> bytes:
+        """Return tiles one after the other; `want` names them as series.level.index, with commas between."""
+        series = self._document(asked).series()
+        wanted = _text(asked, "want").split(",")
+        if len(wanted) > MOST_TILES:
+            raise InputError(f"want: {len(wanted)} tiles, expected {MOST_TILES} at most")
+        jobs: dict[int, list[tuple[int, int, int]]] = {}
+        for place, want in enumerate(wanted):
+            found = re.fullmatch(r"(\d{1,6})\.(\d{1,2})\.(\d{1,9})", want, re.ASCII)
+            if found is None or int(found[1]) >= len(series):
+                raise InputError(f"want: {want!r}, expected series.level.index")
+            jobs.setdefault(int(found[1]), []).append((place, int(found[2]), int(found[3])))
+        parts = [b""] * len(wanted)
+
+        def fill(index: int) -> None:
+            for place, level, tile in jobs[index]:
+                parts[place] = series[index].tile(level, tile)
+
+        # Samples come off the disk channel by channel, as many at once as there are processors.
+        side_by_side([partial(fill, index) for index in jobs], threading.Event())
+        return b"".join(parts)
+
+    def _document(self, asked: Mapping[str, Any]) -> Document:
+        number = _whole(asked, "doc")
+        if number >= len(self._open):
+            raise InputError(f"doc: {number}, expected a document that is open")
+        return self._open[number]
+
+    def _folder(self, _: Asked) -> dict[str, Any]:
+        entries = sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]
+        files = [entry for entry in entries if entry.is_file() and not entry.name.startswith(".")]
+        logs = [
+            {"name": file.name, "doc": self.open(file), "bytes": file.stat().st_size}
+            for file in files
+            if file.suffix.lower() in suffixes() and file.stat().st_size
+        ]
+        trials, broken = [], []
+        for file in files:
+            if file.suffix == ".toml" and file.stat().st_size < LARGEST_TOML:
+                try:
+                    documents = self.open_trial(file)
+                except (InputError, OSError, ValueError):
+                    broken.append(file.name)
+                    continue
+                trials += [
+                    {"name": file.name, "log": self._open[number].path.name, "doc": number}
+                    for number in documents
+                ]
+        told = {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
+        return {**told, "others": broken[:MOST_ENTRIES]}
+
+    def _faults(self, asked: Asked) -> dict[str, Any]:
+        work = self._document(asked).faults.begin()
+        work.done.wait(0.2)
+        return {**work.state(), "faults": work.result or []}
+
+    def _within(self, asked: Asked) -> dict[str, Any]:
+        return self._document(asked).within(_text(asked, "column"), *_stretch(asked))
+
+    def _draft(self, asked: Asked) -> dict[str, Any]:
+        document = self._document(asked)
+        channels = [one.channel for one in document.raw.wait()]
+        path = document.trial or self._new_name(document)
+        known = document.trial is not None
+        draft = drafts.read_draft(path) if known else drafts.new_draft(document.path.stem)
+        return {
+            "draft": draft.model_dump(mode="json"),
+            "file": path.name,
+            "version": drafts.version_of(path) if known else "",
+            "vessels": self._vessels(),
+            "to_rpm": dict(TO_RPM),
+            "to_nm": dict(TO_NM),
+            "guess": drafts.guessed_roles(channels),
+            "logs": [
+                {"name": other.path.name, "doc": number}
+                for number, other in enumerate(self._open)
+                if known and other.trial == document.trial
+            ],
+        }
+
+    def _new_name(self, document: Document) -> Path:
+        for name in ("TRIAL.toml", f"{document.path.stem}.toml"):
+            if NAME.fullmatch(name) and not (self.folder / name).exists():
+                return self.folder / name
+        return self.folder / f"{document.path.stem}-trial.toml"
+
+    def _vessels(self) -> list[str]:
+        own = []
+        for file in sorted(self.folder.glob("*.toml"))[:50]:
+            if file.stat().st_size < LARGEST_TOML and "[propeller]" in file.read_text("utf-8", "replace"):
+                try:
+                    Vessel.load(str(file))
+                    own.append(file.name)
+                except InputError:
+                    continue
+        return [*built_in("vessels"), *own]
+
+    def _text_of(self, content: Mapping[str, Any]) -> tuple[Document, Path, str]:
+        """Return the document, the file and the text that a draft makes of it."""
+        document = self._document(content)
+        draft = validated(content.get("draft") or {}, Draft, "draft")
+        path = self._writable(content.get("file"))
+        old = None
+        if path.exists() and document.trial is not None and path == self._own(document):
+            old = path.read_text(encoding="utf-8")
+        elif document.trial is not None:
+            old = document.trial.read_text(encoding="utf-8")
+        log = document.path.resolve()
+        shown = log.relative_to(self.folder).as_posix() if log.is_relative_to(self.folder) else str(log)
+        return document, path, drafts.written(draft, old, shown, document.rate_hz)
+
+    def _own(self, document: Document) -> Path | None:
+        return document.trial and document.trial.resolve()
+
+    def _writable(self, name: Any) -> Path:
+        """Return the path of a file that may be written: in the trial's folder, by its name alone."""
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            raise InputError(f"file: found {name!r}, expected a name like TRIAL.toml, without a folder")
+        path = self.folder / name
+        if (
+            path.is_symlink()
+            or path.parent.resolve() != self.folder
+            or (path.exists() and not path.is_file())
+        ):
+            raise InputError(f"{name}: is no ordinary file of the trial's folder; choose another name")
+        return path
+
+    def _trial(self, text: str, path: Path) -> Trial:
+        """Return the trial of a text as if it stood in the folder."""
+        trial = drafts.checked(text, path.name)
+        header = trial.trial
+        changes: dict[str, Any] = {"log": tuple(str(self.folder / log) for log in header.log)}
+        if (self.folder / header.vessel).is_file():
+            changes["vessel"] = str(self.folder / header.vessel)
+        return trial.model_copy(update={"trial": header.model_copy(update=changes)})
+
+    def _preview(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        _, path, text = self._text_of(content)
+        error = None
+        try:
+            Vessel.load(self._trial(text, path).trial.vessel)
+        except InputError as wrong:
+            error = str(wrong)
+        return {"text": text, "error": error}
+
+    def _save(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        with self._saving:
+            document, path, text = self._text_of(content)
+            self._trial(text, path)
+            known = content.get("version", "")
+            if drafts.version_of(path) != known:
+                what = "is there already" if not known else "was changed by someone else meanwhile"
+                raise InputError(f"{path.name}: {what}; save under another name, or load the page anew")
+            write_text_atomically(path, text)
+            trial = self.open(document.path, document.rate_hz, path)
+            return {"file": path.name, "version": drafts.version_of(path), "doc": trial}
+
+    def _process(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        document, path, text = self._text_of(content)
+        return document.process(self._trial(text, path))
+
+    def _begin(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        kind = content.get("kind")
+        if kind not in ("check", "run"):
+            raise InputError(f"kind: found {kind!r}, expected check or run")
+        return self.jobs.begin(kind, self._writable(content.get("file"))).told()
+
+
+def _text(asked: Mapping[str, Any], key: str) -> str:
+    value = asked.get(key)
+    if not isinstance(value, str):
+        raise InputError(f"{key}: found nothing, expected a text")
+    return value
+
+
+def _whole(asked: Mapping[str, Any], key: str) -> int:
+    value = asked.get(key)
+    if not re.fullmatch(r"\d{1,9}", str(value), re.ASCII):
+        raise InputError(f"{key}: found {value!r}, expected a whole number")
+    return int(str(value))
+
+
+def _number(content: Mapping[str, Any], key: str) -> int:
+    return _whole({key: json.dumps(content.get(key))}, key)
+
+
+def _stretch(asked: Asked) -> tuple[float, float]:
+    try:
+        start_s, stop_s = (float(_text(asked, key)) for key in ("from", "to"))
+    except ValueError:
+        raise InputError("from, to: expected numbers of seconds") from None
+    if not -1e15 < start_s < stop_s < 1e15:
+        raise InputError(f"from {start_s:g} to {stop_s:g} s: expected a stretch that is not empty")
+    return start_s, stop_s

@@ -1,0 +1,283 @@
+"""A log that is looked at: its channels at any zoom, its faults, its windows, spectra, and what processing makes of it."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import UNITS
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.faults.record import KINDS
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.view import pyramid
+from shipfp_rs.view.background import Background, Progress
+from shipfp_rs.view.series import Series
+
+SPECTRUM_S = 300.0
+"""Longest stretch whose spectrum is made, about the middle of what is asked for."""
+SPECTRUM_POINTS = 2000
+LEAST_SPECTRUM = 64
+"""Samples of the shortest stretch that has a spectrum."""
+OTHER_SIGNALS = ("n_set", "n_e", "M_g", "M_b", "M_s", "X_f")
+
+
+class Document:
+    """One log of a page, alone or as a trial describes it.
+
+    Parameters
+    ----------
+    path
+        The log.
+    rate_hz
+        Its rate, where it tells none.
+    trial
+        TRIAL.toml that it belongs to; None where it stands alone.
+    """
+
+    def __init__(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> None:
+        self.path, self.rate_hz, self.trial = path, rate_hz, trial
+        self._lock = threading.Lock()
+        self._log: Log | None = None
+        self.pyramid = Background(self._pyramid)
+        self.raw = Background(self._raw)
+        self.faults = Background(self._faults)
+        self._windows: dict[str, Background[list[FoundWindow]]] = {}
+        self._processed: Background[list[Series]] | None = None
+        self.processed: list[Series] = []
+        self.processed_version = 0
+
+    def log(self) -> Log:
+        """Return the log, opened when it is asked for first."""
+        with self._lock:
+            if self._log is None:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # what a file lacks stands in its faults
+                    self._log = Log.open(self.path, rate_hz=self.rate_hz)
+            return self._log
+
+    def _pyramid(self, tell: Progress) -> pyramid.Pyramid:
+        found = pyramid.stored(self.path, self.rate_hz)
+        return found or pyramid.made(self.log(), self.path, self.rate_hz, tell)
+
+    def _raw(self, _: Progress) -> list[Series]:
+        channels = self.pyramid.wait().channels
+        # Opening a text log takes as long as reading it: begun before the first sample is asked for.
+        threading.Thread(target=self._opened_ahead, daemon=True).start()
+        return [Series.of_channel(one, self.log) for one in channels]
+
+    def _opened_ahead(self) -> None:
+        with contextlib.suppress(InputError, OSError):
+            self.log()
+
+    def series(self) -> list[Series]:
+        """Return everything that is drawn, channels before signals."""
+        return [*self.raw.wait(), *self.processed]
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the page has to know before it draws."""
+        told = {
+            "name": self.path.name,
+            "trial": self.trial and self.trial.name,
+            "layer": self.processed_version,
+        }
+        self.raw.begin()
+        if not self.raw.done.is_set():
+            self.raw.done.wait(0.05)
+        state = {**self.raw.state(), "progress": self.pyramid.progress}
+        if state["state"] != "done":
+            return {**told, **state}
+        start = self.pyramid.wait().start_utc
+        return {
+            **told,
+            **state,
+            "start_utc": None if start is None else start.timestamp(),
+            "series": [_told(one) for one in self.series()],
+        }
+
+    def _faults(self, _: Progress) -> list[dict[str, Any]]:
+        """Everything that `shipfp inspect` lists, with the trial where there is one."""
+        from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
+
+        trial = Trial.load(self.trial) if self.trial is not None else None
+        found = inspect_log(self.log(), trial).faults
+        channels = {one.channel.name: one.channel for one in self.raw.wait()}
+        return [
+            {
+                **fault,
+                "label": KINDS.get(fault["kind"], fault["kind"]),
+                "times": _times(channels.get(fault["channel"]), fault["spans"], channels),
+            }
+            for fault in found
+        ]
+
+    def windows(self, column: str) -> Background[list[FoundWindow]]:
+        """Return the windows of a set point, looked for once."""
+        self.log().channel(column)
+        with self._lock:
+            if column not in self._windows:
+                self._windows[column] = Background(lambda _: find_windows(self.log(), column))
+            return self._windows[column].begin()
+
+    def told_windows(self, column: str) -> dict[str, Any]:
+        """Return the state of the search for windows, and what was found."""
+        search = self.windows(column)
+        search.done.wait(0.2)
+        found = search.result or []
+        rest = longest_rest(found)
+        return {
+            **search.state(),
+            "windows": [_found(window) for window in found],
+            "rest": None if rest is None else [rest.start_s, rest.stop_s],
+        }
+
+    def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
+        """Return what a stretch of a set point holds: what is found in it alone, or else the windows that it cuts."""
+        try:
+            found = find_windows(stretch_of(self.log(), column, start_s, stop_s), column)
+        except InputError:
+            known = self.windows(column).result or []
+            found = [one for one in known if one.start_s < stop_s and one.stop_s > start_s]
+        moving = [one for one in found if one.kind != "steady"]
+        main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
+        return {"found": [_found(one) for one in found], "main": main and _found(main)}
+
+    def mean(self, index: int, start_s: float, stop_s: float) -> dict[str, float | None]:
+        """Return the mean of a stretch of a series, for a calibration's reading."""
+        values = self._stretch(self._one(index), start_s, stop_s)
+        values = values[np.isfinite(values)]
+        return {"mean": float(values.mean()) if values.size else None}
+
+    def spectrum(self, index: int, start_s: float, stop_s: float) -> dict[str, Any]:
+        """Return the amplitudes of a stretch by frequency, extremes where there are more than can be drawn."""
+        from shipfp_rs.inspection.spectrum import amplitude_spectrum, find_peaks
+
+        series = self._one(index)
+        middle, half = 0.5 * (start_s + stop_s), 0.5 * min(stop_s - start_s, SPECTRUM_S)
+        values = self._stretch(series, middle - half, middle + half)
+        finite = np.count_nonzero(np.isfinite(values))
+        if finite < max(LEAST_SPECTRUM, len(values) // 2):
+            raise InputError(
+                f"{series.channel.name}: {finite} samples in this stretch, expected {LEAST_SPECTRUM} or more and few gaps"
+            )
+        with np.errstate(all="ignore"):
+            frequency, amplitude = amplitude_spectrum(values, series.channel.rate_hz)
+        wide_enough = frequency[-1] > 10.0 and len(frequency) > 100
+        peaks = find_peaks(frequency, amplitude) if wide_enough else []
+        step = -(-len(frequency) // SPECTRUM_POINTS)
+        firsts = np.arange(0, len(frequency), step)
+        return {
+            "name": series.channel.name,
+            "unit": series.channel.unit,
+            "from": middle - half,
+            "to": middle + half,
+            "frequency": frequency[firsts].tolist(),
+            "amplitude": np.maximum.reduceat(amplitude, firsts).tolist(),
+            "peaks": [peak.to_dict() for peak in peaks],
+        }
+
+    def process(self, trial: Trial) -> dict[str, Any]:
+        """Begin to make the processed signals of a trial's windows; one trial at a time."""
+        with self._lock:
+            if self._processed is not None and not self._processed.done.is_set():
+                return self._processed.state()
+            self._processed = Background(lambda _: self._process(trial))
+        return self._processed.begin().state()
+
+    def _process(self, trial: Trial) -> list[Series]:
+        from shipfp_rs.processing.process import process
+
+        windows = trial.windows_of(self.path.name)
+        made = process(self.log(), trial) if windows else []
+        signals = []
+        for experiment in made:
+            start_s = float(experiment.provenance["window_s"][0])
+            for name in OTHER_SIGNALS:
+                if name in experiment.signals:
+                    values = experiment.signals[name]
+                    label = f"{name} in {experiment.name}"
+                    channel = Channel(label, UNITS[name], experiment.rate_hz, len(values), start_s)
+                    signals.append(Series.of_array(channel, values, f"processed {name}"))
+        self.processed = signals
+        self.processed_version += 1
+        return signals
+
+    def process_state(self) -> dict[str, Any]:
+        """Return how far the processed signals are."""
+        work = self._processed
+        return {"state": "none"} if work is None else {**work.state(), "layer": self.processed_version}
+
+    def _one(self, index: int) -> Series:
+        every = self.series()
+        if not 0 <= index < len(every):
+            raise InputError(f"series {index}: expected 0 to {len(every) - 1}")
+        return every[index]
+
+    def _stretch(self, series: Series, start_s: float, stop_s: float) -> npt.NDArray[np.float64]:
+        channel = series.channel
+        first = max(round((start_s - channel.start_s) * channel.rate_hz), 0)
+        stop = min(round((stop_s - channel.start_s) * channel.rate_hz), channel.samples)
+        if not first < stop:
+            raise InputError(f"{channel.name}: no samples from {start_s:g} to {stop_s:g} s")
+        return series.read(first, stop).astype(np.float64)
+
+
+def stretch_of(log: Log, column: str, start_s: float, stop_s: float) -> Log:
+    """Return a stretch of one channel as a log of its own, on the same clock."""
+    channel = log.channel(column)
+    start_s, stop_s = max(start_s, channel.start_s), min(stop_s, channel.stop_s)
+    first, stop = log.rows(column, start_s, stop_s)
+    part = replace(channel, start_s=channel.start_s + first / channel.rate_hz, samples=stop - first)
+
+    def blocks(_: str, row: int, size: int) -> Iterator[Samples]:
+        left = stop - first - row
+        for block in log.raw_blocks(column, first + row, size):
+            yield block[:left]
+            left -= len(block)
+            if left <= 0:
+                return
+
+    return Log(log.name, [part], blocks)
+
+
+def _told(series: Series) -> dict[str, Any]:
+    channel = series.channel
+    return {
+        "name": channel.name,
+        "unit": channel.unit,
+        "rate_hz": channel.rate_hz,
+        "samples": channel.samples,
+        "start_s": channel.start_s,
+        "levels": series.depth,
+        "gaps": (channel.start_s + series.gaps / channel.rate_hz).tolist(),
+        "gap_count": series.gap_count,
+        "layer": series.layer,
+    }
+
+
+def _found(window: FoundWindow) -> dict[str, Any]:
+    return {
+        "name": window.name,
+        "kind": window.kind,
+        "start_s": window.start_s,
+        "stop_s": window.stop_s,
+        "frequency_hz": None if window.frequency_hz is None else list(window.frequency_hz),
+    }
+
+
+def _times(
+    channel: Channel | None, spans: list[list[int]], channels: dict[str, Channel]
+) -> list[list[float]]:
+    """Spans in seconds; those of the clock, which is no channel, by the first channel."""
+    about = channel or next(iter(channels.values()))
+    return [[about.start_s + edge / about.rate_hz for edge in span] for span in spans]

@@ -1,0 +1,263 @@
+"""A trial as the page edits it, and TRIAL.toml: what the page knows is set, all else stays, comments too."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomlkit
+from pydantic import Field, StringConstraints
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import InlineTable, Table
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.processing.roles import NAMES
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.support.toml import Section, template, validated
+
+ROLES = ("set_point", "torque", "rack", "train")
+TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
+
+Short = Annotated[str, StringConstraints(max_length=200)]
+Number = Annotated[float, Field(strict=False)]
+Stretch = Annotated[tuple[Number, Number], Field(strict=False)]
+Rows = Annotated[tuple[Stretch, ...], Field(strict=False, max_length=200)]
+
+
+class DraftCalibration(Section):
+    """Scale and offset, or a table of readings and values."""
+
+    scale: Number | None = None
+    offset: Number = 0.0
+    table: Rows | None = None
+
+
+class DraftChannel(Section):
+    """What a channel is."""
+
+    column: Short
+    role: Literal["set_point", "torque", "rack", "train"]
+    unit: Short = ""
+    calibration: DraftCalibration = DraftCalibration()
+    location: Literal["gauge", "brake", "shaft"] = "gauge"
+    name: Short = ""
+    """Of a pulse train's table; its column's where it is empty."""
+    pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
+    shaft: Literal["engine", "propeller"] = "engine"
+    threshold: Number | None = None
+
+
+class DraftWindow(Section):
+    """One experiment."""
+
+    name: Short
+    kind: Short = ""
+    start_s: Number
+    stop_s: Number
+    log: Short | None = None
+
+
+class Draft(Section):
+    """What the page edits of a trial."""
+
+    name: Short = "Trial"
+    vessel: Short = "stan-tug-1205"
+    channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
+    steady_s: Stretch | None = None
+    windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=2000)] = ()
+
+
+def version_of(path: Path) -> str:
+    """Return what tells one content of a file from another; empty where there is no file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def read_draft(path: Path) -> Draft:
+    """Return what the page can edit of a TRIAL.toml, which need not be complete."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: {error}") from error
+    header, point = _table(content, "trial"), _table(content, "operating_point")
+    channels = []
+    for key, table in _table(content, "channels").items():
+        role = key if key in ROLES[:3] else "train"
+        known = {name: table[name] for name in DraftChannel.model_fields if name in table}
+        channels.append({**known, "role": role} | ({"name": key} if role == "train" else {}))
+    windows = [
+        {name: window[name] for name in DraftWindow.model_fields if name in window}
+        for window in content.get("windows", [])
+    ]
+    told = {name: header[name] for name in ("name", "vessel") if name in header}
+    steady = {"steady_s": point["steady_s"]} if "steady_s" in point else {}
+    return validated({**told, **steady, "channels": channels, "windows": windows}, Draft, str(path))
+
+
+def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = None) -> str:
+    """Return the text of a TRIAL.toml.
+
+    Parameters
+    ----------
+    draft
+        What the page knows.
+    old
+        The file as it stands; None: a new one, with the comments of the template.
+    log
+        Path of the log for a new file, as it is to stand there.
+    rate_hz
+        Its rate, where the log tells none.
+    """
+    try:
+        document = tomlkit.parse(template("TRIAL") if old is None else old)
+    except TOMLKitError as error:
+        raise InputError(f"TRIAL.toml: not TOML: {error}") from error
+    header = _sub_table(document, "trial")
+    _put(header, "name", draft.name)
+    _put(header, "vessel", draft.vessel)
+    if old is None:
+        _put(header, "log", log)
+        if rate_hz is not None:
+            _put(header, "rate_hz", rate_hz)
+    _put_channels(_sub_table(document, "channels"), draft.channels)
+    point = _sub_table(document, "operating_point")
+    if draft.steady_s is not None:
+        _put(point, "steady_s", list(draft.steady_s))
+    elif "steady_s" in point:
+        point.remove("steady_s")
+    _put_windows(document, draft.windows)
+    return tomlkit.dumps(document)
+
+
+def checked(text: str, source: str) -> Trial:
+    """Return the trial of a text; `InputError` with the first thing that is wrong or missing."""
+    return validated(tomllib.loads(text), Trial, source)
+
+
+def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    found = content.get(key, {})
+    if not isinstance(found, Mapping):
+        raise InputError(f"{key}: found {found!r}, expected a table")
+    return found
+
+
+def _sub_table(document: Any, key: str) -> Any:
+    if key not in document:
+        document[key] = tomlkit.table()
+    return document[key]
+
+
+def _put(table: Any, key: str, value: Any) -> None:
+    """Set a key whose value differs; what stays keeps its spelling and comment."""
+    old = table.get(key)
+    if old is None or getattr(old, "unwrap", lambda: old)() != value:
+        table[key] = value
+
+
+def _put_channels(tables: Any, channels: Sequence[DraftChannel]) -> None:
+    wanted: dict[str, DraftChannel] = {}
+    for channel in channels:
+        key = (channel.name or channel.column) if channel.role == "train" else channel.role
+        if key in wanted:
+            what = key.replace("_", " ") if channel.role != "train" else f"pulse train {key!r}"
+            raise InputError(
+                f"{what}: found two channels, {wanted[key].column!r} and {channel.column!r}; choose one"
+            )
+        if channel.role == "train" and key in ROLES[:3]:
+            raise InputError(f"pulse train {key!r}: the name is taken; choose another one")
+        wanted[key] = channel
+    for key in [key for key in tables if key not in wanted]:
+        tables.remove(key)
+    for key, channel in wanted.items():
+        is_new = key not in tables
+        if is_new:
+            tables[key] = tomlkit.table()
+        _put_channel(tables[key], channel)
+        if is_new:
+            tables[key].add(tomlkit.nl())
+
+
+def _put_channel(table: Table, channel: DraftChannel) -> None:
+    _put(table, "column", channel.column)
+    if channel.role == "train":
+        _put(table, "pulses_per_rev", channel.pulses_per_rev)
+        _put(table, "shaft", channel.shaft)
+        if channel.threshold is not None:
+            _put(table, "threshold", channel.threshold)
+        elif "threshold" in table:
+            table.remove("threshold")
+        return
+    _put(table, "unit", channel.unit)
+    line = _line(channel)
+    old = table.get("calibration")
+    if old is None or _plain_line(old.unwrap()) != _plain_line(line.unwrap()):
+        table["calibration"] = line
+    if channel.role == "torque":
+        _put(table, "location", channel.location)
+
+
+def _plain_line(line: Mapping[str, Any]) -> Any:
+    return line.get("scale"), line.get("offset", 0.0), [[*row] for row in line.get("table") or ()]
+
+
+def _line(channel: DraftChannel) -> InlineTable:
+    line = tomlkit.inline_table()
+    calibration = channel.calibration
+    if calibration.table is not None:
+        line["table"] = [list(row) for row in calibration.table]
+        return line
+    if calibration.scale is None:
+        raise InputError(
+            f"channel {channel.column!r}: no calibration; give its scale, or two readings and what they stand for"
+        )
+    line["scale"] = calibration.scale
+    line["offset"] = calibration.offset
+    return line
+
+
+def _put_windows(document: Any, windows: Sequence[DraftWindow]) -> None:
+    there = document.get("windows", [])
+    old = {table.get("name"): table for table in there}
+    if not windows:
+        if "windows" in document:
+            document.remove("windows")
+        return
+    for window in windows:
+        table = old.get(window.name)
+        if table is None:
+            table = old[window.name] = tomlkit.table()
+        for key in ("name", "kind", "start_s", "stop_s", "log"):
+            value = getattr(window, key)
+            if value is not None and (value != "" or key in table):
+                _put(table, key, value)
+    if [table.get("name") for table in there] == [window.name for window in windows]:
+        return
+    tables = tomlkit.aot()
+    for window in windows:
+        table = old[window.name]
+        tables.append(table)
+    if not tables[-1].as_string().endswith("\n\n"):
+        tables[-1].add(tomlkit.nl())
+    document["windows"] = tables
+
+
+def new_draft(name: str) -> Draft:
+    """Return the draft of a log that has no trial."""
+    return Draft(name=name)
+
+
+def guessed_roles(channels: Sequence[Channel]) -> dict[str, str]:
+    """Return the roles that names of channels tell, column to role."""
+    named = {}
+    for channel in channels:
+        if re.search(NAMES["set_point"], channel.name, re.IGNORECASE):
+            named[channel.name] = "set_point"
+        elif re.search(NAMES["torque"], channel.name, re.IGNORECASE):
+            named[channel.name] = "torque"
+        elif re.search(r"ptm|puls|tacho|pickup|reflect", channel.name, re.IGNORECASE):
+            named[channel.name] = "train"
+    return named

@@ -1,0 +1,177 @@
+"""Checks and runs in processes of their own, which a page starts, looks at and stops."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from shipfp_rs.errors import InputError
+
+AT_ONCE = 2
+"""Jobs under way at most: each takes all cores."""
+STOP_S = 15.0
+"""Time that a job has to tidy up after a stop."""
+KEPT_LINES = 50
+
+
+@dataclass
+class Job:
+    """One check or run.
+
+    Parameters
+    ----------
+    id
+        Its number.
+    kind
+        "check" or "run".
+    folder
+        What a run writes.
+    """
+
+    id: int
+    kind: str
+    folder: Path | None
+    process: subprocess.Popen[bytes]
+    began: float = field(default_factory=time.monotonic)
+    state: str = "working"
+    progress: str = ""
+    error: str = ""
+    done: dict[str, Any] | None = None
+    warnings: list[str] = field(default_factory=list)
+    ended: float | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return what a page is told."""
+        return {
+            "id": self.id,
+            "kind": self.kind,
+            "state": self.state,
+            "progress": self.progress,
+            "error": self.error,
+            "done": self.done,
+            "warnings": self.warnings,
+            "seconds": round((self.ended or time.monotonic()) - self.began, 1),
+        }
+
+
+class Jobs:
+    """All jobs of a server."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._jobs: dict[int, Job] = {}
+
+    def begin(self, kind: str, trial: Path) -> Job:
+        """Begin to check or run a trial; a run writes a new folder beside it.
+
+        Raises
+        ------
+        InputError
+            Where two jobs are under way already, or there is no such trial.
+        """
+        if not trial.is_file():
+            raise InputError(f"{trial.name}: no such file; save the trial first")
+        with self._lock:
+            if sum(job.state == "working" for job in self._jobs.values()) >= AT_ONCE:
+                raise InputError(f"{AT_ONCE} jobs are under way; wait for one of them, or stop it")
+            folder = self._new_folder(trial) if kind == "run" else None
+            arguments = [kind, str(trial), *([str(folder)] if folder else [])]
+            process = subprocess.Popen(
+                [sys.executable, "-m", "shipfp_rs.view.child", *arguments],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            job = Job(len(self._jobs), kind, folder, process)
+            self._jobs[job.id] = job
+        assert process.stdout is not None
+        threading.Thread(target=self._listen, args=(job, process.stdout), daemon=True).start()
+        return job
+
+    def job(self, number: int) -> Job:
+        """Return a job; `InputError` where there is none of that number."""
+        if number not in self._jobs:
+            raise InputError(f"job {number}: no such job")
+        return self._jobs[number]
+
+    def stop(self, number: int) -> Job:
+        """Stop a job as Ctrl-C would; it leaves nothing behind."""
+        job = self.job(number)
+        if job.state == "working":
+            job.state = "stopping"
+            _close(job)
+            threading.Thread(target=self._end, args=(job,), daemon=True).start()
+        return job
+
+    def stop_all(self) -> None:
+        """Stop every job and wait for all."""
+        with self._lock:
+            running = [job for job in self._jobs.values() if job.process.poll() is None]
+        for job in running:
+            _close(job)
+        for job in running:
+            self._end(job)
+
+    def _new_folder(self, trial: Path) -> Path:
+        """Return a name beside the trial that no folder has and no job is about to make."""
+        taken = {job.folder for job in self._jobs.values() if job.state in ("working", "stopping")}
+        stem = "shipfp" if trial.stem == "TRIAL" else trial.stem
+        for number in range(1, 10_000):
+            folder = trial.parent / (f"{stem}-run" if number == 1 else f"{stem}-run-{number}")
+            if folder not in taken and not folder.exists():
+                return folder
+        raise InputError(f"{trial.parent}: thousands of runs in it; move some elsewhere")
+
+    def _listen(self, job: Job, stream: IO[bytes]) -> None:
+        for line in stream:
+            with contextlib.suppress(ValueError):
+                message = json.loads(line)
+                job.progress = message.get("progress", job.progress)
+                job.error = message.get("error", job.error)
+                job.done = message.get("done", job.done)
+                if "warning" in message and len(job.warnings) < KEPT_LINES:
+                    job.warnings.append(message["warning"])
+        stream.close()
+        job.process.wait()
+        job.ended = time.monotonic()
+        if job.done is not None:
+            job.state = "done"
+        elif job.error:
+            job.state = "failed"
+        elif job.state == "stopping":
+            job.state = "stopped"
+        else:
+            job.state, job.error = "failed", f"the process ended with status {job.process.returncode}"
+        _close(job)
+
+    def _end(self, job: Job) -> None:
+        try:
+            job.process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            with contextlib.suppress(OSError):
+                if hasattr(os, "killpg"):
+                    os.killpg(job.process.pid, signal.SIGKILL)
+                else:
+                    job.process.kill()
+            job.process.wait()
+        if job.folder is not None and job.done is None:
+            for left in job.folder.parent.glob(f".{job.folder.name}.*"):
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def _close(job: Job) -> None:
+    """Close the pipe by which a job knows that it is wanted."""
+    with contextlib.suppress(OSError):
+        if job.process.stdin is not None:
+            job.process.stdin.close()

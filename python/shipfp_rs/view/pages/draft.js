@@ -1,0 +1,182 @@
+// The trial as it is edited: roles, calibrations, windows; what the server makes of it, and what is missing.
+
+import { ask, tell } from "./tools.js";
+
+const PREVIEW_MS = 250;
+
+export class Draft extends EventTarget {
+  constructor(view, doc, say) {
+    super();
+    Object.assign(this, { view, doc, say, state: null, error: null, changed: false, found: null });
+    view.addEventListener("marked", (event) => this.mark(event.detail));
+    view.addEventListener("layers", () => this.show());
+  }
+
+  async load() {
+    const told = await ask("draft", { doc: this.doc });
+    Object.assign(this, told, { state: told.draft });
+    this.show();
+    this.dispatchEvent(new Event("loaded"));
+    this.findWindows();
+    this.preview();
+  }
+
+  channel(column) {
+    return this.state.channels.find((channel) => channel.column === column);
+  }
+
+  get setPoint() {
+    return this.state?.channels.find((channel) => channel.role === "set_point");
+  }
+
+  // Say what a channel is; a unit that needs no calibration gets that unit's factor.
+  setRole(column, role, unit) {
+    this.state.channels = this.state.channels.filter((channel) => channel.column !== column);
+    if (role) {
+      const factor = (role === "set_point" ? this.to_rpm : role === "torque" ? this.to_nm : {})[unit.replaceAll(" ", "")];
+      const scale = factor ?? (role === "rack" ? 1 : null);
+      this.state.channels.push({
+        column, role, unit, calibration: { scale, offset: 0, table: null }, location: "gauge", name: "", pulses_per_rev: 1, shaft: "engine", threshold: null,
+      });
+    }
+    this.change();
+    if (role === "set_point") this.findWindows();
+  }
+
+  change() {
+    this.changed = true;
+    this.show();
+    this.dispatchEvent(new Event("changed"));
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.preview(), PREVIEW_MS);
+  }
+
+  // What the server would write, and the first thing that is wrong with it.
+  async preview() {
+    const turn = (this.turn = (this.turn ?? 0) + 1);
+    let told;
+    try {
+      told = await tell("preview", { doc: this.doc, draft: this.plain, file: this.file });
+    } catch (error) {
+      told = { text: "", error: error.message };
+    }
+    if (turn !== this.turn) return;
+    Object.assign(this, { text: told.text, error: told.error });
+    this.dispatchEvent(new Event("previewed"));
+  }
+
+  // Rows in the values that calibrations give, windows as bands, roles on the labels.
+  show() {
+    if (!this.state) return;
+    const { view } = this, roles = { set_point: "set point", torque: "torque", rack: "fuel rack", train: "pulse train" };
+    for (const row of view.rows) {
+      if (row.layer !== "raw") continue;
+      const channel = this.channel(row.series[0].name);
+      row.role.textContent = channel ? roles[channel.role] : "";
+      row.calibration = channel && view.layers.calibrated ? lineOf(channel) : null;
+    }
+    view.marks = this.state.windows.filter((window) => this.isHere(window)).map((window) => ({ ...window, kind: "window" }));
+    if (this.state.steady_s) view.marks.push({ start_s: this.state.steady_s[0], stop_s: this.state.steady_s[1], kind: "steady" });
+    view.arrange();
+  }
+
+  // Whether a window is cut from this log; those without a log are of the first one.
+  isHere(window) {
+    return this.logs.length < 2 || (window.log ?? this.logs[0].name).split(/[\\/]/).pop() === this.logName;
+  }
+
+  get logName() {
+    return this.logs.find((log) => log.doc === this.doc)?.name ?? null;
+  }
+
+  // Rests and excitations of the set point; the longest rest is the steady stretch until another one is marked.
+  async findWindows() {
+    const setPoint = this.setPoint;
+    if (!setPoint) return;
+    try {
+      for (;;) {
+        const told = await ask("windows", { doc: this.doc, column: setPoint.column });
+        if (told.state === "working") { await new Promise((resolve) => setTimeout(resolve, 300)); continue; }
+        this.found = told.state === "done" ? told.windows.filter((window) => window.kind !== "steady") : [];
+        if (told.rest && !this.state.steady_s) {
+          this.state.steady_s = told.rest.map(round);
+          this.change();
+        }
+        break;
+      }
+    } catch (error) {
+      this.say(error.message, "bad");
+    }
+    this.dispatchEvent(new Event("changed"));
+  }
+
+  async mark({ kind, start_s, stop_s }) {
+    const { view } = this;
+    view.setMode(null);
+    [start_s, stop_s] = [round(start_s), round(stop_s)];
+    if (kind === "steady") {
+      this.state.steady_s = [start_s, stop_s];
+      this.change();
+      return;
+    }
+    const window = { name: this.newName("W"), kind: "", start_s, stop_s, log: this.logs.length > 1 ? this.logName : null };
+    this.state.windows.push(window);
+    this.state.windows.sort((a, b) => a.start_s - b.start_s);
+    this.change();
+    await this.look(window);
+  }
+
+  // What a window holds, told beside it; its kind and name follow where nobody chose others.
+  async look(window) {
+    if (!this.setPoint) return;
+    try {
+      const { main } = await ask("within", { doc: this.doc, column: this.setPoint.column, from: window.start_s, to: window.stop_s });
+      window.holds = main;
+      if (main && !window.kind && main.kind !== "other") window.kind = main.kind;
+      if (main && /^W\d+$/.test(window.name)) {
+        const letter = main.name.replace(/\d+$/, "");
+        window.name = this.newName(letter);
+      }
+    } catch (error) {
+      this.say(error.message, "bad");
+    }
+    this.change();
+  }
+
+  newName(letter) {
+    for (let number = 1; ; number++) {
+      if (!this.state.windows.some((window) => window.name === `${letter}${number}`)) return `${letter}${number}`;
+    }
+  }
+
+  addFound() {
+    for (const found of this.found ?? []) {
+      if (this.state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s)) continue;
+      const name = this.state.windows.some((window) => window.name === found.name) ? this.newName(found.name.replace(/\d+$/, "")) : found.name;
+      this.state.windows.push({ name, kind: found.kind === "other" ? "" : found.kind, start_s: round(found.start_s), stop_s: round(found.stop_s), log: null, holds: found });
+    }
+    this.state.windows.sort((a, b) => a.start_s - b.start_s);
+    this.change();
+  }
+
+  // What is sent: nothing that only the page knows.
+  get plain() {
+    return { ...this.state, windows: this.state.windows.map(({ holds, ...window }) => window) };
+  }
+}
+
+const round = (seconds) => Math.round(seconds * 1000) / 1000;
+
+// The straight line of a calibration: as given, or by least squares through its table; nothing where it is not complete.
+export const lineOf = ({ role, calibration }) => {
+  if (role === "train") return null;
+  const unit = { set_point: "rpm", torque: "Nm", rack: "" }[role];
+  if (!calibration.table) return calibration.scale ? { scale: calibration.scale, offset: calibration.offset, unit } : null;
+  const rows = calibration.table;
+  const mean = (column) => rows.reduce((sum, row) => sum + row[column], 0) / rows.length;
+  const [x, y] = [mean(0), mean(1)];
+  const spread = rows.reduce((sum, row) => sum + (row[0] - x) ** 2, 0);
+  if (rows.length < 2 || !spread) return null;
+  const scale = rows.reduce((sum, row) => sum + (row[0] - x) * (row[1] - y), 0) / spread;
+  return scale ? { scale, offset: y - scale * x, unit } : null;
+};

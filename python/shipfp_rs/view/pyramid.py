@@ -1,0 +1,271 @@
+"""A file of least and greatest samples beside a log: any zoom of it is drawn from a few thousand numbers.
+
+The file holds pairs of float64, level after level, and ends in a description of them as JSON. It belongs to one state of
+the log, told by size, time of change and version of this format; with any other it is made anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import itertools
+import json
+import os
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs._core import Extremes, coarser_extremes
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.threads import side_by_side
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+
+BASE = 64
+"""Samples in a block of the finest level that is stored; finer ones are made of the samples themselves."""
+FACTOR = 4
+"""Blocks of a level that make one of the next."""
+COARSEST = 256
+"""Blocks of the last level at most: a whole log in a glance."""
+PIECE = FACTOR << 16
+"""Blocks of a level that are made coarser at once."""
+SUFFIX = ".shipfp-pyramid"
+VERSION = 1
+_END = b"SHIPFPYR"
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Channel, its missing samples, and what is stored of it.
+
+    Parameters
+    ----------
+    channel
+        Name, unit, rate, samples, start.
+    gaps
+        The first stretches of missing samples: first and first after, shape (G, 2).
+    gap_count
+        Number of them in all.
+    levels
+        Least and greatest of every 64, 256, 1024, ... samples, each of shape (K, 2); NaN where none is finite.
+    """
+
+    channel: Channel
+    gaps: npt.NDArray[np.int64]
+    gap_count: int
+    levels: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """What is stored of a log."""
+
+    path: Path
+    start_utc: datetime | None
+    channels: tuple[Stored, ...]
+
+
+def key_of(path: Path, rate_hz: float | None) -> dict[str, Any]:
+    """Return what tells one state of a log from another."""
+    state = path.stat()
+    return {"version": VERSION, "size": state.st_size, "mtime_ns": state.st_mtime_ns, "rate_hz": rate_hz}
+
+
+def places(path: Path) -> Iterator[Path]:
+    """Give the names under which a log's pyramid may stand, best first: beside it, in the user's cache, for this hour."""
+    name = path.name + SUFFIX
+    yield path.parent / name
+    digest = hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:16]
+    cache = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
+    yield Path(cache) / "shipfp" / f"{digest}-{name}"
+    yield (
+        Path(tempfile.gettempdir()) / f"shipfp-{os.getuid() if hasattr(os, 'getuid') else 0}-{digest}{SUFFIX}"
+    )
+
+
+def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
+    """Return the pyramid of a log in its present state; None where there is none."""
+    key = key_of(path, rate_hz)
+    for place in places(path):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            found = _opened(place, key)
+            if found is not None:
+                return found
+    return None
+
+
+def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress = lambda _: None) -> Pyramid:
+    """Read a log once and write its pyramid, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        Where the log can't be read, or no place for the pyramid can be written.
+    """
+    key = key_of(path, rate_hz)
+    reason = ""
+    for place in places(path):
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with _appearing(place) as file:
+                _Builder(log, file, progress).build(key)
+        except OSError as error:
+            reason = f"{place.parent}: {error.strerror or error}"
+            continue
+        found = _opened(place, key)
+        if found is not None:
+            return found
+        reason = "it was changed while it was read"
+        break
+    raise InputError(
+        f"{path}: its overview can't be written ({reason}); make room beside it or in the cache folder"
+    )
+
+
+@contextlib.contextmanager
+def _appearing(place: Path) -> Iterator[IO[bytes]]:
+    """Give a file without a name, which gets its name when it is complete; whoever is killed before leaves nothing."""
+    if not hasattr(os, "O_TMPFILE") or not Path("/proc/self/fd").exists():
+        from shipfp_rs.support.files import replacing
+
+        with replacing(place) as temporary, temporary.open("w+b") as file:
+            yield file
+        return
+    with open(os.open(place.parent, os.O_TMPFILE | os.O_RDWR, 0o666), "w+b") as file:  # noqa: PTH123
+        yield file
+        file.flush()
+        beside = place.with_name(f".{place.name}.{os.getpid()}-{threading.get_ident()}")
+        beside.unlink(missing_ok=True)
+        # Given a folder, Python asks for the link to the file and not to its name in /proc.
+        folder = os.open(place.parent, os.O_RDONLY)
+        try:
+            os.link(f"/proc/self/fd/{file.fileno()}", beside, src_dir_fd=folder, follow_symlinks=True)
+        finally:
+            os.close(folder)
+        beside.replace(place)
+
+
+class _Builder:
+    """Writes the levels of all channels side by side into one file whose layout is known before."""
+
+    def __init__(self, log: Log, file: IO[bytes], progress: Progress) -> None:
+        self.log, self.file, self.progress = log, file, progress
+        self._lock = threading.Lock()
+        self._read, self._all = 0, max(sum(channel.samples for channel in log.channels.values()), 1)
+
+    def build(self, key: dict[str, Any]) -> None:
+        at, jobs, stopped = 0, [], threading.Event()
+        for channel in self.log.channels.values():
+            counts = level_counts(channel.samples)
+            jobs.append(partial(self._channel, channel, counts, at, stopped))
+            at += sum(counts)
+        channels = side_by_side(jobs, stopped)
+        start = None if self.log.start_utc is None else self.log.start_utc.isoformat()
+        told = json.dumps({"key": key, "start_utc": start, "channels": channels}).encode()
+        self._write(at, told + len(told).to_bytes(8, "little") + _END)
+
+    def _write(self, pair: int, data: bytes) -> None:
+        with self._lock:
+            self.file.seek(16 * pair)
+            self.file.write(data)
+
+    def _pairs(self, first: int, stop: int) -> Array:
+        with self._lock:
+            self.file.seek(16 * first)
+            return np.frombuffer(self.file.read(16 * (stop - first))).reshape(-1, 2)
+
+    def _channel(
+        self, channel: Channel, counts: list[int], start: int, stopped: threading.Event
+    ) -> dict[str, Any]:
+        extremes, at = Extremes(BASE), start
+        chunks = self.log.chunks(channel.name) if channel.samples else iter(())
+        for chunk in chunks:
+            if stopped.is_set():
+                break
+            pairs = extremes.feed(as_fed(chunk))
+            self._write(at, pairs.tobytes())
+            at += len(pairs)
+            with self._lock:
+                self._read += len(chunk)
+            self.progress(self._read / self._all)
+        self._write(at, extremes.finish().tobytes())
+        if extremes.seen != channel.samples and not stopped.is_set():
+            raise InputError(
+                f"{self.log.name}: channel {channel.name!r} has {extremes.seen} samples, expected {channel.samples}; "
+                "is the file damaged?"
+            )
+        starts = np.cumsum([start, *counts]).tolist()
+        for finer, coarser, end in zip(starts, starts[1:], starts[2:], strict=False):
+            for first in range(finer, coarser, PIECE):
+                pairs = coarser_extremes(self._pairs(first, min(first + PIECE, coarser)), FACTOR)
+                self._write(coarser + (first - finer) // FACTOR, pairs.tobytes())
+            assert end - coarser == -(-(coarser - finer) // FACTOR)
+        return {
+            "name": channel.name,
+            "unit": channel.unit,
+            "rate_hz": channel.rate_hz,
+            "samples": channel.samples,
+            "start_s": channel.start_s,
+            "gaps": extremes.gaps.tolist(),
+            "gap_count": extremes.gap_count,
+            "first": start,
+            "levels": counts,
+        }
+
+
+def level_counts(samples: int) -> list[int]:
+    """Return the number of blocks of every stored level of a channel."""
+    counts = [-(-samples // BASE)]
+    while counts[-1] > COARSEST:
+        counts.append(-(-counts[-1] // FACTOR))
+    return counts
+
+
+def as_fed(chunk: Samples) -> Samples:
+    """Samples in a type that the kernels take, C-contiguous."""
+    if chunk.dtype not in (np.float32, np.float64, np.int16):
+        chunk = chunk.astype(np.float64)
+    return np.ascontiguousarray(chunk)
+
+
+def _opened(place: Path, key: dict[str, Any]) -> Pyramid | None:
+    with place.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(-16, os.SEEK_END)
+        tail = file.read(16)
+        length = int.from_bytes(tail[:8], "little")
+        if tail[8:] != _END or not 0 < length <= size - 16:
+            return None
+        file.seek(-16 - length, os.SEEK_END)
+        told = json.loads(file.read(length))
+    if told["key"] != key:
+        return None
+    rows = (size - 16 - length) // 16
+    pairs: Array = np.memmap(place, dtype=np.float64, mode="r", shape=(rows, 2)) if rows else np.empty((0, 2))
+    channels = []
+    for facts in told["channels"]:
+        edges = np.cumsum([facts["first"], *facts["levels"]]).tolist()
+        if edges[-1] > len(pairs):
+            return None
+        names = ("name", "unit", "rate_hz", "samples", "start_s")
+        channels.append(
+            Stored(
+                Channel(**{name: facts[name] for name in names}),
+                np.array(facts["gaps"], dtype=np.int64).reshape(-1, 2),
+                facts["gap_count"],
+                tuple(pairs[first:stop] for first, stop in itertools.pairwise(edges)),
+            )
+        )
+    start = told["start_utc"]
+    return Pyramid(place, datetime.fromisoformat(start) if start else None, tuple(channels))

@@ -1,0 +1,149 @@
+"""What the page draws: a channel or signal at any zoom, in tiles of a thousand blocks."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs._core import Extremes, coarser_extremes
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log
+from shipfp_rs.view.pyramid import BASE, FACTOR, Stored, as_fed, level_counts
+
+Array = npt.NDArray[np.float64]
+
+TILE = 1024
+"""Blocks in a tile."""
+FINER = 3
+"""Levels below the first that is stored: of 1, 4 and 16 samples a block."""
+PIECE = 1 << 18
+"""Samples that are read at once."""
+KEPT = 8
+"""Pieces of a channel that stay at hand: eight megabytes of single precision."""
+HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
+"""Before the float32 of a tile: what is to be added to them, number of rows, one column (samples) or two (extremes)."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A channel or signal at every zoom.
+
+    Parameters
+    ----------
+    channel
+        Name, unit, rate, samples, start.
+    read
+        Samples by first and stop.
+    levels
+        Extremes of every 64, 256, ... samples, each of shape (K, 2).
+    gaps, gap_count
+        The first stretches without samples, shape (G, 2), and how many there are.
+    layer
+        "raw" or "processed".
+    """
+
+    channel: Channel
+    read: Callable[[int, int], Samples]
+    levels: tuple[Array, ...]
+    gaps: npt.NDArray[np.int64]
+    gap_count: int
+    layer: str = "raw"
+
+    @classmethod
+    def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
+        """Return a channel of a log that is opened when its samples are asked for."""
+        channel = stored.channel
+        return cls(channel, _Pieces(log, channel).read, stored.levels, stored.gaps, stored.gap_count)
+
+    @classmethod
+    def of_array(cls, channel: Channel, samples: Array, layer: str) -> Series:
+        """Return a signal that is held in memory."""
+        extremes = Extremes(BASE)
+        levels = [np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])]
+        for _ in level_counts(len(samples))[1:]:
+            levels.append(coarser_extremes(levels[-1], FACTOR))
+        held = samples.astype(np.float32)
+        return cls(
+            channel,
+            lambda first, stop: held[first:stop],
+            tuple(levels),
+            extremes.gaps,
+            extremes.gap_count,
+            layer,
+        )
+
+    @property
+    def depth(self) -> int:
+        """Number of levels, that of single samples the first."""
+        return FINER + len(self.levels)
+
+    def blocks(self, level: int, first: int, stop: int) -> Array:
+        """Return blocks of a level, shape (K, 2): least and greatest; samples of level 0 as (K, 1)."""
+        if level >= FINER:
+            return self.levels[level - FINER][first:stop]
+        size = FACTOR**level
+        start, end = first * size, min(stop * size, self.channel.samples)
+        if start >= end:
+            return np.empty((0, 1 if level == 0 else 2))
+        samples = self.read(start, end)
+        if level == 0:
+            return samples.astype(np.float64)[:, None]
+        extremes = Extremes(size)
+        return np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])
+
+    def tile(self, level: int, index: int) -> bytes:
+        """Return a tile as the page reads it; `InputError` where there is none."""
+        if not 0 <= level < self.depth or not 0 <= index * TILE * FACTOR**level < max(
+            self.channel.samples, 1
+        ):
+            raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
+        return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
+
+
+class _Pieces:
+    """Samples of a channel, read in pieces of which the last ones stay at hand: whoever looks moves little by little."""
+
+    def __init__(self, log: Callable[[], Log], channel: Channel) -> None:
+        self._log, self._channel = log, channel
+        self._lock = threading.Lock()
+        self._held: OrderedDict[int, Samples] = OrderedDict()
+
+    def read(self, first: int, stop: int) -> Samples:
+        """Return samples, shape (stop - first,)."""
+        parts = []
+        for index in range(first // PIECE, -(-stop // PIECE)):
+            start = index * PIECE
+            parts.append(self._piece(index)[max(first - start, 0) : stop - start])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _piece(self, index: int) -> Samples:
+        channel = self._channel
+        with self._lock:
+            if index not in self._held:
+                rows = (index * PIECE, min((index + 1) * PIECE, channel.samples))
+                start_s, stop_s = (channel.start_s + row / channel.rate_hz for row in rows)
+                self._held[index] = self._log().read(channel.name, start_s, stop_s)
+            self._held.move_to_end(index)
+            while len(self._held) > KEPT:
+                self._held.popitem(last=False)
+            return self._held[index]
+
+
+def packed(blocks: Array) -> bytes:
+    """Return blocks as single precision about an offset, which keeps the digits of what changes little about much."""
+    offset, most = 0.0, float(np.finfo(np.float32).max)
+    finite = blocks[np.isfinite(blocks)]
+    if finite.size and not np.array_equal(
+        np.clip(finite, -most, most).astype(np.float32).astype(np.float64), finite
+    ):
+        offset = 0.5 * float(finite.min()) + 0.5 * float(finite.max())
+    # What single precision can't hold is as high as it can; an infinite sample is a missing one, as in the levels above.
+    single = np.where(np.isfinite(blocks), np.clip(blocks - offset, -most, most), np.nan)
+    head = np.array([(offset, len(blocks), blocks.shape[1])], dtype=HEAD)
+    return head.tobytes() + single.astype("<f4").tobytes()

@@ -1,0 +1,254 @@
+"""A server for the pages of one user on one machine: nothing else may ask it, and it asks nobody."""
+
+from __future__ import annotations
+
+import contextlib
+import hmac
+import json
+import secrets
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.view.desk import Desk
+
+HOST = "127.0.0.1"
+LARGEST_BODY = 1 << 20
+IDLE_S = 60.0
+TYPES = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+}
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
+    "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""Of the page: its own files and nothing written into them."""
+REPORT_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts"
+)
+"""Of a report, whose file anyone may have made: it runs apart from the page, and may ask for nothing."""
+
+
+class Refused(Exception):
+    """A request that is not answered."""
+
+    def __init__(self, status: HTTPStatus, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class Server(ThreadingHTTPServer):
+    """Serves a desk under a secret address.
+
+    Parameters
+    ----------
+    desk
+        What is served.
+    """
+
+    daemon_threads = True
+    request_queue_size = 32
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__((HOST, 0), _Handler)
+        self.desk = desk
+        self.token, self.results_token = secrets.token_urlsafe(24), secrets.token_urlsafe(24)
+        """The page's secret, and one of their own for reports, which so never learn the page's."""
+        self.origin = f"http://{HOST}:{self.server_port}"
+        self.first_page = "folder.html"
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser."""
+        return f"{self.origin}/{self.token}/{self.first_page}"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing: a page that was closed breaks its connections."""
+
+    def close(self) -> None:
+        """Stop listening, and end every job."""
+        self.shutdown()
+        self.server_close()
+        self.desk.jobs.stop_all()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    protocol_version = "HTTP/1.1"
+    timeout = IDLE_S
+    server_version, sys_version = "shipfp", ""
+
+    def setup(self) -> None:
+        super().setup()
+        # Answers are small; waiting for more to send costs 40 ms each.
+        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, True)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing on the terminal."""
+
+    def do_GET(self) -> None:
+        self._answer(self._get)
+
+    def do_POST(self) -> None:
+        self._answer(self._post)
+
+    def _answer(self, act: Callable[[list[str]], tuple[str, bytes, str]]) -> None:
+        try:
+            status = HTTPStatus.OK
+            kind, body, policy = act(self._path())
+        except Refused as refusal:
+            # What was sent along is not read: the connection can't go on.
+            self.close_connection = True
+            status, kind, body, policy = (
+                refusal.status,
+                "text/plain; charset=utf-8",
+                str(refusal).encode(),
+                POLICY,
+            )
+        except (InputError, ShipfpError, OSError) as error:
+            told = {"error": " ".join(str(error).split()) or type(error).__name__}
+            status, kind, body, policy = HTTPStatus.BAD_REQUEST, "application/json", _json(told), POLICY
+        except Exception as error:  # a page shows what went wrong; no traceback, no broken connection
+            told = {"error": f"internal error: {type(error).__name__}: {error}"}
+            status, kind, body, policy = (
+                HTTPStatus.INTERNAL_SERVER_ERROR, "application/json", _json(told), POLICY,
+            )  # fmt: skip
+        self._send(status, kind, body, policy)
+
+    def _send(self, status: HTTPStatus, kind: str, body: bytes, policy: str) -> None:
+        head = {
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Content-Security-Policy": policy,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Cache-Control": "no-store",
+        }
+        self.send_response(status)
+        for name, value in head.items():
+            self.send_header(name, value)
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _path(self) -> list[str]:
+        """Check who asks, and return the parts of the path after the secret, its kind first."""
+        host = self.headers.get_all("Host") or []
+        if host != [f"{HOST}:{self.server.server_port}"]:
+            # A name of somebody else's that was led to this machine.
+            raise Refused(HTTPStatus.FORBIDDEN, "refused: not the address of this server")
+        if self.headers.get("Origin", self.server.origin) != self.server.origin:
+            raise Refused(HTTPStatus.FORBIDDEN, "refused: another page's request")
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            raise Refused(HTTPStatus.FORBIDDEN, "refused: another page's request")
+        parts = urlsplit(self.path).path.split("/")[1:]
+        for kind, token in (("page", self.server.token), ("results", self.server.results_token)):
+            if hmac.compare_digest(parts[0].encode(), token.encode()):
+                if any(part in ("", ".", "..") or "%" in part or "\\" in part for part in parts[1:]):
+                    raise Refused(HTTPStatus.NOT_FOUND, "refused: no such page")
+                return [kind, *parts[1:]]
+        raise Refused(HTTPStatus.FORBIDDEN, "refused: open the address that shipfp view printed")
+
+    def _get(self, path: list[str]) -> tuple[str, bytes, str]:
+        match path:
+            case ["results", key, name]:
+                found = self.server.desk.results.file(key, name)
+                if found is not None:
+                    return found[1], found[0].read_bytes(), REPORT_POLICY
+            case ["page", "api", "tiles"]:
+                return "application/octet-stream", self.server.desk.tiles(self._asked()), POLICY
+            case ["page", "api", name] if name in self.server.desk.asked:
+                told = self.server.desk.asked[name](self._asked())
+                if name == "results":
+                    told = {**told, "base": f"{self.server.origin}/{self.server.results_token}/"}
+                return "application/json", _json(told), POLICY
+            case ["page", name] if name in PAGES:
+                return TYPES[name.rpartition(".")[2]], PAGES[name], POLICY
+        raise Refused(HTTPStatus.NOT_FOUND, "refused: no such page")
+
+    def _asked(self) -> dict[str, str]:
+        return dict(parse_qsl(urlsplit(self.path).query, keep_blank_values=True))
+
+    def _post(self, path: list[str]) -> tuple[str, bytes, str]:
+        if self.headers.get("Origin") != self.server.origin:
+            raise Refused(HTTPStatus.FORBIDDEN, "refused: not from a page of this server")
+        if self.headers.get_content_type() != "application/json":
+            raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "refused: expected application/json")
+        length = self.headers.get("Content-Length", "")
+        if not length.isdecimal() or int(length) > LARGEST_BODY:
+            raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "refused: too long, or of unknown length")
+        match path:
+            case ["page", "api", name] if name in self.server.desk.told:
+                try:
+                    content = json.loads(self.rfile.read(int(length)))
+                except (ValueError, RecursionError):
+                    raise InputError("found no JSON, expected an object") from None
+                if not isinstance(content, dict):
+                    raise InputError("found no JSON object, expected one")
+                return "application/json", _json(self.server.desk.told[name](content)), POLICY
+        raise Refused(HTTPStatus.NOT_FOUND, "refused: no such page")
+
+
+def _json(content: Any) -> bytes:
+    return json.dumps(_finite(content), ensure_ascii=False, allow_nan=False).encode()
+
+
+def _finite(content: Any) -> Any:
+    """Content with null for what JSON has no number for."""
+    if isinstance(content, float):
+        return content if content - content == 0.0 else None
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return content
+
+
+def _pages() -> dict[str, bytes]:
+    folder = resources.files("shipfp_rs.view").joinpath("pages")
+    return {
+        file.name: file.read_bytes() for file in folder.iterdir() if file.name.rpartition(".")[2] in TYPES
+    }
+
+
+PAGES = _pages()
+"""The files of the page, by name; there is no way from a name to any other file."""
+
+
+@contextlib.contextmanager
+def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
+    """Serve a desk on a thread of its own, until the block is left."""
+    server = Server(desk)
+    server.first_page = first_page
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.close()
+        thread.join()
+
+
+def wait_for_the_end() -> None:
+    """Return on Ctrl-C or when the process is asked to end."""
+    ended = threading.Event()
+
+    def end(*_: object) -> None:
+        ended.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    while not ended.wait(0.5):
+        pass

@@ -1,0 +1,392 @@
+//! Steps of the classical Runge-Kutta method, cut at what breaks the signals: delayed samples and the governor's own.
+//!
+//! Times are numbers that may carry derivatives, too: what breaks a signal comes at a time that depends on a dead time or
+//! on the crankshaft, and steps end where that time says. Before a sample is taken, the state moves to the time that
+//! stands still, at the rates from behind the break: what it loses at the rates before and gains at those behind is its
+//! derivative by the break's time. These moves have no length; plain numbers know nothing of them.
+
+use crate::error::Result;
+use pulp::{Simd, WithSimd};
+
+use crate::plant::Slope;
+use crate::scalar::{Scalar, smaller};
+use crate::stop::{CHECK_EVERY, Stop};
+use crate::subnormal::CUT_EVERY;
+
+use super::delay::Delay;
+use super::governor::{self, Timing};
+use super::motion::{Flow, FlowAt, Instant, Memory};
+use super::set_point::SetPoint;
+use super::{DriveTrain, Run, State};
+
+/// Number of outputs.
+pub const ROWS: usize = 8;
+
+/// Names of the outputs for messages: `n_e`, `n_s` [rev/s], `M_b`, `M_g`, `M_s` [Nm], `X_f` [mm], `E_n` [rev], ship
+/// speed [m/s].
+pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n", "the ship's speed"];
+
+/// What is closer than this share of a step is at one time.
+pub const SAME: f64 = 1e-8;
+/// By this share of a step a time is moved to say which side of a jump is meant.
+const NUDGE: f64 = 1e-6;
+/// So many relative roundings of a time are surely more than it is off by.
+const ROUNDINGS: f64 = 8.0;
+
+/// The end of a step to be remembered, in one place.
+struct Remember<'m, 'a, L, T> {
+    march: &'m mut March<'a, L, T>,
+    time: T,
+    at: &'m Instant<T>,
+}
+
+impl<L: Slope, T: Scalar> WithSimd for Remember<'_, '_, L, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        self.march.remember(self.time, self.at);
+    }
+}
+
+/// A simulation under way.
+pub struct March<'a, L, T = f64> {
+    train: &'a DriveTrain<T>,
+    limit: L,
+    run: &'a Run<'a>,
+    set_point: SetPoint<'a, T>,
+    step: f64,
+    state: State<T>,
+    memory: Memory<T>,
+    delay: Delay<T>,
+    governor: governor::Memory<T>,
+    /// Time of the governor's last and next sample [s], and of the next sample of the set point to arrive.
+    last_sample: T,
+    next_sample: f64,
+    next_arrival: T,
+    samples_taken: u64,
+    /// Whether the end of each step must be looked at.
+    remembers: bool,
+}
+
+impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
+    /// Before the first sample.
+    #[inline(always)]
+    pub fn new(train: &'a DriveTrain<T>, limit: L, run: &'a Run<'a>) -> Self {
+        let (state, memory) = train.start();
+        let step = run.dt / run.substeps as f64;
+        let set_point = SetPoint {
+            samples: run.set_speed,
+            before: train.set_point_before,
+            dt: run.dt,
+            dead_time: train.set_dead_time,
+            hold: run.hold,
+        };
+        let zero = state.engine_side.constant(0.0);
+        let dead_time = train.actuator.dead_time;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Saturates; a capacity only.
+        let steps = (dead_time.value() / step).min(1e4) as usize;
+        let mut delay = Delay::new(dead_time, memory.held, 2 * steps);
+        delay.push_break(zero);
+        Self {
+            train,
+            limit,
+            run,
+            set_point,
+            step,
+            governor: governor::Memory {
+                integrated: state.error,
+                filtered: state.filtered,
+                miss: train.set_point_before - state.engine_side * train.gearbox.ratio,
+            },
+            last_sample: zero,
+            next_sample: if matches!(train.governor.timing, Timing::Every(_)) { 0.0 } else { f64::INFINITY },
+            next_arrival: set_point.next_break(SAME * step),
+            samples_taken: 0,
+            remembers: delay.acts() || memory.rack.acts() || memory.torque.acts(),
+            state,
+            memory,
+            delay,
+        }
+    }
+
+    /// From the first sample to the last, each given to `record`.
+    ///
+    /// # Errors
+    /// What `record` finds, or a request to stop.
+    #[inline(always)]
+    pub fn through(
+        mut self,
+        mut record: impl FnMut(usize, &[T; ROWS]) -> Result<()>,
+        stop: &Stop,
+    ) -> Result<()> {
+        let (dt, substeps, samples) = (self.run.dt, self.run.substeps, self.run.set_speed.len());
+        let look_every = (CHECK_EVERY / substeps).max(1);
+        let mut time = self.last_sample;
+        for step in 0..=(samples - 1) * substeps {
+            let (sample, substep) = (step / substeps, step % substeps);
+            let border = (sample as f64 + (substep + 1) as f64 / substeps as f64) * dt;
+            let mut shown = substep != 0;
+            if !shown {
+                if sample % look_every == 0 {
+                    stop.check()?;
+                }
+                self.move_to(&mut time, sample as f64 * dt);
+                if sample % CUT_EVERY == 0 {
+                    self.cut();
+                }
+            }
+            loop {
+                if self.is_sample_due(time.value()) {
+                    let now = time.value();
+                    self.move_to(&mut time, now);
+                }
+                let begin = self.begin(time);
+                if !shown {
+                    record(sample, &self.row(&begin))?;
+                    shown = true;
+                    if sample + 1 == samples {
+                        return Ok(());
+                    }
+                }
+                let end = self.next_end(time, border, &begin);
+                // Time goes on whatever rounding makes of an event's.
+                let end = if end.value() > time.value() { end } else { end.constant(border) };
+                self.advance(time, end - time, &begin);
+                time = end;
+                if time.value() >= border {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Cut to zero what has decayed.
+    #[inline(always)]
+    fn cut(&mut self) {
+        self.state = self.state.cut();
+        let governor::Memory { integrated, filtered, miss } = self.governor;
+        self.governor =
+            governor::Memory { integrated: integrated.cut(), filtered: filtered.cut(), miss: miss.cut() };
+        self.memory.held = self.memory.held.cut();
+    }
+
+    /// Whether a governor that samples at times of its own is to do so.
+    #[inline(always)]
+    fn is_sample_due(&self, time: f64) -> bool {
+        time >= self.next_sample - self.same(time)
+    }
+
+    /// What is closer is at one time: a share of a step, but more than times so late are rounded by.
+    #[inline(always)]
+    fn same(&self, time: f64) -> f64 {
+        (SAME * self.step).max(ROUNDINGS * f64::EPSILON * time)
+    }
+
+    /// By how much a time is moved to say which side of a jump is meant.
+    #[inline(always)]
+    fn nudge(&self, time: T) -> f64 {
+        (NUDGE * self.step).max(2.0 * ROUNDINGS * f64::EPSILON * time.value())
+    }
+
+    /// The time at which a step must end, the border at the latest.
+    #[inline(always)]
+    fn next_end(&mut self, now: T, border: f64, begin: &Flow<T>) -> T {
+        let same = self.same(border);
+        let soon = now.value() + same;
+        if self.next_arrival.value() <= soon {
+            self.next_arrival = self.set_point.next_break(soon);
+        }
+        let mut cut = smaller(self.next_arrival, self.delay.next_break(soon));
+        if self.next_sample > soon && self.next_sample < cut.value() - same {
+            cut = cut.constant(self.next_sample);
+        }
+        // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
+        let speed = begin.engine_speed;
+        let wait = self.memory.firing.left(self.state.crank) / speed;
+        if wait.value() > 0.0 && wait.value() < 2.0 * self.step {
+            let acceleration = begin.rates.engine_side * self.train.gearbox.ratio;
+            let firing = now + wait / (acceleration * wait / speed * 0.5 + 1.0);
+            if firing.value() > soon {
+                cut = smaller(firing, cut);
+            }
+        }
+        if border - cut.value() >= same {
+            cut
+        } else if (cut.value() - border).abs() < same {
+            cut + (border - cut.value())
+        } else {
+            cut.constant(border)
+        }
+    }
+
+    /// The signals at a time from which a step starts, once what is due there is done.
+    #[inline(always)]
+    fn begin(&mut self, now: T) -> Flow<T> {
+        if self.delay.acts() {
+            self.delay.forget(now.value());
+        }
+        let timing = self.train.governor.timing;
+        if let Timing::Every(period) = timing
+            && self.is_sample_due(now.value())
+        {
+            self.samples_taken += 1;
+            self.next_sample = self.samples_taken as f64 * period;
+            self.sample(now);
+        }
+        if self.memory.firing.due(self.state.crank) {
+            if timing == Timing::AtFiring {
+                self.sample(now);
+            }
+            let mean = self.flow(now).mean;
+            // No step is so long that a cylinder fires twice in it, unless the speed has left all bounds.
+            for _ in 0..self.train.strength.len() {
+                if self.memory.firing.due(self.state.crank) {
+                    self.memory.firing.fire(mean);
+                }
+            }
+        }
+        let flow = self.flow(now);
+        if self.delay.acts() && self.samples_always() {
+            self.delay.push(now, flow.command);
+        }
+        flow
+    }
+
+    /// The signals at a time, behind what jumps there.
+    #[inline(always)]
+    fn flow(&mut self, time: T) -> Flow<T> {
+        let at = self.instant(time, time.constant(0.0), self.nudge(time));
+        let Self { train, limit, memory, state, .. } = self;
+        time.apart(FlowAt { train, limit, memory, at: &at, state })
+    }
+
+    /// Move the state to a time that stands still, from one that may move but has the same value.
+    #[inline(always)]
+    fn move_to(&mut self, time: &mut T, still: f64) {
+        let still = time.constant(still);
+        if !time.is_constant() {
+            self.shift(*time, still - *time);
+        }
+        *time = still;
+    }
+
+    /// Move the state by a time without length, at the rates from behind what jumps there.
+    #[inline(always)]
+    fn shift(&mut self, time: T, lead: T) {
+        let flow = self.flow(time);
+        self.state = self.state.after(lead, &flow.rates);
+        if self.remembers {
+            let at = self.instant(time, lead, self.nudge(time));
+            time.apart(Remember { march: self, time: time + lead, at: &at });
+        }
+    }
+
+    /// Let the governor compute.
+    #[inline(always)]
+    fn sample(&mut self, time: T) {
+        let speed = self.state.engine_side * self.train.gearbox.ratio;
+        let ceiling = self.train.ceiling(&mut self.limit, speed, self.state.charge);
+        let set_speed = self.set_point.at(time, time.value() + self.nudge(time));
+        let elapsed = time - self.last_sample;
+        let held = self.memory.held;
+        self.memory.held =
+            self.train.governor.sample(set_speed, speed, &mut self.governor, elapsed, &ceiling);
+        self.state.error = self.governor.integrated;
+        self.last_sample = time;
+        if self.delay.acts() {
+            self.delay.push(time, held);
+            self.delay.push(time, self.memory.held);
+            self.delay.push_break(time);
+        }
+    }
+
+    #[inline(always)]
+    fn instant(&self, begin: T, elapsed: T, nudge: f64) -> Instant<T> {
+        let time = begin + elapsed;
+        Instant {
+            elapsed,
+            set_speed: if self.samples_always() {
+                self.set_point.at(time, time.value() + nudge)
+            } else {
+                time.constant(f64::NAN)
+            },
+            arriving: if self.delay.acts() { Some(self.delay.at(time, nudge)) } else { None },
+        }
+    }
+
+    /// A step of the classical Runge-Kutta method that starts with `begin`.
+    #[inline(always)]
+    fn advance(&mut self, time: T, step: T, begin: &Flow<T>) {
+        let waits = T::CARRIES && self.train.governor.anti_windup && self.samples_always();
+        let begun = if waits {
+            Some(self.wait(&self.instant(time, time.constant(0.0), self.nudge(time))))
+        } else {
+            None
+        };
+        let half = step * 0.5;
+        let middle = self.instant(time, half, 0.0);
+        let end = self.instant(time, step, -self.nudge(time));
+        let (mut rates, mut sum, mut torn) = (begin.rates, begin.rates, false);
+        // One place for the flow: in a closure that is called thrice it is not inlined.
+        for stage in 0..3 {
+            let last = stage == 2;
+            let (at, by, weight) = if last { (&end, step, 1.0) } else { (&middle, half, 2.0) };
+            let state = self.state.after(by, &rates);
+            let Self { train, limit, memory, .. } = self;
+            rates = step.apart(FlowAt { train, limit, memory, at, state: &state }).rates;
+            torn |= (rates.error.value() == 0.0) != (begin.rates.error.value() == 0.0);
+            sum = sum.plus(weight, &rates);
+        }
+        self.state = self.state.after(step * (1.0 / 6.0), &sum);
+        if let Some(begun) = begun {
+            let ended = self.wait(&end);
+            self.state.error = self.state.error + self.train.governor.switched(&begun, &ended, step, torn);
+        }
+        if self.remembers {
+            step.apart(Remember { march: self, time: time + step, at: &end });
+        }
+    }
+
+    /// Whether the governor computes always.
+    #[inline(always)]
+    fn samples_always(&self) -> bool {
+        self.train.governor.timing == Timing::Continuous
+    }
+
+    /// What decides now whether the governor's integral waits.
+    #[inline(always)]
+    fn wait(&mut self, at: &Instant<T>) -> governor::Wait<T> {
+        let Self { train, limit, state, .. } = self;
+        let speed = state.engine_side * train.gearbox.ratio;
+        let ceiling = train.ceiling(limit, speed, state.charge);
+        train.governor.wait(at.set_speed, speed, state.error, state.filtered, &ceiling)
+    }
+
+    /// Keep what later steps need of the end of one.
+    #[inline(always)]
+    fn remember(&mut self, time: T, at: &Instant<T>) {
+        let reached = self.train.fuel_path(&mut self.limit, &self.memory, at, &self.state);
+        self.memory.rack.advance(reached.fuel, at.elapsed);
+        self.memory.torque.advance(reached.demand, at.elapsed);
+        if self.delay.acts() && self.samples_always() {
+            self.delay.push(time, reached.command.rack);
+            // A continuous governor's command bends where a sample of the set point reaches it.
+            let since = (time.value() - self.set_point.dead_time.value()) / self.run.dt;
+            if (since - since.round()).abs() * self.run.dt < self.same(time.value()) {
+                self.delay.push_break(time);
+            }
+        }
+    }
+
+    /// The outputs, in the order of [`NAMES`].
+    #[inline(always)]
+    fn row(&self, flow: &Flow<T>) -> [T; ROWS] {
+        let State { propeller, error, ship, .. } = self.state;
+        [flow.engine_speed, propeller, flow.brake, flow.gauge, flow.shaft, flow.rack, error, ship]
+    }
+}
+
+#[cfg(test)]
+mod tests;

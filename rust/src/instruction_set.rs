@@ -1,0 +1,68 @@
+//! The one place that chooses the instruction set: the widest one of the machine, unless another one is asked for.
+//!
+//! The tests ask for each in turn. Kernels round the same with every set that fuses multiply-adds (AVX2, AVX-512, NEON), and
+//! otherwise with plain numbers, which a machine without vectors gets.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use pulp::Arch;
+
+use crate::error::{Error, Result};
+
+/// Names of the sets that this processor's family may have, from the narrowest on.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+pub const NAMES: [&str; 3] = ["scalar", "avx2", "avx512"];
+/// Names of the sets that this processor's family may have, from the narrowest on.
+#[cfg(target_arch = "aarch64")]
+pub const NAMES: [&str; 2] = ["scalar", "neon"];
+/// Names of the sets that this processor's family may have, from the narrowest on.
+#[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
+pub const NAMES: [&str; 1] = ["scalar"];
+
+/// Place in [`NAMES`] of what was asked for; past the last where nothing was.
+static ASKED_FOR: AtomicUsize = AtomicUsize::new(usize::MAX);
+
+/// What kernels are dispatched to.
+#[inline]
+#[must_use]
+pub fn arch() -> Arch {
+    at(ASKED_FOR.load(Ordering::Relaxed)).unwrap_or_default()
+}
+
+/// Names of the sets that this machine has.
+#[must_use]
+pub fn available() -> Vec<&'static str> {
+    NAMES.iter().enumerate().filter(|(place, _)| at(*place).is_some()).map(|(_, name)| *name).collect()
+}
+
+/// Dispatch to a set from now on, in all threads; None for the widest again.
+///
+/// # Errors
+/// [`Error::Invalid`] for a set that this machine has not.
+pub fn choose(name: Option<&str>) -> Result<()> {
+    let place = match name {
+        None => usize::MAX,
+        Some(name) => {
+            NAMES.iter().position(|known| *known == name).filter(|place| at(*place).is_some()).ok_or_else(
+                || Error::Invalid(format!("instruction set is '{name}', expected one of {:?}", available())),
+            )?
+        }
+    };
+    ASKED_FOR.store(place, Ordering::Relaxed);
+    Ok(())
+}
+
+/// The set at a place in [`NAMES`], where the machine has it.
+#[inline]
+fn at(place: usize) -> Option<Arch> {
+    match place {
+        0 => Some(Arch::Scalar),
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        1 => pulp::x86::V3::try_new().map(Arch::V3),
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        2 => pulp::x86::V4::try_new().map(Arch::V4),
+        #[cfg(target_arch = "aarch64")]
+        1 => pulp::aarch64::Neon::try_new().map(Arch::Neon),
+        _ => None,
+    }
+}

@@ -1,0 +1,33 @@
+//! Memory whose size an argument decides: what the system refuses is an error, not the end of the process.
+
+use crate::error::{Error, Result};
+
+/// So many zeros.
+///
+/// # Errors
+/// [`Error::Memory`] where the system has no room.
+pub fn zeros(count: usize) -> Result<Vec<f64>> {
+    let mut values = Vec::new();
+    reserve(&mut values, count)?;
+    values.resize(count, 0.0);
+    Ok(values)
+}
+
+/// Room for so many more values.
+///
+/// # Errors
+/// [`Error::Memory`] where the system has no room.
+pub fn reserve<T>(values: &mut Vec<T>, more: usize) -> Result<()> {
+    values.try_reserve(more).map_err(|_| Error::Memory { bytes: more.saturating_mul(size_of::<T>()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_there_is_no_room_for_is_an_error() {
+        assert_eq!(zeros(3), Ok(vec![0.0; 3]));
+        assert_eq!(zeros(usize::MAX / 4), Err(Error::Memory { bytes: usize::MAX }));
+    }
+}

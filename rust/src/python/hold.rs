@@ -1,0 +1,18 @@
+//! How a set point runs between samples, as Python says it.
+
+use pyo3::prelude::*;
+
+use crate::error::Error;
+use crate::integrate::Hold;
+
+impl FromPyObject<'_, '_> for Hold {
+    type Error = PyErr;
+
+    fn extract(hold: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        if let Ok(name) = hold.extract::<String>() {
+            return Ok(name.parse()?);
+        }
+        let found = hold.get_type();
+        Err(Error::Invalid(format!("hold is of {found}, expected 'zero' or 'first'")).into())
+    }
+}

@@ -1,0 +1,432 @@
+//! Outputs at the samples, out of the pieces they lie in, and their way into blocks.
+
+use multiversion::multiversion;
+use pulp::Simd;
+
+use crate::error::Result;
+use crate::ship::march::{BLOCK, Block, Consume, Task};
+use crate::ship::output::Output;
+use crate::ship::parameters::at;
+use crate::ship::run::Run;
+
+use super::feed::Feed;
+use super::grid::{Piece, Time};
+use super::model::{Jets, Model, Series, TERMS};
+use super::slopes::{LANES, Pack, Slopes, get, put};
+use super::steps::Step;
+
+/// Outputs that are late by the same time.
+struct Channel {
+    /// [s].
+    late: f64,
+    /// Places among the outputs.
+    outputs: Vec<usize>,
+    /// The sample that is to come.
+    next: usize,
+}
+
+/// An output as a combination of signals, and which parameters count by themselves.
+struct Reading {
+    output: Output,
+    /// Of the speed, the rack, the rate of the speed and the integrated speed.
+    factors: [f64; 4],
+    constant: f64,
+    /// Whether a parameter counts by itself, and whether the channel's delay does.
+    own: bool,
+    late: bool,
+    /// Where in which piece it was last read, and what the terms of a signal and of its rate weigh there, and those of the speed,
+    /// the rack and the integrated speed in the output.
+    part: f64,
+    inverse: f64,
+    powers: Series,
+    rates: Series,
+    speeds: Series,
+    racks: Option<Series>,
+    sums: Option<Series>,
+}
+
+/// Outputs on their way: for each, a row of lanes a sample, and its values.
+pub struct Emit<'a> {
+    model: Model,
+    run: Run<'a>,
+    wrt: &'a [usize],
+    channels: Vec<Channel>,
+    readings: Vec<Reading>,
+    /// Samples of room.
+    room: usize,
+    packs: usize,
+    slopes: Vec<Pack>,
+    values: Vec<f64>,
+    sum: Option<Feed<'a>>,
+    /// Of the command's constant part.
+    base: Vec<f64>,
+    block: Block,
+}
+
+impl<'a> Emit<'a> {
+    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>) -> Self {
+        let samples = run.samples();
+        let late = |output: Output| match output {
+            Output::Speed | Output::PropellerSpeed => task.parameters.of(at::T_N),
+            Output::EngineTorque | Output::GaugeTorque => task.parameters.of(at::T_M),
+            Output::Rack | Output::Sum => 0.0,
+        };
+        let mut channels: Vec<Channel> = Vec::new();
+        for (place, &output) in task.outputs.iter().enumerate() {
+            let late = late(output);
+            match channels.iter_mut().find(|channel| channel.late.total_cmp(&late).is_eq()) {
+                Some(channel) => channel.outputs.push(place),
+                None => channels.push(Channel { late, outputs: vec![place], next: 0 }),
+            }
+        }
+        // Those from before the record, as far as it goes.
+        let before = |late: f64| (0..samples).take_while(|&k| (k as f64) < late / run.dt - 1e-9).count();
+        let ahead = channels.iter().map(|channel| before(channel.late)).max().unwrap_or(0);
+        let room = BLOCK + ahead + 2;
+        let set0 = run.set[0];
+        let load0 = run.load.first().copied().unwrap_or(0.0);
+        let (outputs, packs) = (task.outputs.len(), task.wrt.len().div_ceil(LANES));
+        let mut emit = Self {
+            model: *model,
+            run: *run,
+            wrt: task.wrt,
+            channels,
+            readings: task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt)).collect(),
+            room,
+            packs,
+            slopes: vec![[0.0; LANES]; outputs * room * packs],
+            values: vec![0.0; outputs * room],
+            sum: task
+                .outputs
+                .contains(&Output::Sum)
+                .then(|| Feed::new(run.set, run.hold, run.dt, model.t_set / run.dt)),
+            base: task.wrt.iter().map(|&place| model.base_by(place, set0, load0)).collect(),
+            block: Block::new(outputs, task.wrt.len()),
+        };
+        for channel in 0..emit.channels.len() {
+            for sample in 0..before(emit.channels[channel].late) {
+                for at in 0..emit.channels[channel].outputs.len() {
+                    emit.hold(emit.channels[channel].outputs[at], sample);
+                }
+                emit.channels[channel].next += 1;
+            }
+        }
+        emit
+    }
+
+    /// How late each channel is [sample intervals], and how many of its samples lie before the record.
+    pub fn channels(&self) -> Vec<(f64, usize)> {
+        self.channels.iter().map(|channel| (channel.late / self.run.dt, channel.next)).collect()
+    }
+
+    /// Whether all outputs have all samples.
+    pub fn is_done(&self) -> bool {
+        self.channels.iter().all(|channel| channel.next >= self.run.samples())
+    }
+
+    /// Read all samples that lie in a piece.
+    #[inline(always)]
+    pub fn read<S: Simd>(&mut self, simd: S, step: &Step, jets: &Jets, series: &[Slopes]) {
+        for channel in 0..self.channels.len() {
+            let next = self.channels[channel].next;
+            let Some(part) = step.samples[channel].filter(|_| next < self.run.samples()) else { continue };
+            for at in 0..self.channels[channel].outputs.len() {
+                let output = self.channels[channel].outputs[at];
+                self.lay(simd, output, next, part, jets, series);
+            }
+            self.channels[channel].next += 1;
+        }
+    }
+
+    /// An output at a part of a piece.
+    #[inline(always)]
+    fn lay<S: Simd>(
+        &mut self,
+        simd: S,
+        output: usize,
+        sample: usize,
+        part: f64,
+        jets: &Jets,
+        series: &[Slopes],
+    ) {
+        let slot = output * self.room + sample - self.block.from;
+        let reading = &mut self.readings[output];
+        if (reading.part, reading.inverse) != (part, jets.inverse) {
+            reading.aim(part, jets.inverse);
+        }
+        let (weights, racks, sums) = (&reading.speeds, reading.racks.as_ref(), reading.sums.as_ref());
+        let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
+        for (slopes, series) in slopes.iter_mut().zip(series) {
+            for part in 0..LANES / S::F64_LANES {
+                let mut total = weighed(simd, weights, &series.n, part);
+                if let Some(racks) = racks {
+                    total = simd.add_f64s(total, weighed(simd, racks, &series.rack, part));
+                }
+                if let Some(sums) = sums {
+                    total = simd.add_f64s(total, weighed(simd, sums, &series.q, part));
+                }
+                put::<S>(slopes, part, total);
+            }
+        }
+        let scalar = |weights: &Series, series: &Series| {
+            let mut sum = 0.0;
+            for k in 0..=TERMS {
+                sum += weights[k] * series[k];
+            }
+            sum
+        };
+        let mut simulated = reading.constant + scalar(weights, &jets.n);
+        if let Some(racks) = racks {
+            simulated += scalar(racks, &jets.rack);
+        }
+        if let Some(sums) = sums {
+            simulated += scalar(sums, &jets.q);
+        }
+        self.values[slot] = simulated;
+        let own = reading.own;
+        match reading.output {
+            _ if !own => {}
+            Output::Speed | Output::PropellerSpeed => {
+                let rate = scalar(&reading.rates, &jets.n);
+                self.own_speed(slot, rate);
+            }
+            Output::EngineTorque | Output::GaugeTorque => {
+                let [of_speed, of_rack, of_rate, _] = reading.factors;
+                let n = scalar(&reading.powers, &jets.n);
+                let rack = scalar(&reading.powers, &jets.rack);
+                let rate = scalar(&reading.rates, &jets.n);
+                let mut changes = 0.0;
+                if reading.late {
+                    let second = jets.inverse * jets.inverse * second(&jets.n, part);
+                    let faster = jets.inverse * self::rate(&jets.rack, part);
+                    changes = of_speed * rate + of_rack * faster + of_rate * second;
+                }
+                self.own_torque(output, slot, [n, rack, rate], simulated, changes);
+            }
+            Output::Rack => {}
+            Output::Sum => self.add_sum(slot, sample),
+        }
+    }
+
+    #[inline(always)]
+    fn own_speed(&mut self, slot: usize, rate: f64) {
+        for (lane, &place) in self.wrt.iter().enumerate() {
+            if place == at::T_N {
+                self.slopes[slot * self.packs + lane / LANES][lane % LANES] -= rate;
+            }
+        }
+    }
+
+    /// What parameters add to a torque by themselves.
+    #[inline(always)]
+    fn own_torque(
+        &mut self,
+        output: usize,
+        slot: usize,
+        [n, rack, rate]: [f64; 3],
+        simulated: f64,
+        changes: f64,
+    ) {
+        let (s_m, gauge) = (self.model.s_m, self.readings[output].output == Output::GaugeTorque);
+        for lane in 0..self.wrt.len() {
+            let own = match self.wrt[lane] {
+                at::G => s_m * n,
+                at::V => s_m * rack,
+                at::TAU_N if gauge => -s_m * rate,
+                at::TAU_PROP if gauge => s_m * rate,
+                at::S_M => (simulated + 1.0) / s_m,
+                at::T_M => -changes,
+                _ => continue,
+            };
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
+        }
+    }
+
+    /// What the set point adds to the governor's sum.
+    fn add_sum(&mut self, slot: usize, sample: usize) {
+        let Model { k_i, s_u, t_set, base, .. } = self.model;
+        let (set0, dt) = (self.run.set[0], self.run.dt);
+        let Some(feed) = &mut self.sum else { return };
+        #[allow(clippy::cast_possible_wrap)] // a record's length
+        let start = Time { whole: sample as isize, part: 0.0 };
+        let set = feed.over(&Piece { start, length: 1.0, cut: None, open: true });
+        let time = sample as f64 * dt;
+        let summed = set.integral + t_set * (set0 - 1.0) + time;
+        let acts = k_i != 0.0;
+        self.values[slot] += s_u * summed - time + if acts { base / k_i } else { 0.0 };
+        for (lane, &place) in self.wrt.iter().enumerate() {
+            let mut own = if acts { self.base[lane] / k_i } else { 0.0 };
+            own += match place {
+                at::S_U => summed,
+                at::T_SET => -s_u * (set.value - set0),
+                at::K_I if acts => -base / (k_i * k_i),
+                _ => 0.0,
+            };
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
+        }
+    }
+
+    /// An output before the record.
+    fn hold(&mut self, output: usize, sample: usize) {
+        let slot = output * self.room + sample - self.block.from;
+        let Model { n0, f0, g, s_m, .. } = self.model;
+        let load0 = self.run.load.first().copied().unwrap_or(0.0);
+        let power = super::model::Power::at(1.0 + n0, self.model.p);
+        let (damping, gain) = (self.model.damping, self.model.load_gain);
+        let drag = power.value() + damping * n0 + gain * load0;
+        let (level, gauge) = match self.readings[output].output {
+            Output::EngineTorque => (1.0 + g * n0 + f0, false),
+            Output::GaugeTorque => (drag, true),
+            _ => (0.0, false),
+        };
+        let speed = matches!(self.readings[output].output, Output::Speed | Output::PropellerSpeed);
+        self.values[slot] = if speed { n0 } else { s_m * level - 1.0 };
+        for lane in 0..self.wrt.len() {
+            let own = match (self.wrt.get(lane), speed, gauge) {
+                (Some(&at::INITIAL_N), true, _) => 1.0,
+                (None, ..) | (_, true, _) => 0.0,
+                (Some(&at::S_M), ..) => level,
+                (Some(&at::INITIAL_N), _, true) => s_m * (power.slope(self.model.p) + damping),
+                (Some(&at::P), _, true) => s_m * power.by_exponent(),
+                (Some(&at::DAMPING), _, true) => s_m * n0,
+                (Some(&at::LOAD_GAIN), _, true) => s_m * load0,
+                (Some(&at::INITIAL_N), _, false) => s_m * g,
+                (Some(&at::G), _, false) => s_m * n0,
+                (Some(&at::INITIAL_F), _, false) => s_m,
+                _ => 0.0,
+            };
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] = own;
+        }
+    }
+
+    /// Hand over every block that is complete.
+    #[inline(always)]
+    pub fn flush(&mut self, consume: &mut Consume<'_>) -> Result<()> {
+        let samples = self.run.samples();
+        let complete = self.channels.iter().map(|channel| channel.next).min().unwrap_or(samples);
+        while self.block.from < samples && complete >= samples.min(self.block.from + BLOCK) {
+            self.hand_over(consume)?;
+        }
+        Ok(())
+    }
+
+    fn hand_over(&mut self, consume: &mut Consume<'_>) -> Result<()> {
+        let (packs, directions) = (self.packs, self.wrt.len());
+        let count = BLOCK.min(self.run.samples() - self.block.from);
+        self.block.samples = count;
+        for output in 0..self.readings.len() {
+            let first = output * self.room;
+            self.block.row_mut(output, directions)[..count]
+                .copy_from_slice(&self.values[first..first + count]);
+            for pack in 0..packs {
+                let lanes = LANES.min(directions - pack * LANES);
+                let rows = self.block.rows_of(output, pack * LANES, lanes);
+                lay_out(&self.slopes[first * packs + pack..], packs, count, rows);
+            }
+            self.values.copy_within(first + count..first + self.room, first);
+            self.slopes.copy_within((first + count) * packs..(first + self.room) * packs, first * packs);
+        }
+        consume(&self.block)?;
+        self.block.from += count;
+        Ok(())
+    }
+}
+
+impl Reading {
+    fn new(output: Output, model: &Model, wrt: &[usize]) -> Self {
+        let Model { g, v, s_m, tau, tau_prop, .. } = *model;
+        let (factors, constant) = match output {
+            Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
+            Output::EngineTorque => ([s_m * g, s_m * v, 0.0, 0.0], s_m - 1.0),
+            // The load is the engine's torque less what speeds the shaft up.
+            Output::GaugeTorque => ([s_m * g, s_m * v, -s_m * (tau - tau_prop), 0.0], s_m - 1.0),
+            Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
+            Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
+        };
+        let torque = matches!(output, Output::EngineTorque | Output::GaugeTorque);
+        let own = |place: &usize| match *place {
+            at::G | at::V | at::TAU_N | at::TAU_PROP | at::S_M | at::T_M => torque,
+            at::T_N => matches!(output, Output::Speed | Output::PropellerSpeed),
+            _ => false,
+        };
+        Self {
+            output,
+            factors,
+            constant,
+            own: output == Output::Sum || wrt.iter().any(own),
+            late: wrt.contains(&at::T_M),
+            part: f64::NAN,
+            inverse: f64::NAN,
+            powers: [0.0; 8],
+            rates: [0.0; 8],
+            speeds: [0.0; 8],
+            racks: (factors[1] != 0.0).then_some([0.0; 8]),
+            sums: (factors[3] != 0.0).then_some([0.0; 8]),
+        }
+    }
+
+    /// Weigh the terms for a part of a piece.
+    fn aim(&mut self, part: f64, inverse: f64) {
+        let [of_speed, of_rack, of_rate, of_sum] = self.factors;
+        (self.part, self.inverse) = (part, inverse);
+        let (mut power, mut before) = (1.0, 0.0);
+        for k in 0..=TERMS {
+            (self.powers[k], self.rates[k]) = (power, inverse * k as f64 * before);
+            self.speeds[k] = of_speed * power + of_rate * self.rates[k];
+            if let Some(racks) = &mut self.racks {
+                racks[k] = of_rack * power;
+            }
+            if let Some(sums) = &mut self.sums {
+                sums[k] = of_sum * power;
+            }
+            (before, power) = (power, power * part);
+        }
+    }
+}
+
+/// The terms of derivatives by their weights, of one register.
+#[inline(always)]
+fn weighed<S: Simd>(simd: S, weights: &Series, terms: &[Pack; TERMS + 1], part: usize) -> S::f64s {
+    let mut sums = [simd.splat_f64s(0.0); 2];
+    for k in 0..=TERMS {
+        sums[k % 2] =
+            simd.mul_add_e_f64s(simd.splat_f64s(weights[k]), get::<S>(&terms[k], part), sums[k % 2]);
+    }
+    simd.add_f64s(sums[0], sums[1])
+}
+
+#[inline(always)]
+fn rate(series: &[f64; 8], part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..TERMS).rev() {
+        sum = sum * part + (k + 1) as f64 * series[k + 1];
+    }
+    sum
+}
+
+#[inline(always)]
+fn second(series: &[f64; 8], part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..TERMS - 1).rev() {
+        sum = sum * part + ((k + 1) * (k + 2)) as f64 * series[k + 2];
+    }
+    sum
+}
+
+/// Lay packs, so many apart, into a row of a block for each lane.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2"))]
+fn lay_out(packs: &[Pack], apart: usize, count: usize, rows: &mut [f64]) {
+    for first in (0..count).step_by(LANES) {
+        let mut tile = [[0.0; LANES]; LANES];
+        for (k, pack) in
+            packs[first * apart..].iter().step_by(apart).take(LANES.min(count - first)).enumerate()
+        {
+            for lane in 0..LANES {
+                tile[lane][k] = pack[lane];
+            }
+        }
+        for (row, lane) in rows.chunks_exact_mut(BLOCK).zip(&tile) {
+            row[first..first + LANES].copy_from_slice(lane);
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! What the loop was fed a dead time ago: series of past pieces, read over the piece to come.
+
+use pulp::Simd;
+
+use super::grid::{Piece, Time};
+use super::model::{Series, TERMS, for_terms};
+use super::slopes::{Rate, get};
+
+/// Parts of a piece closer than this are one.
+const SAME: f64 = 1e-9;
+
+/// Where a piece's past lies: within one past piece, or from one into another.
+#[derive(Debug, Clone, Copy)]
+pub struct Window {
+    /// The past piece at its start: its place, where in it, and how long the piece is in its lengths.
+    pub first: (usize, f64, f64),
+    /// The past piece at its end, likewise, if it is another.
+    pub last: Option<(usize, f64, f64)>,
+}
+
+impl Window {
+    /// With how far back its pieces lie from a piece of that number, in place of their places, or the other way round.
+    #[inline(always)]
+    pub fn turned(self, count: usize, mask: usize) -> Self {
+        let turn = |(place, x, scale): (usize, f64, f64)| (count.wrapping_sub(place) & mask, x, scale);
+        Self { first: turn(self.first), last: self.last.map(turn) }
+    }
+}
+
+/// Past pieces, in a ring that holds those of a dead time.
+pub struct History {
+    late: Time,
+    pieces: Vec<(Time, f64)>,
+    count: usize,
+    /// The past piece that is being read.
+    at: usize,
+}
+
+impl History {
+    /// For a dead time [sample intervals] and at most so many pieces within it.
+    pub fn new(dead_time: f64, pieces: usize) -> Self {
+        let ring = vec![(Time { whole: 0, part: 0.0 }, 0.0); pieces.next_power_of_two()];
+        Self { late: Time::new(dead_time), pieces: ring, count: 0, at: 0 }
+    }
+
+    /// Number of places.
+    pub fn places(&self) -> usize {
+        self.pieces.len()
+    }
+
+    /// Take in a piece, and give its place.
+    #[inline(always)]
+    pub fn push(&mut self, piece: &Piece) -> usize {
+        let place = self.count & (self.pieces.len() - 1);
+        self.pieces[place] = (piece.start, piece.length);
+        self.count += 1;
+        place
+    }
+
+    /// The past of a piece that begins a dead time or more after the first.
+    #[inline(always)]
+    pub fn window(&mut self, piece: &Piece) -> Window {
+        let mask = self.pieces.len() - 1;
+        let start = Time {
+            whole: piece.start.whole.saturating_sub(self.late.whole),
+            part: piece.start.part - self.late.part,
+        };
+        while self.at + 1 < self.count {
+            let (began, length) = self.pieces[self.at & mask];
+            if start.since(began) < length * (1.0 - SAME) {
+                break;
+            }
+            self.at += 1;
+        }
+        let (began, length) = self.pieces[self.at & mask];
+        let x = start.since(began) / length;
+        let first = (self.at & mask, if x.abs() < SAME { 0.0 } else { x }, piece.length / length);
+        let end = Time { part: start.part + piece.length, ..start };
+        let mut last = self.at;
+        while last + 1 < self.count {
+            let (began, length) = self.pieces[last & mask];
+            if end.since(began) <= length * (1.0 + SAME) {
+                break;
+            }
+            last += 1;
+        }
+        if last == self.at {
+            return Window { first, last: None };
+        }
+        let (began, length) = self.pieces[last & mask];
+        Window { first, last: Some((last & mask, end.since(began) / length, piece.length / length)) }
+    }
+}
+
+/// A series about another start, and over another length.
+#[inline(always)]
+fn shifted<S: Simd>(simd: S, mut series: [S::f64s; TERMS], x: f64, scale: f64) -> [S::f64s; TERMS] {
+    if x != 0.0 {
+        let by = simd.splat_f64s(x);
+        for_terms!(LOW => {
+            for k in (LOW..TERMS - 1).rev() {
+                series[k] = simd.mul_add_e_f64s(by, series[k + 1], series[k]);
+            }
+        });
+    }
+    let mut factor = 1.0;
+    for k in 1..TERMS {
+        factor *= scale;
+        series[k] = simd.mul_f64s(series[k], simd.splat_f64s(factor));
+    }
+    series
+}
+
+/// A past signal over the piece to come; `read` gives a past piece's series.
+#[inline(always)]
+pub fn past<'a, S: Simd>(
+    simd: S,
+    window: &Window,
+    read: impl Fn(usize) -> &'a Rate,
+    part: usize,
+) -> [S::f64s; TERMS] {
+    let load = |place: usize| {
+        let rows = read(place);
+        let mut terms = [simd.splat_f64s(0.0); TERMS];
+        for k in 0..TERMS {
+            terms[k] = get::<S>(&rows[k], part);
+        }
+        terms
+    };
+    let (place, x, scale) = window.first;
+    let series = shifted(simd, load(place), x, scale);
+    match window.last {
+        None => series,
+        Some((place, x, scale)) => joined(simd, series, shifted(simd, load(place), x, scale)),
+    }
+}
+
+/// The same of one number.
+#[inline(always)]
+pub fn past_value(window: &Window, backs: &[Series]) -> Series {
+    let simd = pulp::Scalar::new();
+    let load = |place: usize| {
+        let mut terms = [0.0; TERMS];
+        terms.copy_from_slice(&backs[place][..TERMS]);
+        terms
+    };
+    let (place, x, scale) = window.first;
+    let mut terms = shifted(simd, load(place), x, scale);
+    if let Some((place, x, scale)) = window.last {
+        terms = joined(simd, terms, shifted(simd, load(place), x, scale));
+    }
+    let mut series = [0.0; 8];
+    series[..TERMS].copy_from_slice(&terms);
+    series
+}
+
+/// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is
+/// the polynomial that has both ends' value and slope, and the curvature of the start.
+#[inline(always)]
+fn joined<S: Simd>(simd: S, mut series: [S::f64s; TERMS], end: [S::f64s; TERMS]) -> [S::f64s; TERMS] {
+    let [p0, p1, p2, ..] = series;
+    let times = |factor: f64, of: S::f64s| simd.mul_f64s(simd.splat_f64s(factor), of);
+    let value = simd.sub_f64s(end[0], simd.add_f64s(simd.add_f64s(p0, p1), p2));
+    let slope = simd.sub_f64s(end[1], simd.add_f64s(p1, times(2.0, p2)));
+    series[3] = simd.sub_f64s(times(4.0, value), slope);
+    series[4] = simd.sub_f64s(slope, times(3.0, value));
+    series
+}

@@ -1,0 +1,212 @@
+//! The path of ships without sampling, limits or a flexible shaft: pieces of time between breaks, and series on them.
+//!
+//! Inputs are straight or constant between samples; a break of the set point arrives at the shaft after both dead times, and
+//! again, weaker by an order, after every further one in the loop. A piece ends wherever one of the first few arrives, so on a
+//! piece every signal is smooth, and a few terms of its Taylor series, which the equations give one after the other, are the
+//! solution to far below a millionth. The same series, differentiated by the parameters, carries the sensitivities. Where a
+//! break's time itself moves with a parameter, a derivative jumps there by what the signal's rate jumps.
+
+mod emit;
+mod feed;
+mod grid;
+mod history;
+mod model;
+mod slopes;
+mod steps;
+
+use pulp::{Arch, Simd, WithSimd};
+
+use crate::error::{Error, Result};
+use crate::integrate::Hold;
+use crate::stop::Stop;
+
+use super::march::{Consume, Task};
+use super::parameters::at;
+use super::run::Run;
+
+use emit::Emit;
+use feed::{Feed, Input};
+use grid::Grid;
+use history::{History, past_value};
+use model::{Jets, Model, Series, TERMS, total};
+use slopes::{Circumstances, LANES, Slopes, Sources};
+use steps::Steps;
+
+/// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
+/// where the governor's derivative term hands breaks on as strong as they come, through more of them.
+const LEVELS: usize = 3;
+/// Length of a piece over the shortest time constant.
+const FINE: f64 = 0.18;
+/// Most pieces a sample interval.
+const MOST: f64 = 4096.0;
+/// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
+const QUICK: f64 = 1.0 / 256.0;
+
+/// Simulate, and give every block of samples to `consume`.
+///
+/// # Errors
+/// [`Error::Stopped`] on request, and what `consume` returns.
+pub fn march(task: &Task<'_>, run: &Run<'_>, stop: &Stop, consume: &mut Consume<'_>) -> Result<()> {
+    if task.wrt.contains(&at::P) {
+        Arch::new().dispatch(Pass::<true> { task, run, stop, consume })
+    } else {
+        Arch::new().dispatch(Pass::<false> { task, run, stop, consume })
+    }
+}
+
+struct Pass<'a, 'c, const EXPONENT: bool> {
+    task: &'a Task<'a>,
+    run: &'a Run<'a>,
+    stop: &'a Stop,
+    consume: &'a mut Consume<'c>,
+}
+
+/// The longest piece [sample intervals].
+fn longest(model: &Model, run: &Run<'_>) -> f64 {
+    let at_once = if model.t_d > 0.0 { 0.0 } else { 1.0 };
+    let mut fastest =
+        ((model.p - model.g).abs() + model.damping.abs() + at_once * (model.v * model.k_p).abs())
+            / model.inertia.abs();
+    fastest += at_once * ((model.v * model.k_i).abs() / model.inertia.abs()).sqrt();
+    if model.tau_act > 0.0 {
+        fastest += 1.0 / model.tau_act;
+    }
+    let mut longest = (FINE / (fastest * run.dt)).min(1.0);
+    longest = longest.min(1.0 / run.substeps.max(1) as f64);
+    if model.t_d > 0.0 {
+        longest = longest.min(model.t_d / run.dt);
+    }
+    longest.max(1.0 / MOST)
+}
+
+impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
+    type Output = Result<()>;
+
+    #[inline(always)]
+    #[allow(clippy::too_many_lines)]
+    fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
+        let Self { task, run, stop, consume } = self;
+        let (set0, load0) = (run.set[0], run.load.first().copied().unwrap_or(0.0));
+        let model = Model::new(&task.parameters, set0, load0, QUICK * run.dt);
+        let packs = task.wrt.len().div_ceil(LANES);
+        let delayed = model.t_d > 0.0;
+        let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
+        let loaded = !run.load.is_empty();
+        let longest = longest(&model, run);
+        let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
+        let levels = LEVELS + usize::from(run.hold == Hold::Zero) + handed_on;
+        let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
+        let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
+        let mut load_feed = loaded.then(|| Feed::new(run.load, run.hold, run.dt, 0.0));
+        let back = pieces_back(dead_time, run.samples(), longest, if loaded { 2 * levels } else { levels })?;
+        let history = delayed.then(|| History::new(dead_time, back));
+        let places = history.as_ref().map_or(0, History::places);
+        let mut backs = vec![[0.0; 8]; places.max(1)];
+        let mut slope_backs = vec![[[0.0; LANES]; TERMS]; places * packs];
+        let mut slopes = Slopes::start(&model, task.wrt);
+        let mut sources = Sources::new(&model, task.wrt, set0, load0);
+        let mut emit = Emit::new(&model, task, run);
+        let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
+        let mut state = model.start();
+        let mut jets = Jets::default();
+        let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
+        let opening = grid::Time::new(dead_time);
+        let mut count = 0_usize;
+        while !emit.is_done() {
+            count += 1;
+            if count.is_multiple_of(4096) {
+                stop.check()?;
+            }
+            let (step, window, place) = steps.next();
+            let piece = &step.piece;
+            let length = piece.length * run.dt;
+            let set = set_feed.over(piece);
+            let load = load_feed.as_mut().map_or([0.0; 2], |feed| {
+                let load = feed.over(piece);
+                [load.value, load.slope]
+            });
+            let mut back = match &window {
+                Some(window) => past_value(window, &backs),
+                None => [0.0; 8],
+            };
+            let since = piece.start.since(opening) * run.dt;
+            let integral = set.integral + model.t_set * (set0 - 1.0) + since;
+            let (error, summed) = errors(&model, &set, length, integral, since);
+            let mut feed: Series = [0.0; 8];
+            if piece.open {
+                for k in 3..TERMS {
+                    feed[k] = -back[k];
+                }
+                feed[2] = model.k_i * summed[2] - back[2];
+                feed[1] = model.k_p * error[1] + model.k_i * summed[1] - back[1];
+                feed[0] = model.k_p * error[0] + model.k_i * summed[0] - back[0];
+                feed[0] +=
+                    model.base - model.ahead * (model.k_p * error[1] * step.inverse + model.k_i * error[0]);
+                feed[1] -= model.ahead * model.k_i * error[1];
+            } else {
+                feed[0] = model.f0 / model.v;
+            }
+            let broken = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0);
+            let less =
+                if delayed { fed_at_end - feed[0] } else { model.k_p * model.s_u * (set_at_end - set.value) };
+            if broken.is_some() && model.ahead > 0.0 {
+                state = model.kicked(&state, less);
+            }
+            let end = model.jets::<EXPONENT>(&state, [length, step.inverse], &feed, load, &mut jets);
+            let returned = model.fed_back(&jets);
+            if delayed {
+                backs[place] = returned;
+            } else {
+                back = returned;
+            }
+            if packs > 0 {
+                if let Some(moves) = broken {
+                    sources.jump(&model, moves, less, &mut slopes);
+                }
+                let on = Circumstances {
+                    open: piece.open,
+                    set: &set,
+                    set0,
+                    integral,
+                    error: &error,
+                    summed: &summed,
+                    back: &back,
+                    load,
+                };
+                sources.lay(&model, &jets, &on);
+                sources.carry(simd, &model, &jets, window.as_ref(), &mut slope_backs, place, &mut slopes);
+            }
+            emit.read(simd, step, &jets, &slopes);
+            emit.flush(consume)?;
+            fed_at_end = total(&feed, TERMS);
+            set_at_end = set.value + set.slope;
+            state = end;
+        }
+        Ok(())
+    }
+}
+
+/// Most pieces within a dead time, and a few more.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // checked
+fn pieces_back(dead_time: f64, samples: usize, longest: f64, cuts: usize) -> Result<usize> {
+    let pieces = (dead_time.min(samples as f64) + 3.0) * (1.0 / longest + (cuts + 1) as f64);
+    if pieces > 1e8 {
+        return Err(Error::Invalid(format!(
+            "T_d and the steps ask for {pieces:.1e} pieces of time within the dead time, expected at most 1e8; use fewer substeps"
+        )));
+    }
+    Ok(pieces as usize + 8 + cuts)
+}
+
+/// The set point's part of the speed error, and its integral, as series.
+#[inline(always)]
+fn errors(model: &Model, set: &Input, length: f64, integral: f64, since: f64) -> (Series, Series) {
+    let mut error = [0.0; 8];
+    error[0] = model.s_u * set.value - 1.0;
+    error[1] = model.s_u * set.slope;
+    let mut summed = [0.0; 8];
+    summed[0] = model.s_u * (integral - since) + (model.s_u - 1.0) * since;
+    summed[1] = length * error[0];
+    summed[2] = 0.5 * length * error[1];
+    (error, summed)
+}

@@ -1,0 +1,382 @@
+//! The equations on a piece of time, as series: each signal is a polynomial of the part of the piece that has passed.
+//!
+//! With `n = N - 1`, `Q` the integral of `n` and `f` what the governor is fed from outside the loop, the rack is fed
+//! `f - Y(t - T_d)` with `Y = K_p n + K_i Q + K_d dn/dt`. Terms of one order after the other follow from the equations (the
+//! method of Taylor series); those of `N^p` from `N (N^p)' = p N' N^p`.
+
+use crate::ship::parameters::{Parameters, at};
+
+/// Terms of the rates. The speed has one more.
+pub const TERMS: usize = 5;
+
+/// Do something for every term. Written out, since a loop of that size is not, and its terms would then live in memory.
+macro_rules! for_terms {
+    ($k:ident => $body:block) => {{
+        {
+            const $k: usize = 0;
+            $body
+        }
+        {
+            const $k: usize = 1;
+            $body
+        }
+        {
+            const $k: usize = 2;
+            $body
+        }
+        {
+            const $k: usize = 3;
+            $body
+        }
+        {
+            const $k: usize = 4;
+            $body
+        }
+    }};
+}
+pub(super) use for_terms;
+
+/// One over the number of a term and one.
+pub const PER_ORDER: [f64; TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2];
+
+/// Terms of a signal, and room.
+pub type Series = [f64; 8];
+
+/// Parameters, and what is made of them once.
+#[derive(Debug, Clone, Copy)]
+pub struct Model {
+    pub tau: f64,
+    pub g: f64,
+    pub v: f64,
+    pub k_p: f64,
+    pub k_i: f64,
+    pub k_d: f64,
+    pub p: f64,
+    pub tau_prop: f64,
+    pub tau_act: f64,
+    pub damping: f64,
+    pub load_gain: f64,
+    pub s_u: f64,
+    pub s_m: f64,
+    pub t_d: f64,
+    pub t_set: f64,
+    /// A dead time too short for pieces of its own: `X(t - ahead)` is `X - ahead dX/dt`, so the loop's gains are others [s].
+    pub ahead: f64,
+    near_p: f64,
+    near_d: f64,
+    pub n0: f64,
+    pub f0: f64,
+    /// The time constant that the shaft has where the governor's derivative term acts at once [s].
+    pub inertia: f64,
+    per_inertia: f64,
+    /// The rate of the speed at the start [1/s].
+    pub rate0: f64,
+    /// What raises the command so that it starts as the rack stands.
+    pub base: f64,
+    /// Coefficients of `(1 + x)^p`, and their derivatives by `p`.
+    binomial: Series,
+    binomial_by_exponent: Series,
+}
+
+/// The state at the start of a piece, and its power law.
+#[derive(Debug, Clone, Copy)]
+pub struct State {
+    pub n: f64,
+    pub q: f64,
+    pub rack: f64,
+    pub power: Power,
+}
+
+/// `N^p`, `1 / N` and `ln N`.
+#[derive(Debug, Clone, Copy)]
+pub struct Power {
+    speed: f64,
+    value: f64,
+    inverse: f64,
+    logarithm: f64,
+}
+
+/// All signals over a piece.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Jets {
+    /// Length of the piece [s], and its inverse.
+    pub length: f64,
+    pub inverse: f64,
+    pub n: Series,
+    pub q: Series,
+    pub rack: Series,
+    /// The slope of `N^p` by `N` and its derivative by `p`.
+    pub slope: Series,
+    pub by_exponent: Series,
+}
+
+impl Power {
+    pub fn at(speed: f64, p: f64) -> Self {
+        let size = speed.abs().max(f64::MIN_POSITIVE);
+        let value = size.powf(p).copysign(speed);
+        // About standing still a power has no series; it is next to nothing there.
+        let inverse = if size < 1e-2 { 0.0 } else { 1.0 / speed };
+        Self { speed, value, inverse, logarithm: size.ln() }
+    }
+
+    /// At a speed nearby: about the old one `(1 + x)^p` is a series, which is off by less than 1e-16 below [`Self::NEAR`].
+    #[inline(always)]
+    fn moved(&self, speed: f64, model: &Model) -> Self {
+        let x = (speed - self.speed) * self.inverse;
+        if x.abs() < Self::NEAR && self.inverse != 0.0 {
+            let square = x * x;
+            let b = &model.binomial;
+            let low = fma(square, fma(b[3], x, b[2]), fma(b[1], x, 1.0));
+            let high = fma(square, fma(b[7], x, b[6]), fma(b[5], x, b[4]));
+            let value = self.value * fma(square * square, high, low);
+            let low = fma(square, fma(-0.25, x, 1.0 / 3.0), fma(-0.5, x, 1.0));
+            let high = fma(square, fma(-0.125, x, 1.0 / 7.0), fma(-1.0 / 6.0, x, 0.2));
+            let logarithm = fma(x, fma(square * square, high, low), self.logarithm);
+            Self { speed, value, inverse: 1.0 / speed, logarithm }
+        } else {
+            Self::at(speed, model.p)
+        }
+    }
+
+    pub const fn value(&self) -> f64 {
+        self.value
+    }
+
+    /// Its slope by `N`.
+    pub fn slope(&self, p: f64) -> f64 {
+        p * self.value * self.inverse
+    }
+
+    /// Its derivative by `p`.
+    pub fn by_exponent(&self) -> f64 {
+        self.value * self.logarithm
+    }
+
+    const NEAR: f64 = 1.0 / 64.0;
+}
+
+impl Model {
+    /// Lags and dead times below `quick` [s] are taken to first order.
+    pub fn new(parameters: &Parameters, set0: f64, load0: f64, quick: f64) -> Self {
+        let of = |place| parameters.of(place);
+        let (tau, v, p, k_d) = (of(at::TAU_N), of(at::V), of(at::P), of(at::K_D));
+        // A short lag acts as a dead time does.
+        let lag = of(at::TAU_ACT);
+        let (tau_act, late) = if lag < quick { (0.0, of(at::T_D) + lag) } else { (lag, of(at::T_D)) };
+        let (t_d, ahead) = if late < quick { (0.0, late) } else { (late, 0.0) };
+        let at_once = t_d == 0.0 && tau_act == 0.0;
+        let near_d = k_d - ahead * of(at::K_P);
+        let inertia = if at_once { tau + v * near_d } else { tau };
+        let (mut binomial, mut by_exponent) = ([1.0; 8], [0.0; 8]);
+        for m in 1..8 {
+            let factor = (p - (m - 1) as f64) / m as f64;
+            by_exponent[m] = by_exponent[m - 1] * factor + binomial[m - 1] / m as f64;
+            binomial[m] = binomial[m - 1] * factor;
+        }
+        let (n0, f0) = (of(at::INITIAL_N) - 1.0, of(at::INITIAL_F));
+        let drag = Power::at(1.0 + n0, p).value - 1.0 + of(at::DAMPING) * n0 + of(at::LOAD_GAIN) * load0;
+        let rate0 = (of(at::G) * n0 + f0 - drag) / tau;
+        let error0 = of(at::S_U) * set0 - 1.0 - n0;
+        Self {
+            tau,
+            g: of(at::G),
+            v,
+            k_p: of(at::K_P),
+            k_i: of(at::K_I),
+            k_d,
+            p,
+            tau_prop: of(at::TAU_PROP),
+            tau_act,
+            damping: of(at::DAMPING),
+            load_gain: of(at::LOAD_GAIN),
+            s_u: of(at::S_U),
+            s_m: of(at::S_M),
+            t_d,
+            t_set: of(at::T_SET),
+            ahead,
+            near_p: of(at::K_P) - ahead * of(at::K_I),
+            near_d,
+            n0,
+            f0,
+            inertia,
+            per_inertia: 1.0 / inertia,
+            rate0,
+            base: f0 / v - of(at::K_P) * error0 + k_d * rate0,
+            binomial,
+            binomial_by_exponent: by_exponent,
+        }
+    }
+
+    pub fn start(&self) -> State {
+        State { n: self.n0, q: 0.0, rack: self.f0 / self.v, power: Power::at(1.0 + self.n0, self.p) }
+    }
+
+    /// The signals over a piece of so many seconds, given with its inverse, from a state on; `feed` is what the rack is fed from outside the piece, `load`
+    /// the measured load. Gives the state at its end.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
+    pub fn jets<const EXPONENT: bool>(
+        &self,
+        state: &State,
+        [length, inverse]: [f64; 2],
+        feed: &Series,
+        load: [f64; 2],
+        jets: &mut Jets,
+    ) -> State {
+        // The two that most ships are, without a branch in the chain of terms.
+        match (self.t_d > 0.0, self.tau_act > 0.0) {
+            (true, false) => {
+                self.jets_of::<EXPONENT, true, false>(state, [length, inverse], feed, load, jets)
+            }
+            (false, false) => {
+                self.jets_of::<EXPONENT, false, false>(state, [length, inverse], feed, load, jets)
+            }
+            (true, true) => self.jets_of::<EXPONENT, true, true>(state, [length, inverse], feed, load, jets),
+            (false, true) => {
+                self.jets_of::<EXPONENT, false, true>(state, [length, inverse], feed, load, jets)
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn jets_of<const EXPONENT: bool, const DELAYED: bool, const LAG: bool>(
+        &self,
+        state: &State,
+        [length, inverse]: [f64; 2],
+        feed: &Series,
+        load: [f64; 2],
+        jets: &mut Jets,
+    ) -> State {
+        let Power { value, inverse: per_speed, logarithm, .. } = state.power;
+        // Coefficients of the power about the piece's start.
+        let (per_2, value_1) = (per_speed * per_speed, value * per_speed);
+        let value_3 = value_1 * per_2;
+        let [_, b1, b2, b3, b4, b5, ..] = self.binomial;
+        let (b1, b2) = (b1 * value_1, b2 * (value * per_2));
+        let (b3, b4, b5) = (b3 * value_3, b4 * (value_3 * per_speed), b5 * (value_3 * per_2));
+        let (mut n, mut q, mut rack) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        (n[0], q[0], rack[0]) = (state.n, state.q, state.rack);
+        let pace = length * self.per_inertia;
+        let acts = if LAG { length / self.tau_act } else { 0.0 };
+        // What a term adds to the next by itself; the rest of the next is known a term earlier, so that the chain is short.
+        let at_once = if !DELAYED && !LAG { self.v * self.near_p } else { 0.0 };
+        let outside = self.g - self.damping - at_once;
+        let linear = pace * (outside - b1);
+        let drawn = if DELAYED { 0.0 } else { self.k_i };
+        let (mut square, mut cube) = (0.0, 0.0);
+        for_terms!(K => {
+            let fed = fma(-drawn, q[K], feed[K]);
+            let torque = if LAG { rack[K] } else { fed };
+            // What the terms before the last one add to the power's.
+            let bent = match K {
+                2 => b2 * square,
+                3 => fma(b3, cube, (2.0 * b2) * (n[1] * n[2])),
+                4 => fma(3.0 * b3, square * n[2], fma(b4, square * square, b2 * fma(2.0 * n[1], n[3], n[2] * n[2]))),
+                _ => 0.0,
+            };
+            let mut known = fma(self.v, torque, -bent);
+            if K < 2 {
+                known = fma(-self.load_gain, load[K], known);
+            }
+            n[K + 1] = if K == 0 {
+                pace * (fma(outside, n[0], known) - (value - 1.0))
+            } else {
+                fma(linear * PER_ORDER[K], n[K], pace * PER_ORDER[K] * known)
+            };
+            if K == 0 {
+                square = n[1] * n[1];
+                cube = square * n[1];
+            }
+            let mut fed = fed;
+            if !DELAYED {
+                fed -= fma(self.near_p, n[K], self.near_d * (K + 1) as f64 * n[K + 1] * inverse);
+            }
+            if LAG {
+                rack[K + 1] = acts * PER_ORDER[K] * (fed - rack[K]);
+            } else {
+                rack[K] = fed;
+            }
+            q[K + 1] = length * PER_ORDER[K] * n[K];
+        });
+        let ends = [sum(&n), sum(&q), if LAG { sum(&rack) } else { 0.0 }];
+        let (cross, fourth) = (n[1] * n[2], square * square);
+        let bend = fma(2.0 * n[1], n[3], n[2] * n[2]);
+        let mut slope = [0.0; 8];
+        slope[0] = b1;
+        slope[1] = 2.0 * b2 * n[1];
+        slope[2] = fma(2.0 * b2, n[2], 3.0 * b3 * square);
+        slope[3] = fma(2.0 * b2, n[3], fma(6.0 * b3, cross, 4.0 * b4 * cube));
+        slope[4] = fma(2.0 * b2, n[4], fma(3.0 * b3, bend, fma(12.0 * b4, square * n[2], 5.0 * b5 * fourth)));
+        if EXPONENT {
+            // The same with what the exponent makes of the coefficients.
+            let [_, c1, c2, c3, c4, ..] = self.binomial_by_exponent;
+            let c1 = fma(c1, value_1, b1 * logarithm);
+            let c2 = fma(c2, value * per_2, b2 * logarithm);
+            let c3 = fma(c3, value_3, b3 * logarithm);
+            let c4 = fma(c4, value_3 * per_speed, b4 * logarithm);
+            jets.by_exponent[0] = value * logarithm;
+            jets.by_exponent[1] = c1 * n[1];
+            jets.by_exponent[2] = fma(c1, n[2], c2 * square);
+            jets.by_exponent[3] = fma(c1, n[3], fma(2.0 * c2, cross, c3 * cube));
+            jets.by_exponent[4] = fma(c1, n[4], fma(c2, bend, fma(3.0 * c3, square * n[2], c4 * fourth)));
+        }
+        (jets.length, jets.inverse) = (length, inverse);
+        (jets.n, jets.q, jets.rack, jets.slope) = (n, q, rack, slope);
+        State { n: ends[0], q: ends[1], rack: ends[2], power: state.power.moved(1.0 + ends[0], self) }
+    }
+
+    /// The state behind a jump of what the rack is fed, by so much less, which comes [`Self::ahead`] later than it is reckoned.
+    pub fn kicked(&self, state: &State, less: f64) -> State {
+        let mut state = *state;
+        if self.tau_act > 0.0 {
+            state.rack += self.ahead * less / self.tau_act;
+        } else {
+            state.n += self.ahead * self.v * less / self.inertia;
+            state.power = state.power.moved(1.0 + state.n, self);
+        }
+        state
+    }
+
+    /// The gains of the speed and of its rate that act within a piece.
+    #[inline(always)]
+    pub const fn near(&self) -> [f64; 2] {
+        [self.near_p, self.near_d]
+    }
+
+    /// What goes back into the governor: `K_p n + K_i Q + K_d dn/dt`.
+    #[inline(always)]
+    pub fn fed_back(&self, jets: &Jets) -> Series {
+        let mut back = [0.0; 8];
+        for k in 0..TERMS {
+            back[k] = self.k_p * jets.n[k]
+                + self.k_i * jets.q[k]
+                + self.k_d * (k + 1) as f64 * jets.n[k + 1] * jets.inverse;
+        }
+        back
+    }
+}
+
+/// A multiply-add in one instruction, where the machine has it; what calls it is compiled for the machine's vectors.
+#[inline(always)]
+fn fma(a: f64, b: f64, c: f64) -> f64 {
+    a.mul_add(b, c)
+}
+
+/// The same of a state's.
+#[inline(always)]
+fn sum(series: &Series) -> f64 {
+    series[0] + (series[1] + (series[2] + ((series[3] + series[4]) + series[5])))
+}
+
+/// A series at the end of its piece.
+#[inline(always)]
+pub fn total(series: &Series, terms: usize) -> f64 {
+    // Small terms first, two by two.
+    let mut sum = 0.0;
+    let mut k = terms;
+    while k >= 2 {
+        sum += series[k - 1] + series[k - 2];
+        k -= 2;
+    }
+    if k == 1 { sum + series[0] } else { sum }
+}

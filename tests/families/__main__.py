@@ -1,0 +1,138 @@
+"""Let the package answer many draws of a family, and count how often it is right.
+
+    python -m tests.families --family tug --draws 20 --seed 1000 --experiments
+    python -m tests.families --family all --draws 5 --raw
+    python -m tests.families --family wrong --draws 200
+
+Each draw runs in a process of its own with a time limit, so that an abort or an endless search is a result, too. Every
+draw's truth, answer and score go into a JSON file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from tests.families.draw import FAMILIES
+from tests.families.score import is_known, score, summary, table
+from tests.families.wrong import KINDS
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.families", description=__doc__.splitlines()[0])
+    parser.add_argument("--family", choices=[*FAMILIES, "all", "wrong"], default="tug")
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1000)
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
+        "--experiments", dest="mode", action="store_const", const="experiments", default="experiments"
+    )
+    mode.add_argument("--raw", dest="mode", action="store_const", const="raw")
+    parser.add_argument(
+        "--structure", choices=["none", "true"], default="none", help="true: with the elements that are on"
+    )
+    parser.add_argument(
+        "--load", default="", help="name of the load torque's signal, where the package takes one"
+    )
+    parser.add_argument("--no-matters", action="store_true", help="take every element that is on to matter")
+    parser.add_argument("--longest", type=float, help="longest excitation [s], at least 200")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds a draw")
+    parser.add_argument("--out", type=Path, default=None, help="JSON file; default below target/families")
+    options = parser.parse_args()
+    families = FAMILIES if options.family == "all" else (options.family,)
+    tasks = [(family, options.seed + k) for family in families for k in range(options.draws)]
+    began = time.perf_counter()
+    with ThreadPoolExecutor(options.processes) as pool:
+        results = list(pool.map(lambda task: answered(*task, options), tasks))
+    out = options.out or ROOT / "target" / "families" / f"{options.family}-{options.mode}-{options.seed}.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(
+        json.dumps({"settings": vars(options) | {"out": str(out)}, "draws": results}, indent=1),
+        encoding="utf-8",
+    )
+    print(report(families, results))
+    print(f"\n{len(results)} draws in {time.perf_counter() - began:.0f} s; wrote {out}")
+
+
+def answered(family, seed, options) -> dict:
+    """Run one draw in a process of its own, and score it."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "result.json"
+        command = [sys.executable, "-m", "tests.families.one", family, str(seed), options.mode, str(file)]
+        command += ["--structure", options.structure, "--load", options.load]
+        command += ["--no-matters"] if options.no_matters else []
+        command += ["--longest", str(options.longest)] if options.longest else []
+        problem = ""
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, capture_output=True, text=True, timeout=options.limit, check=False
+            )
+            if done.returncode:
+                problem = f"process ended with {done.returncode}: {done.stderr[-400:]}"
+        except subprocess.TimeoutExpired:
+            problem = f"no end within {options.limit:g} s"
+        result = {"family": family, "seed": seed, "mode": options.mode, "answer": None, "error": None}
+        if family == "wrong":
+            result |= {"kind": KINDS[seed % len(KINDS)], "harm": []}
+        if file.is_file():
+            result = json.loads(file.read_text(encoding="utf-8"))
+        if problem:
+            result["error"] = {"type": "process", "text": problem, "refused": False}
+    if family != "wrong" and result["answer"]:
+        result["score"] = score(result["answer"], result["truth"], result["matters"])
+    told = result["error"]["type"] if result["error"] else f"{result.get('seconds', 0.0):.1f} s"
+    print(f"{family} {seed}: {told}", file=sys.stderr, flush=True)
+    return result
+
+
+def report(families, results) -> str:
+    """Return the tables of all families."""
+    if families == ("wrong",):
+        return wrong_table(results)
+    texts = []
+    for family in families:
+        mine = [one for one in results if one["family"] == family]
+        texts.append(f"{family}: {len(mine)} draws, {sum(one['answer'] is not None for one in mine)} answers")
+        errors = Counter(
+            f"{one['error']['type']}: {one['error']['text'][:100]}" for one in mine if one["error"]
+        )
+        texts += [f"  {count} x {text}" for text, count in errors.most_common(5)]
+        scores = [one["score"] for one in mine if "score" in one]
+        texts += [table(summary(scores)), ""] if scores else [""]
+    if len(families) > 1:
+        scores = [one["score"] for one in results if "score" in one]
+        texts += [f"all families: {len(results)} draws", table(summary(scores))] if scores else []
+    return "\n".join(texts)
+
+
+def named(result) -> list[str]:
+    """Parameters that an answer to wrong data calls known and must not."""
+    parameters = (result["answer"] or {}).get("parameters", {})
+    known = [name for name, estimate in parameters.items() if is_known(estimate)]
+    return [name for name in known if not result["harm"] or name in result["harm"]]
+
+
+def wrong_table(results) -> str:
+    """Return a line a kind of wrong data: refused, answered with nothing known, answered with something known."""
+    lines = [f"{'wrong data':38}{'refused':>9}{'nothing known':>15}{'KNOWN':>7}{'failed':>8}"]
+    for kind in dict.fromkeys(one["kind"] for one in results):
+        mine = [one for one in results if one["kind"] == kind]
+        refused = sum(bool(one["error"] and one["error"]["refused"]) for one in mine)
+        failed = sum(bool(one["error"] and not one["error"]["refused"]) for one in mine)
+        known = sum(bool(one["answer"] and named(one)) for one in mine)
+        lines.append(f"{kind:38}{refused:9}{len(mine) - refused - failed - known:15}{known:7}{failed:8}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

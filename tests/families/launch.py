@@ -1,0 +1,88 @@
+"""Launches: a small diesel whose brake torque is measured at its flange, with a torque limit that may act.
+
+M_b = N^p + tau_n dN/dt over the operating torque. Integrated by scipy's solve_ivp.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.families import events, recording, sensors
+from tests.families.draw import Ranges
+from tests.families.plant import normalised
+from tests.families.small_steps import Motion
+from tests.families.tug import rippled
+
+# Shorter sampling periods and records are left to the other families: each period is a call of solve_ivp.
+RANGES = Ranges(tau_n=(0.3, 2.5), p=(1.5, 2.4), T_s=(0.015, 0.05), twist_hz=(4.0, 10.0), longest_s=320.0)
+LATEST_TORQUE_S = 0.003
+EXPERIMENT_STEP_S = 1e-3
+
+
+def law(random, ranges):
+    """Inertia, load and engine slope."""
+    return {
+        "tau_n": float(np.exp(random.uniform(*np.log(ranges.tau_n)))),
+        "p": random.uniform(*ranges.p),
+        "g": random.uniform(*ranges.g),
+    }
+
+
+def scale(random):
+    """Size of the launch."""
+    return {
+        "engine_speed": random.uniform(1100.0, 1700.0) / 60.0,
+        "ratio": round(random.uniform(1.5, 3.0), 2),
+        "efficiency": random.uniform(0.94, 0.98),
+        "shaft_torque": 10.0 ** random.uniform(2.5, 3.1),
+    }
+
+
+def place(random):
+    return "brake"
+
+
+def simulated(draw, step_s):
+    """Run the trial by solve_ivp, in relative numbers, and return it in physical units."""
+    plant = draw.plant
+    found = events.simulate(normalised(plant), draw.excitation, step_s=step_s, water=draw.water)
+    count = len(found.N_e)
+    return Motion(
+        step_s=step_s,
+        asked=plant.engine_speed * draw.excitation(np.arange(count) * step_s),
+        engine_speed=plant.engine_speed * found.N_e,
+        load_speed=plant.shaft_speed * found.N_p,
+        brake_torque=plant.brake_torque * found.M_b,
+        gauge_torque=plant.shaft_torque * found.M_g,
+        load_torque=np.zeros(count),
+    )
+
+
+def recorded(draw):
+    """Record set point, torque, an engine's pick-up and one reflector on the shaft at 2 or 5 kHz."""
+    random = draw.random(3)
+    rate = float(random.choice([2000.0, 5000.0]))
+    motion = draw.motion(1.0 / rate)
+    shaft, engine = recording.angles(draw, motion)
+    teeth = int(random.choice([2, 6, 12]))
+    return recording.logged(
+        draw,
+        motion,
+        random,
+        every=1,
+        torque=rippled(motion.brake_torque, shaft, engine, random),
+        trains={
+            "pickup": (
+                engine,
+                sensors.Pulses(sensors.reflectors(random, teeth, 0.005), rise_s=random.uniform(5e-5, 3e-4)),
+                "engine",
+            ),
+            "shaft": (
+                shaft,
+                sensors.Pulses(sensors.reflectors(random, 1), width=0.1, rise_s=3e-4),
+                "propeller",
+            ),
+        },
+        telemetry=sensors.Telemetry(random.uniform(300.0, 600.0), random.uniform(300.0, 600.0), hold_hz=rate),
+        found=recording.faults(random),
+    )

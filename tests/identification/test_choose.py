@@ -1,0 +1,141 @@
+"""The data choose the elements of the ship: trials by an independent simulation, and wrong data that are refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from benches import rival_ship
+from benches.bench_identify import M_G, N_E, SHIP, experiment
+
+import shipfp_rs as fp
+from shipfp_rs.errors import InputError
+
+TRUTH = dict(zip(SHIP, rival_ship.TRUTH, strict=False))
+
+
+@pytest.fixture(scope="module")
+def record():
+    return rival_ship.trial(3, 500.0)
+
+
+@pytest.fixture(scope="module")
+def data(record):
+    return experiment(*record)
+
+
+@pytest.fixture(scope="module")
+def found(data):
+    return fp.identify(data)
+
+
+def test_the_dead_times_that_act_are_found_and_nothing_else(found):
+    states = {name: row["state"] for name, row in found.elements.items()}
+    assert states["dead_time_set_point"] == "on"
+    # A short dead time in the loop and a lag of the actuator can look alike: then both are left open.
+    assert states["dead_time_loop"] in ("on", "open")
+    assert states["torque_limit"] == states["twist"] == states["late_torque"] == "off"
+    assert found.structure["kind"] == "ship"
+
+
+def test_every_parameter_is_told_and_near_the_truth(found):
+    for name, truth in TRUTH.items():
+        estimate = found[name]
+        assert estimate.status == "free", name
+        # Eight intervals of one draw: none is off by more than four of its deviations.
+        assert abs(estimate.value - truth) < 4.0 * estimate.std, name
+
+
+def test_what_does_not_act_has_a_limit(found):
+    lag, torque = found.elements["actuator_lag"], found.elements["torque_limit"]
+    assert 0.0 < lag["limit"]["value"] < 0.1
+    assert torque["state"] == "off"
+    assert torque["limit"] is None or torque["limit"]["value"] > 1.0
+
+
+def test_the_first_sentence_says_what_the_fingerprint_is_usable_for(found):
+    assert found.usable.startswith("Usable")
+    assert found.verdict[0] == found.usable
+    assert found.adequate["stands"]
+
+
+def test_a_fingerprint_of_a_choice_is_read_back_as_it_was(found, tmp_path):
+    read = fp.Fingerprint.load(found.save(tmp_path / "fingerprint.json"))
+    assert read.elements == found.elements
+    assert read.usable == found.usable
+    assert read.adequate == found.adequate
+
+
+def test_the_model_of_a_choice_is_built_again_from_its_file(found, data):
+    from shipfp_rs.assessment.prediction import predict
+
+    simulated = predict(found, data)
+    rest = simulated["n_e"] - data.normalised("n_e")
+    assert np.std(rest) < 0.2 * np.std(data.normalised("n_e"))
+
+
+def test_an_element_forced_off_is_off_and_the_misfit_is_told(data):
+    off = ("dead_time_set_point", "actuator_lag", "torque_limit", "twist", "late_torque")
+    found = fp.identify(data, elements=dict.fromkeys(off, False), intervals="symmetric")
+    assert "T_set" not in found.parameters
+    assert not found.adequate["stands"]
+    assert found.adequate["dispersion"] > 1.0
+
+
+def test_a_known_value_is_held(data):
+    found = fp.identify(data, fixed={"tau_n": 1.2}, elements={"torque_limit": False, "twist": False})
+    assert found["tau_n"].status == "fixed"
+    assert found["tau_n"].value == 1.2
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("elements", {"dead_time_lop": True}, "dead_time_lop"),
+        ("torque", "brake", "torque"),
+    ],
+)
+def test_options_of_the_choice_are_checked(data, option, value, words):
+    structure = fp.Structure.ship([], torque="gauge") if option == "torque" else None
+    with pytest.raises(InputError, match=words):
+        fp.identify(data, structure, **{option: value})
+
+
+def changed(data, **signals):
+    return dataclasses.replace(data, signals={**data.signals, **signals})
+
+
+def breakage_cases(data):
+    random = np.random.default_rng(4)
+    count = len(data)
+    still = np.full(count, N_E)
+    noise = N_E * (1.0 + 0.03 * random.standard_normal(count))
+    return {
+        "a6 constant set point": (changed(data, n_set=still), "stands still"),
+        "a6 five samples": (data.window(0.0, 0.1), "samples"),
+        "a7 white noise as set point": (changed(data, n_set=noise), "does not follow"),
+        "a7 torque of the wrong sign": (changed(data, M_g=2.0 * M_G - data.signals["M_g"]), "sign"),
+        "a7 falling set point": (changed(data, n_set=2.0 * N_E - data.signals["n_set"]), "sign"),
+    }
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "a6 constant set point",
+        "a6 five samples",
+        "a7 white noise as set point",
+        "a7 torque of the wrong sign",
+        "a7 falling set point",
+    ],
+)
+def test_breakage_a6_a7_wrong_data_are_refused_in_one_line(data, case):
+    wrong, words = breakage_cases(data)[case]
+    with pytest.raises(InputError, match=words) as caught:
+        fp.identify(wrong)
+    assert "\n" not in str(caught.value)
+
+
+def test_breakage_a7_an_operating_point_three_times_too_low_is_refused(data):
+    point = {**data.operating_point, "M_g": M_G / 2.0}
+    with pytest.raises(InputError, match="operating point"):
+        fp.identify(dataclasses.replace(data, operating_point=point))

@@ -1,0 +1,327 @@
+"""What can't be used is refused by name, and nothing that a caller asks for ends the process."""
+
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from tests.twins import plant
+from tests.twins.drive_train import NO_QUADRANTS, vector
+from tests.twins.plant import N_E, UNLIMITED
+
+SIX = np.ones(6)
+LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.0, 0.0])
+LINEAR_RUN = (np.zeros(8), 0.01, "zero", np.zeros(2))
+ONE = np.array([[float(name == "A1") for name in _core.DRIVE_TRAIN_PARAMETERS]])
+
+
+def leftover_arguments():
+    rng = np.random.default_rng(5)
+    return [
+        rng.normal(size=(2, 8)),
+        [0, 2],
+        rng.normal(size=(3, 6)),
+        rng.normal(size=(2, 4, 4)),
+        rng.normal(size=(2, 6)),
+        np.ones(6, dtype=bool),
+        np.zeros((2, 8)),
+    ]
+
+
+KERNELS = {
+    "simulate_plant": (plant.vector(), *UNLIMITED, np.full(4, N_E), 0.01, 1, "rk4", "zero", np.zeros(2)),
+    "simulate_plant_batch": (
+        plant.vector()[None],
+        *UNLIMITED,
+        np.full((1, 4), N_E),
+        0.01,
+        1,
+        "rk4",
+        "zero",
+        np.zeros((1, 2)),
+        1,
+    ),
+    "simulate_drive_train": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
+    "drive_train_rates": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), N_E, 10.0),
+    "drive_train_sensitivities": (
+        *(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
+        *([0], ONE),
+    ),
+    "drive_train_products": (
+        *(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
+        *([0], ONE, np.ones(1), np.ones((1, 4)), np.zeros(1), np.ones((1, 1))),
+    ),
+    "simulate_linear": (LINEAR, *LINEAR_RUN, [0]),
+    "linear_sensitivities": (LINEAR, *LINEAR_RUN, [0], [0]),
+    "linear_cost": (LINEAR, *LINEAR_RUN, [0], np.ones((1, 8)), np.eye(1), [0]),
+    "linear_cost_batch": (LINEAR[None], *LINEAR_RUN, [0], np.ones((1, 8)), np.eye(1), [0], 1),
+    "linear_products": (LINEAR, *LINEAR_RUN, [0], np.ones((1, 8)), np.zeros(1), np.ones((1, 1)), [0]),
+    "linear_response": (LINEAR, np.ones(3), [0]),
+    "linear_response_sensitivities": (LINEAR, np.ones(3), [0], [0]),
+    "simulate_statespace": (
+        -np.eye(2),
+        np.ones(2),
+        np.eye(2),
+        np.ones(2),
+        np.ones(5),
+        0.1,
+        "zero",
+        np.ones(2),
+    ),
+    "statespace_response": (-np.eye(2), np.ones(2), np.eye(2), np.ones(2), np.ones(3)),
+    "find_spikes": (np.ones(9), 2, 1, 3, 5.0, 0.1),
+    "running_median": (np.ones(9), 3),
+    "slope_at_even_times": (np.arange(5.0), np.ones((4, 4)), 0.0, 2.0, 8),
+    "leftover_sums": tuple(leftover_arguments()),
+    "pulse_levels": (np.ones(9),),
+}
+
+
+def misaligned(array):
+    """The same values one byte off."""
+    raw = np.zeros(array.nbytes + 1, dtype=np.uint8)
+    moved = raw[1:].view(array.dtype).reshape(array.shape)
+    moved[...] = array
+    return moved
+
+
+def spoilt(arguments):
+    """Each array of a call replaced in turn by one that can't be used, with what that is."""
+    for place, argument in enumerate(arguments):
+        if not isinstance(argument, np.ndarray):
+            continue
+        others = {"text": np.array(["port"]), "object": np.array([None]), "list": [1.0, 2.0], "none": None}
+        others["complex"] = argument.astype(complex)
+        if argument.dtype == np.float64:
+            others["other byte order"] = argument.astype(">f8")
+        if argument.size and argument.dtype != bool:
+            others["misaligned"] = misaligned(argument)
+        if argument.size > 1:
+            others["strided"] = np.repeat(argument, 2, axis=-1)[..., ::2]
+        others["one axis more"] = argument[None]
+        for fault, other in others.items():
+            yield fault, (*arguments[:place], other, *arguments[place + 1 :])
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_breakage_b4_arrays_that_can_not_be_used_are_named(kernel):
+    call = getattr(_core, kernel)
+    call(*KERNELS[kernel])
+    for fault, arguments in spoilt(KERNELS[kernel]):
+        with pytest.raises(InputError) as raised:
+            call(*arguments)
+        message = str(raised.value)
+        assert "\n" not in message, (fault, message)
+        assert "expected" in message, (fault, message)
+
+
+def test_breakage_b4_a_misaligned_array_is_said_to_be_one():
+    with pytest.raises(InputError, match=r"n_set: found float64 of shape \[4\], not aligned, expected"):
+        _core.simulate_drive_train(
+            vector(), *UNLIMITED, SIX, NO_QUADRANTS, misaligned(np.full(4, N_E)), 0.01, 1, "zero"
+        )
+
+
+@pytest.mark.parametrize("total", [10**12, 2**63, 2**64 - 1])
+def test_breakage_b4_a_filter_makes_no_more_than_its_samples_tell(total):
+    decimator = _core.Decimator(np.ones(5), 1, 2)
+    made = decimator.feed(np.arange(100.0))
+    with pytest.raises(InputError, match=r"total: found .* outputs of 100 samples"):
+        decimator.finish(total)
+    # A refusal changes nothing.
+    assert len(made) + len(decimator.finish(50)) == 50
+
+
+@pytest.mark.parametrize(("up", "down"), [(10**12, 1), (1, 10**12), (0, 1), (2**63, 2**63)])
+def test_breakage_b4_ratios_beyond_all_rates_are_refused(up, down):
+    with pytest.raises(InputError, match="up, down: found"):
+        _core.Decimator(np.ones(3), up, down)
+
+
+def test_breakage_b4_taps_are_finite():
+    with pytest.raises(InputError, match="taps"):
+        _core.Decimator(np.array([1.0, np.nan, 1.0]), 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("start", "rate", "count"), [(0.0, 1e12, 10**13), (1e18, 1e9, 2**62), (0.0, 1e300, 5), (-1e300, 1.0, 9)]
+)
+def test_breakage_b4_slopes_at_more_times_than_there_are(start, rate, count):
+    with pytest.raises(InputError, match="rate"):
+        _core.slope_at_even_times(np.array([0.0, 50.0, 100.0]), np.ones((4, 2)), start, rate, count)
+
+
+@pytest.mark.parametrize("window", [2**31 - 1, 2**62 + 1])
+def test_breakage_b4_windows_far_longer_than_the_signal_are_refused(window):
+    with pytest.raises(InputError, match="window: found"):
+        _core.running_median(np.ones(5), window)
+
+
+@pytest.mark.parametrize("longest", [2**62, 2**64 - 1, 0])
+def test_breakage_b4_spikes_of_any_length_are_refused(longest):
+    with pytest.raises(InputError, match="longest"):
+        _core.find_spikes(np.ones(5), longest, 1, 3, 5.0, 0.1)
+
+
+@pytest.mark.parametrize("kernel", [name for name in KERNELS if "linear" in name or "train_s" in name])
+def test_breakage_b4_lists_of_outputs_have_an_end(kernel):
+    arguments = list(KERNELS[kernel])
+    if [0] not in [argument for argument in arguments if isinstance(argument, list)]:
+        pytest.skip("no list of outputs")
+    place = next(i for i, argument in enumerate(arguments) if isinstance(argument, list))
+    arguments[place] = [0] * 100_000
+    with pytest.raises(InputError, match=r"outputs|measured"):
+        getattr(_core, kernel)(*arguments)
+
+
+LITTLE_MEMORY = """
+import resource, sys
+import numpy as np
+from shipfp_rs import _core
+from tests.kernels.test_bindings import LINEAR
+dn_set = np.zeros(20_000_000)
+resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
+for kernel in (
+    lambda: _core.simulate_linear(LINEAR, dn_set, 0.01, "zero", np.zeros(2), [0] * 9),
+    lambda: _core.simulate_statespace(
+        -np.eye(2), np.ones(2), np.ones((9, 2)), np.ones(9), dn_set, 0.01, "zero", np.zeros(2)
+    ),
+    lambda: _core.slope_at_even_times(np.array([0.0, 1e6]), np.ones((4, 1)), 0.0, 1000.0, 10**9),
+):
+    try:
+        kernel()
+    except MemoryError as error:
+        print("refused:", str(error).splitlines()[0])
+"""
+NO_THREADS = """
+import threading
+import numpy as np
+from shipfp_rs import _core
+from shipfp_rs.errors import InternalError
+from tests.kernels.test_bindings import LINEAR
+import resource
+resource.setrlimit(resource.RLIMIT_AS, (resource.getrlimit(resource.RLIMIT_AS)[0],) * 2)
+n = 5_000_000
+dn_set = np.zeros(n)
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+out = np.zeros((1, n))
+# Room for the result, none for a thread's stack.
+resource.setrlimit(resource.RLIMIT_AS, (used + 8 * n + (1 << 20),) * 2)
+try:
+    _core.linear_cost(LINEAR, dn_set, 0.01, "zero", np.zeros(2), [0], out, np.eye(1), [])
+except InternalError as error:
+    print("refused:", error)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
+@pytest.mark.parametrize(("program", "times"), [(LITTLE_MEMORY, 3), (NO_THREADS, 1)])
+def test_breakage_b4_without_memory_or_threads_there_is_an_exception(program, times):
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.count("refused:") == times, done.stdout + done.stderr[-2000:]
+
+
+def test_breakage_b5_transposed_arrays_are_refused():
+    good = leftover_arguments()
+    _core.leftover_sums(*good)
+    for place in (0, 2, 3, 4, 6):
+        bad = list(good)
+        bad[place] = np.ascontiguousarray(np.swapaxes(good[place], 0, 1))
+        with pytest.raises(InputError, match="expected"):
+            _core.leftover_sums(*bad)
+    edges, coefficients = np.arange(9.0), np.ones((4, 8))
+    for wrong in (
+        np.ascontiguousarray(coefficients.T),
+        coefficients.reshape(2, 16),
+        coefficients.reshape(1, 32),
+    ):
+        with pytest.raises(InputError, match=r"coefficients: found an array of shape .*, expected \[4, 8\]"):
+            _core.slope_at_even_times(edges, wrong, 0.0, 1.0, 9)
+
+
+def test_breakage_b5_without_slopes_the_constant_counts():
+    set_points, lags, _, _, residuals, valid, models = leftover_arguments()
+    mix = np.array([[[2.0]], [[-3.0]]])
+    across, _, _ = _core.leftover_sums(set_points, lags, np.empty((0, 6)), mix, residuals, valid, models)
+    reach = max(lags)
+    for p in range(2):
+        for k, lag in enumerate(lags):
+            lagged = set_points[p, reach - lag : reach - lag + 6]
+            np.testing.assert_allclose(across[p, k, :, 0], np.array([2.0, -3.0]) * lagged.sum())
+
+
+@pytest.mark.parametrize("place", [0, 2, 3, 4])
+def test_breakage_b5_what_is_not_finite_where_it_counts_is_refused(place):
+    bad = leftover_arguments()
+    bad[place].flat[-1] = np.nan
+    with pytest.raises(InputError, match="not finite where valid is true"):
+        _core.leftover_sums(*bad)
+
+
+@pytest.mark.parametrize(("threshold", "least"), [(np.nan, 0.1), (5.0, np.nan), (np.inf, 0.1), (-1.0, 0.1)])
+def test_breakage_b5_a_threshold_is_a_number(threshold, least):
+    with pytest.raises(InputError, match=r"threshold|least"):
+        _core.find_spikes(np.ones(9), 2, 1, 3, threshold, least)
+
+
+@pytest.mark.parametrize(("n_set", "fuel"), [(np.nan, 1.0), (1.0, np.inf)])
+def test_breakage_b5_rates_at_no_point_are_refused(n_set, fuel):
+    with pytest.raises(InputError, match="expected a finite number"):
+        _core.drive_train_rates(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), n_set, fuel)
+
+
+def test_breakage_b6_a_finished_filter_takes_no_more():
+    decimator = _core.Decimator(np.ones(5), 1, 2)
+    decimator.feed(np.arange(10.0))
+    decimator.finish(5)
+    for call in (lambda: decimator.feed(np.ones(3)), lambda: decimator.finish(5)):
+        with pytest.raises(InputError, match="is finished; make a new one"):
+            call()
+
+
+STOPPED = """
+import signal, threading, time
+import numpy as np
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+decimator = _core.Decimator(np.ones(60_001), 1, 1)
+signal.signal(signal.SIGALRM, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+signal.setitimer(signal.ITIMER_REAL, 0.4)
+try:
+    decimator.feed(np.zeros(8_000_000))
+except KeyboardInterrupt:
+    print("stopped")
+try:
+    decimator.feed(np.zeros(10))
+except InputError as error:
+    print("refused:", error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGALRM to send")
+def test_breakage_b6_a_stopped_filter_is_not_gone_on_with():
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.stdout.splitlines() == [
+        "stopped",
+        "refused: this object was stopped amid a piece; make a new one and feed it again",
+    ], done.stderr[-2000:]
+
+
+def test_breakage_b4_threads_beyond_all_cores_are_refused_or_not_started():
+    many = np.tile(LINEAR, (40, 1))
+    costs = [
+        _core.linear_cost_batch(many, *LINEAR_RUN, [0], np.ones((1, 8)), np.eye(1), [], threads)[0]
+        for threads in (1, 2, 10**9)
+    ]
+    np.testing.assert_array_equal(costs[0], costs[1])
+    np.testing.assert_array_equal(costs[0], costs[2])
+    assert threading.active_count() < 100

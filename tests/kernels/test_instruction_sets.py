@@ -1,0 +1,179 @@
+"""Which results are the same bits with every instruction set, and how far the others may be apart."""
+
+import numpy as np
+import pytest
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from tests.twins import plant
+from tests.twins.drive_train import NO_QUADRANTS, vector
+from tests.twins.plant import N_E, UNLIMITED
+
+SETS = _core._instruction_sets()
+RATE_HZ = 100.0
+RNG = np.random.default_rng(1205)
+SAMPLES = 5000
+DN_SET = 0.01 * np.cumsum(RNG.normal(size=SAMPLES)) / np.sqrt(SAMPLES)
+N_SET = N_E * (1.0 + DN_SET)
+MEASURED = RNG.normal(size=(2, SAMPLES))
+LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.04, 0.013])
+COMMON = (DN_SET, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]))
+WRT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10]
+FILTERS = np.array([[1.0, -0.4, 0.1]] * 2)
+RUN = (N_SET, 1.0 / RATE_HZ, 2, "first")
+TRAIN = vector(
+    fuel_lag=0.05, set_dead_time=0.013, torque_exponent=2.17, torque_coefficient=8.7, shaft_stiffness=2e5
+)
+DIRECTIONS = np.array(
+    [
+        [float(name == wanted) for name in _core.DRIVE_TRAIN_PARAMETERS]
+        for wanted in ("inertia", "A1", "Kp_abs", "torque_exponent", "initial_speed", "set_dead_time")
+    ]
+)
+EDGES = np.cumsum(RNG.uniform(0.01, 0.02, size=400))
+CUBICS = RNG.normal(size=(4, len(EDGES) - 1))
+PLANTS = np.array([plant.vector(torque_exponent=2.0 + 0.01 * k) for k in range(20)])
+
+
+def without_dead_time():
+    parameters = LINEAR.copy()
+    parameters[7:] = 0.0
+    return parameters
+
+
+def decimated():
+    taps = np.hanning(201)
+    decimator = _core.Decimator(taps, 2, 3)
+    return np.concatenate([decimator.feed(N_SET), decimator.finish(SAMPLES * 2 // 3)])
+
+
+def repeats():
+    scan = _core.RepeatScan()
+    once = N_SET.astype(np.float32)
+    scan.feed(np.concatenate([once, once[1000:]]))
+    return scan.candidates()
+
+
+def products_of_train():
+    return _core.drive_train_products(
+        TRAIN,
+        *UNLIMITED,
+        np.ones(6),
+        NO_QUADRANTS,
+        *RUN,
+        [0, 2],
+        DIRECTIONS,
+        np.ones(2),
+        MEASURED,
+        np.zeros(2),
+        FILTERS,
+    )
+
+
+def leftover():
+    rng = np.random.default_rng(3)
+    models = np.zeros((2, 8))
+    models[:, :2] = [-1.2, 0.5]
+    slopes, mix = rng.normal(size=(3, SAMPLES - 40)), rng.normal(size=(2, 4, 4))
+    return _core.leftover_sums(
+        DN_SET[None],
+        [0, 7, 40],
+        slopes,
+        mix,
+        MEASURED[:, 40:].copy(),
+        np.ones(SAMPLES - 40, dtype=bool),
+        models,
+    )
+
+
+EXACT = {
+    "decimator": decimated,
+    "repeats": repeats,
+    "slopes of a spline": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
+    "spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
+    "running median": lambda: _core.running_median(N_SET, 31),
+    "drive train": lambda: _core.simulate_drive_train(TRAIN, *UNLIMITED, np.ones(6), NO_QUADRANTS, *RUN),
+    "frequency response": lambda: _core.linear_response(LINEAR, np.linspace(0.0, 20.0, 99), [0, 2]),
+    "state space": lambda: _core.simulate_statespace(
+        np.array([[-2.0, 1.0], [-1.0, -0.5]]), np.ones(2), np.eye(2), np.zeros(2), *COMMON
+    ),
+}
+"""The same bits on every machine."""
+
+FUSED = {
+    "linear sensitivities": lambda: np.concatenate(
+        [part.ravel() for part in _core.linear_sensitivities(LINEAR, *COMMON, [0, 1, 2, 3, 4], WRT)]
+    ),
+    "linear products": lambda: _core.linear_products(
+        LINEAR, *COMMON, [0, 2], MEASURED, np.array([0.1, 0.2]), FILTERS, WRT
+    )[0],
+    "linear cost": lambda: _core.linear_cost(LINEAR, *COMMON, [0, 2], MEASURED, np.eye(2), WRT)[2],
+    "costs of a batch": lambda: _core.linear_cost_batch(
+        np.tile(without_dead_time(), (20, 1)), *COMMON, [0, 2], MEASURED, np.eye(2), [], 1
+    )[0],
+    "sensitivities of the drive train": lambda: np.concatenate(
+        [
+            part.ravel()
+            for part in _core.drive_train_sensitivities(
+                TRAIN, *UNLIMITED, np.ones(6), NO_QUADRANTS, *RUN, [0, 2, 3], DIRECTIONS
+            )
+        ]
+    ),
+    "products of the drive train": lambda: products_of_train()[0],
+    "plant": lambda: _core.simulate_plant(
+        PLANTS[1], *UNLIMITED, N_SET, 0.01, 2, "rk4", "first", np.array([N_E / 3.0, 0.0])
+    ),
+    "plants": lambda: _core.simulate_plant_batch(
+        PLANTS, *UNLIMITED, N_SET[None], 0.01, 2, "rk4", "first", np.tile([N_E / 3.0, 0.0], (20, 1)), 1
+    ),
+    "leftover": lambda: np.concatenate([part.ravel() for part in leftover()]),
+}
+"""The same bits wherever multiply-adds are fused, within rounding of them elsewhere."""
+
+
+def results(compute):
+    """What each instruction set gives."""
+    found = {}
+    try:
+        for name in SETS:
+            _core._set_instruction_set(name)
+            found[name] = np.asarray(compute())
+    finally:
+        _core._set_instruction_set(None)
+    return found
+
+
+@pytest.mark.parametrize("kernel", EXACT)
+def test_breakage_b7_the_same_bits_on_every_machine(kernel):
+    first, *others = results(EXACT[kernel]).values()
+    assert first.size > 0
+    for other in others:
+        np.testing.assert_array_equal(other, first)
+
+
+@pytest.mark.parametrize("kernel", FUSED)
+def test_breakage_b7_the_same_bits_wherever_multiply_adds_are_fused(kernel):
+    found = results(FUSED[kernel])
+    fused = [values for name, values in found.items() if name != "scalar"]
+    for other in fused[1:]:
+        np.testing.assert_array_equal(other, fused[0])
+
+
+@pytest.mark.parametrize("kernel", FUSED)
+def test_breakage_b7_without_fused_multiply_adds_results_are_within_rounding(kernel):
+    scalar, *others = results(FUSED[kernel]).values()
+    # A record's rounding adds up over its samples: in units of the last place of the largest value.
+    bound = 2000.0 * np.finfo(float).eps * np.abs(scalar).max()
+    for other in others:
+        assert np.abs(other - scalar).max() <= bound
+
+
+@pytest.mark.skipif(len(SETS) < 2, reason="a machine with one instruction set")
+def test_breakage_b7_the_choice_is_followed():
+    found = results(FUSED["linear products"])
+    assert not np.array_equal(found["scalar"], found[SETS[-1]])
+
+
+def test_breakage_b7_a_set_that_there_is_not_is_named():
+    with pytest.raises(InputError, match=r"instruction set is 'sse9', expected one of \[.scalar."):
+        _core._set_instruction_set("sse9")

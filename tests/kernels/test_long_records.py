@@ -1,0 +1,94 @@
+"""What decays over a long record becomes zero, not a subnormal number, with which processors compute many times slower."""
+
+import numpy as np
+import pytest
+
+from shipfp_rs import _core
+from tests.twins.drive_train import NO_QUADRANTS, vector
+from tests.twins.plant import N_E, UNLIMITED
+
+SIX = np.ones(6)
+RATE_HZ = 200.0
+FAST = np.array([0.03, -0.583, 1.583, 1.0, 50.0, 2.0, 0.01, 0.0, 0.0])
+"""A loop whose slowest pole decays at 23 per second: below the normal numbers after 31 s."""
+
+
+def assert_normal(values):
+    """No number but zero is smaller than the normal ones."""
+    sizes = np.abs(values[values != 0.0])
+    assert sizes.size > 0
+    assert sizes.min() >= np.finfo(float).tiny
+
+
+def directions(*names):
+    return np.array([[float(name == wanted) for name in _core.DRIVE_TRAIN_PARAMETERS] for wanted in names])
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.004])
+@pytest.mark.parametrize("moves", [True, False])
+def test_breakage_b1_derivatives_by_the_initial_state_of_the_linear_structure(dead_time, moves):
+    parameters = FAST.copy()
+    parameters[7] = dead_time
+    samples = round(400.0 * RATE_HZ)
+    time = np.arange(samples) / RATE_HZ
+    dn_set = 0.01 * np.sin(time) if moves else 0.01 * (time < 0.5)
+    values, slopes = _core.linear_sensitivities(
+        parameters, dn_set, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]), [0, 2], [0, 3, 9, 10]
+    )
+    assert_normal(values)
+    assert_normal(slopes)
+    # What is cut is next to nothing: the first second is as it was.
+    assert np.abs(slopes[2, 0, :200]).max() == pytest.approx(1.0)
+
+
+ELEMENTS = {
+    "two states": {},
+    "lag": {"fuel_lag": 0.005},
+    "sampled governor": {"governor_period": 0.005},
+    "flexible shaft": {"shaft_stiffness": 500.0, "shaft_damping": 2.0, "propeller_inertia": 0.2},
+}
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_breakage_b1_derivatives_by_the_initial_state_of_the_drive_train(element):
+    # A fiftieth of the launch's inertia, and an integral gain that leaves no slow pole.
+    fast = {"inertia": 0.42, "propeller_inertia": 0.1, "Kp_abs": 0.6, "Ki_abs": 30.0}
+    parameters = vector(**fast | {"initial_speed": 1.001 * N_E / 3.0} | ELEMENTS[element])
+    n_set = N_E * (1.0 + 0.01 * np.sin(np.arange(20_000) / RATE_HZ))
+    values, slopes = _core.drive_train_sensitivities(
+        parameters,
+        *UNLIMITED,
+        SIX,
+        NO_QUADRANTS,
+        n_set,
+        1.0 / RATE_HZ,
+        2,
+        "first",
+        [0, 2],
+        directions("initial_speed", "initial_error", "Kp_abs"),
+    )
+    assert_normal(values)
+    assert_normal(slopes)
+    assert np.abs(slopes[0, 0, -1]) < 1e-300 < np.abs(slopes[0, 0, :100]).max()
+
+
+def test_breakage_b1_state_space():
+    A = np.array([[-(2.583 + 1.583) / 0.03, 1.583 * 50.0 / 0.03], [-1.0, 0.0]])
+    C = np.array([[1.0, 0.0], [2.0, 0.5]])
+    rows = _core.simulate_statespace(
+        A, np.zeros(2), C, np.zeros(2), np.zeros(20_000), 1.0 / RATE_HZ, "zero", np.array([0.01, 0.0])
+    )
+    assert_normal(rows)
+    assert not rows[:, -1].any()
+
+
+def test_breakage_b1_a_rack_that_falls_to_zero():
+    # The governor asks for less than nothing, and the rack follows its lower stop from 5 mm on.
+    parameters = vector(
+        X_0=0.0, Kp_abs=1.0, Ki_abs=0.0, A2=0.0, fuel_lag=0.01, minimum_rack=0.0, set_point_before=N_E + 5.0
+    )
+    n_set = np.full(4000, 0.0)
+    rows = _core.simulate_drive_train(
+        parameters, *UNLIMITED, SIX, NO_QUADRANTS, n_set, 1.0 / RATE_HZ, 2, "zero"
+    )
+    assert_normal(rows[5])

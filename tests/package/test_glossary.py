@@ -1,0 +1,61 @@
+"""The glossary: one table in the package, the same on its page, in units that structures use."""
+
+from pathlib import Path
+
+import pytest
+
+from shipfp_rs import Structure, Vessel
+from shipfp_rs.experiments.experiment import UNITS
+from shipfp_rs.structures import glossary
+
+PAGE = Path(__file__).parents[2] / "docs" / "background" / "glossary.md"
+LAUNCH = Vessel.load("stan-launch-804")
+TUG = Vessel.load("stan-tug-1205-full")
+STRUCTURES = {
+    "linear": Structure.linear(
+        torque="gauge", free_exponent=True, dead_time_loop=True, dead_time_set_point=True
+    ),
+    "extended": Structure.linear(
+        torque="gauge",
+        products=True,
+        actuator_lag=True,
+        derivative=True,
+        sampling=True,
+        misreading=True,
+        twist=True,
+    ),
+    "exact": Structure.linear(sampling="exact", derivative=True),
+    "plant": Structure.plant(LAUNCH),
+    "grey box": Structure.grey_box(LAUNCH, ["inertia"]),
+    "full grey box": Structure.grey_box(TUG.model_copy(update={"ship": None}), ["inertia"]),
+}
+
+
+def written(terms: tuple[glossary.Term, ...]) -> str:
+    rows = [
+        f"| `{t.symbol}` | {t.meaning} | {f'`{t.formula}`' if t.formula else ''} | {t.unit} | {t.elsewhere} |"
+        for t in terms
+    ]
+    return "\n".join(["| symbol | meaning | formula | unit | elsewhere |", "|---|---|---|---|---|", *rows])
+
+
+@pytest.mark.parametrize("group", ["SIGNALS", "LINEAR", "VESSEL", "OBJECTS"])
+def test_the_page_shows_the_table(group: str) -> None:
+    table = written(getattr(glossary, group))
+    assert table in PAGE.read_text(encoding="utf-8"), f"in {PAGE.name} expected:\n{table}"
+
+
+def test_every_symbol_stands_once() -> None:
+    groups = (glossary.SIGNALS, glossary.LINEAR, glossary.VESSEL, glossary.OBJECTS)
+    assert len(glossary.GLOSSARY) == sum(map(len, groups))
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_every_parameter_is_explained_in_its_unit(name: str) -> None:
+    for parameter in STRUCTURES[name].parameters:
+        assert parameter.meaning, parameter.name
+        assert glossary.GLOSSARY[parameter.name].unit == parameter.unit, parameter.name
+
+
+def test_signals_are_explained_in_their_units() -> None:
+    assert all(glossary.GLOSSARY[name].unit == unit for name, unit in UNITS.items())

@@ -1,0 +1,144 @@
+"""One simulated rotation through every kind of speed source: the same speed, within what each says of itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.speed_sources import with_missing
+from shipfp_rs.processing.trial import Trial
+
+RATE_HZ = 4000.0
+LENGTH_S = 14.0
+TIME = np.arange(round(LENGTH_S * RATE_HZ)) / RATE_HZ
+RPM = 1184.0 + 30.0 * np.sin(2 * np.pi * 0.4 * TIME)
+TURNED = 1184.0 / 60.0 * TIME + 0.5 / (2 * np.pi * 0.4) * (1.0 - np.cos(2 * np.pi * 0.4 * TIME))
+DRAW = np.random.default_rng(7)
+
+
+def wheel(teeth: int, missing: int = 0, late: float = 0.0) -> np.ndarray:
+    place = (TURNED + late / teeth) * teeth
+    there = np.floor(place) % teeth < teeth - missing
+    return np.where((place % 1.0 < 0.5) & there, 5.0, 0.0).astype(np.float32)
+
+
+def bus(step: float, rate_hz: float) -> tuple[np.ndarray, float]:
+    every = round(RATE_HZ / rate_hz)
+    return np.round(RPM[::every] / step) * step, rate_hz
+
+
+CHANNELS = {
+    "pulses": wheel(4),
+    "marked": wheel(36, 1),
+    "marked_60": wheel(24, 2),
+    "wrapped": np.floor((TURNED % 1.0) * 4096) / 4096 * 360.0,
+    "counts": np.floor(TURNED * 1024),
+    "radians": (TURNED * 2 * np.pi) % (2 * np.pi) + DRAW.normal(0.0, 1e-3, len(TIME)),
+    "A": wheel(16),
+    "B": wheel(16, late=-0.25),
+    "volts": (RPM + DRAW.normal(0.0, 3.0, len(TIME))) / 200.0,
+    "drive": RPM / 60.0 * 2 * np.pi + DRAW.normal(0.0, 0.2, len(TIME)),
+    "U_set": RPM,
+}
+TABLES = {
+    "pulses": 'column = "pulses"\npulses_per_rev = 4\nshaft = "engine"',
+    "36-1": 'column = "marked"\npulses_per_rev = 36\nmissing = 1\nshaft = "engine"',
+    "24-2": 'column = "marked_60"\npulses_per_rev = 24\nmissing = 2\nshaft = "engine"',
+    "wrapped degrees": 'column = "wrapped"\nunit = "deg"\nshaft = "engine"',
+    "counts": 'column = "counts"\nunit = "counts"\ncounts_per_rev = 1024\nshaft = "engine"',
+    "radians with noise": 'column = "radians"\nunit = "rad"\nshaft = "engine"',
+    "quadrature": 'column = "A"\nquadrature = "B"\npulses_per_rev = 16\nshaft = "engine"',
+    "edges": 'file = "edges.csv"\npulses_per_rev = 4\nshaft = "engine"',
+    "edges with levels": 'file = "levels.csv"\nlevel = "level"\npulses_per_rev = 4\nshaft = "engine"',
+    "analogue": 'column = "volts"\nunit = "rpm"\ncalibration = { scale = 200.0 }',
+    "drive": 'column = "drive"\nunit = "rad/s"',
+}
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return Log.from_arrays(CHANNELS, rate_hz=RATE_HZ, units={"U_set": "rpm"})
+
+
+def trial(folder: Path, *tables: str) -> Trial:
+    place = np.arange(1, np.floor(TURNED[-1] * 4)) / 4
+    rises = np.interp(place, TURNED, TIME)
+    (folder / "edges.csv").write_text("time [s]\n" + "".join(f"{t:.6f}\n" for t in rises))
+    falls = np.interp(place + 0.1, TURNED, TIME)
+    both = np.sort(np.concatenate([rises, falls]))
+    rows = "".join(f"{t:.6f},{k % 2 == 0:d}\n" for k, t in enumerate(both))
+    (folder / "levels.csv").write_text("time,level\n" + rows)
+    path = folder / "TRIAL.toml"
+    sources = "\n".join(
+        f"[channels.{'speed' if k == 0 else f'speed_{k}'}]\n{table}" for k, table in enumerate(tables)
+    )
+    path.write_text(
+        '[trial]\nname = "t"\nvessel = "stan-tug-1205"\nlog = "none.csv"\n'
+        '[channels.set_point]\ncolumn = "U_set"\nunit = "rpm"\ncalibration = { scale = 1.0 }\n'
+        f"{sources}\n"
+        "[operating_point]\nn_e_rpm = 1184.0\n[processing]\nspeed = 'fused'\nrate_hz = 20.0\n"
+        "[[windows]]\nname = 'W'\nstart_s = 2.5\nstop_s = 11.0\n"
+    )
+    return Trial.load(path)
+
+
+def error_and_std(log: Log, described: Trial) -> tuple[float, float]:
+    (experiment,) = process(log, described)
+    told = experiment.signals["n_e"]
+    time = 2.5 + np.arange(len(told)) / experiment.rate_hz
+    truth = 1184.0 + 30.0 * np.sin(2 * np.pi * 0.4 * time)
+    known = np.isfinite(told)
+    assert known.mean() > 0.98
+    return float(np.std((told - truth)[known])), float(experiment.provenance["speed"]["std_rpm"])
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_every_source_tells_the_same_speed_within_its_deviation(kind: str, log: Log, tmp_path: Path) -> None:
+    error, std = error_and_std(log, trial(tmp_path, TABLES[kind]))
+    assert error < 1.5 * std + 0.02
+    assert error < 0.001 * 1184.0  # the deviation is that before the low-pass of 20 Hz
+
+
+def test_sources_fuse_to_a_better_speed(log: Log, tmp_path: Path) -> None:
+    alone = error_and_std(log, trial(tmp_path, TABLES["pulses"]))
+    both = error_and_std(log, trial(tmp_path, TABLES["pulses"], TABLES["counts"], TABLES["analogue"]))
+    assert both[1] < alone[1]
+    assert both[0] < 1.5 * both[1] + 0.02
+
+
+def test_missing_teeth_are_put_in_where_they_would_be() -> None:
+    whole = np.cumsum(0.01 + 1e-5 * np.arange(240))
+    lacking = np.delete(whole, [k for k in range(240) if k % 60 in (58, 59)])
+    found = with_missing(lacking, 60, 2)
+    np.testing.assert_allclose(found, whole[: len(found)], atol=1e-9)
+
+
+def test_a_shaft_that_turns_back_is_refused(tmp_path: Path) -> None:
+    half = len(TIME) // 2
+    back = np.concatenate([CHANNELS["B"][:half], wheel(16, late=0.25)[half:]])
+    odd = Log.from_arrays({**CHANNELS, "B": back}, rate_hz=RATE_HZ, units={"U_set": "rpm"})
+    with pytest.raises(
+        InputError, match=r"window 'W': channels\.speed and its quadrature change order at [67]\."
+    ):
+        process(odd, trial(tmp_path, TABLES["quadrature"]))
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ('column = "x"\nunit = "counts"\nshaft = "engine"', "speed.counts_per_rev: found nothing"),
+        ('kind = "speed"\ncolumn = "x"\nunit = "kg"', "speed.unit: found 'kg', expected one of rpm"),
+        ('column = "x"\nshaft = "engine"', "speed.pulses_per_rev: found nothing"),
+        (
+            'file = "none.csv"\npulses_per_rev = 4\nshaft = "engine"',
+            "none.csv: no such file, expected a list of edges",
+        ),
+        ('column = "x"\npulses_per_rev = 4\nmissing = 2\nshaft = "engine"', "speed.missing: found 2"),
+    ],
+)
+def test_a_slip_in_a_source_is_named(table: str, message: str, log: Log, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        process(log, trial(tmp_path, table))

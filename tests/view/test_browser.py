@@ -1,0 +1,341 @@
+"""The page in Chromium: every spike is seen, a newcomer gets from a CSV to a report, and nothing is asked of anyone else."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from shipfp_rs.logs.log import Log
+from shipfp_rs.view.draft import Draft, written
+from tests.view.logs import CHIRP_S, STEADY_S, write_csv
+from tests.view.serving import served
+from tests.view.test_jobs import TRIAL, begun_server
+
+playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
+
+HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
+DESKTOP, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
+SLOW_MS = 1000 * int(os.environ.get("VIEW_WAIT_S", "30"))
+"""Longest wait for the page; a machine that is shared by many needs more."""
+TOP, BOTTOM = 6, 6
+"""Of a row's canvas, as `draw.js` has them."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        # As root, as in a container, Chromium runs without its sandbox or not at all.
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        running = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield running
+        running.close()
+
+
+class Visit:
+    """An open page of a log, with what it asked of the network and what it complained about."""
+
+    def __init__(self, browser, address: str, viewport=DESKTOP, **options) -> None:
+        self.page = browser.new_page(viewport=viewport, **options)
+        self.page.set_default_timeout(SLOW_MS)
+        self.asked: list[str] = []
+        self.complaints: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(address)
+        self.page.wait_for_selector("body[data-ready]")
+
+    def show(self, start_s: float, stop_s: float) -> None:
+        """Show a stretch, and wait until it is drawn from its own tiles."""
+        self.page.evaluate(
+            "([from, to]) => { shipfp.view.show(from, to); return shipfp.view.whenSettled(); }",
+            [start_s, stop_s],
+        )
+
+    def shown(self) -> tuple[float, float]:
+        return tuple(self.page.evaluate("[shipfp.view.from, shipfp.view.to]"))
+
+    def drag(self, start_s: float, stop_s: float) -> None:
+        """Drag over the first row from one time to another."""
+        box = self.page.locator(".row canvas").first.bounding_box()
+        first, last = (
+            self.page.evaluate("(time) => shipfp.view.xOf(time)", time) + box["x"]
+            for time in (start_s, stop_s)
+        )
+        self.page.mouse.move(first, box["y"] + 30)
+        self.page.mouse.down()
+        self.page.mouse.move(last, box["y"] + 40, steps=5)
+        self.page.mouse.up()
+
+
+@pytest.fixture(scope="module")
+def spiky(tmp_path_factory) -> tuple[Path, np.ndarray, np.ndarray]:
+    """A million samples with a thousand spikes of one sample each, of different heights, both ways."""
+    random = np.random.default_rng(1)
+    samples = random.normal(0.0, 1.0, 1_000_000).astype(np.float32)
+    places = np.sort(random.choice(samples.size, 1000, replace=False))
+    samples[places] = random.uniform(20.0, 60.0, 1000) * random.choice([-1.0, 1.0], 1000)
+    path = tmp_path_factory.mktemp("spiky") / "log.parquet"
+    Log.from_arrays({"torque": samples}, rate_hz=1000.0, units={"torque": "Nm"}).write(path)
+    return path, samples, places
+
+
+def test_every_spike_is_on_the_screen_at_every_zoom(browser, spiky):
+    """In each column of pixels with a spike, what is drawn reaches the highest and the lowest one."""
+    path, samples, places = spiky
+    with served(path.parent) as caller:
+        doc = caller.server.desk.open(path)
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        page = visit.page
+        page.evaluate("shipfp.view.layers.faults = false")
+        seen = 0
+        for wide in (1000.0, 600.0, 250.0, 60.0, 15.0, 4.0, 1.0, 0.25, 0.05):
+            start = 0.0 if wide == 1000.0 else places[places.size // 2] / 1000.0 - 0.4 * wide
+            visit.show(start, start + wide)
+            picture = imread(BytesIO(page.screenshot()))[..., :3]
+            raw = page.evaluate("shipfp.view.palette().raw")
+            colour = np.array([int(part, 16) / 255 for part in re.findall("..", raw[1:])])
+            drawn = np.abs(picture - colour).sum(axis=2) < 0.35
+            box = page.locator(".row canvas").first.bounding_box()
+            low, high = page.evaluate("shipfp.view.rows[0].range")
+            from_s, to_s = visit.shown()
+            assert to_s - from_s == pytest.approx(wide)
+            columns = round(box["width"] - 62 - 10)
+            inside = places[(places / 1000.0 > from_s) & (places / 1000.0 < to_s)]
+            at = np.floor((inside / 1000.0 - from_s) / wide * columns).astype(int)
+            for column in np.unique(at):
+                values = samples[inside[at == column]]
+                x = round(box["x"]) + 62 + column
+                rows = np.flatnonzero(
+                    drawn[round(box["y"]) : round(box["y"] + box["height"]), x - 1 : x + 3].any(axis=1)
+                )
+                for value in (values.max(), values.min()):
+                    y = TOP + (high - value) / (high - low) * (box["height"] - TOP - BOTTOM)
+                    assert np.abs(rows - y).min() <= 2.5, f"{value:.1f} hidden in column {column} at {wide} s"
+                seen += len(values)
+        print(f"{seen} spikes looked at in {9} zooms")
+        assert seen > 1900
+        assert visit.complaints == []
+        page.close()
+
+
+@pytest.fixture(scope="module")
+def tug(tmp_path_factory) -> Path:
+    """A trial of the tug with a name that is no name."""
+    folder = tmp_path_factory.mktemp("tug")
+    write_csv(folder / "my.csv")
+    text = written(Draft.model_validate(TRIAL | {"name": HOSTILE}), None, "my.csv")
+    (folder / "TRIAL.toml").write_text(text)
+    run = folder / HOSTILE.replace("/", "_")
+    run.mkdir()
+    (run / "fingerprint.json").write_text(json.dumps({"vessel": HOSTILE, "verdict": [HOSTILE]}))
+    (run / "report.html").write_text("<script>parent.broken = true; fetch('/')</script><p>a report</p>")
+    log = (folder / "my.csv").read_text().replace("shaft torque [Nm]", '"<img src=x onerror=alert(1)> [Nm]"')
+    (folder / "hostile.csv").write_text(log)
+    return folder
+
+
+@pytest.fixture
+def visits(browser, tug):
+    pages = []
+    with served(tug) as caller:
+        server = caller.server
+
+        def open_page(name: str = "TRIAL.toml", **options) -> Visit:
+            path = tug / name
+            doc = server.desk.open_trial(path)[0] if path.suffix == ".toml" else server.desk.open(path)
+            pages.append(Visit(browser, f"{server.origin}/{server.token}/look.html?doc={doc}", **options))
+            return pages[-1]
+
+        yield open_page
+        for visit in pages:
+            visit.page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("viewport", [DESKTOP, PHONE], ids=["desktop", "phone"])
+def test_it_draws_in_either_light_at_either_width_and_asks_nobody(visits, viewport, scheme):
+    visit = visits(viewport=viewport, color_scheme=scheme)
+    page = visit.page
+    page.wait_for_selector("body[data-faults]")
+    assert visit.complaints == []
+    origin = page.evaluate("location.origin")
+    assert {url.split("/")[2] for url in visit.asked if not url.startswith("data:")} == {origin.split("/")[2]}
+    for tab in ("Trial", "Spectrum", "Results", "Keys", "Channels"):
+        page.get_by_role("tab", name=tab).click()
+        assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"], tab
+        if folder := os.environ.get("VIEW_SCREENSHOTS"):
+            page.wait_for_timeout(700)
+            page.screenshot(
+                path=Path(folder) / f"view-{viewport['width']}-{scheme}-{tab}.png", full_page=True
+            )
+    ink, paper = (
+        sum(map(int, re.findall(r"\d+", page.evaluate(f"getComputedStyle(document.body).{which}"))[:3]))
+        for which in ("color", "backgroundColor")
+    )
+    assert (ink > paper) == (scheme == "dark")
+    assert abs(ink - paper) > 500
+    painted = page.evaluate(
+        "shipfp.view.rows.map((row) => row.columns[0].low.some((value) => value === value))"
+    )
+    assert painted == [True, True, True]
+
+
+def test_names_are_text_and_nothing_else(visits):
+    visit = visits("hostile.csv")
+    page = visit.page
+    assert "<img src=x onerror=alert(1)>" in page.locator(".row .name").nth(1).inner_text()
+    other = visits()
+    other.page.get_by_role("tab", name="Results").click()
+    other.page.locator("#results").get_by_text(HOSTILE).first.wait_for()
+    for one in (page, other.page):
+        assert one.locator("img").count() == 0
+        assert one.evaluate("window.broken") is None
+    other.page.get_by_role("button", name="report beside").click()
+    frame = other.page.frame_locator("iframe")
+    assert frame.locator("p").inner_text() == "a report"
+    assert other.page.evaluate("window.broken") is None  # the report's script runs apart
+    assert any(re.search("refused|blocked|security", text, re.IGNORECASE) for text in other.complaints)
+
+
+def test_it_obeys_keys_wheel_and_drag(visits):
+    visit = visits()
+    page = visit.page
+    whole = visit.shown()
+    page.locator("#stage").focus()
+    middle = 0.5 * sum(whole)
+    for key, check in (
+        ("+", lambda a, b: b - a == pytest.approx(0.5 * (whole[1] - whole[0]))),
+        ("Home", lambda a, b: a == pytest.approx(whole[0])),
+        ("ArrowRight", lambda a, b: a > whole[0]),
+        ("End", lambda a, b: b == pytest.approx(whole[1])),
+        ("0", lambda a, b: (a, b) == pytest.approx(whole)),
+    ):
+        page.keyboard.press(key)
+        assert check(*visit.shown()), key
+    box = page.locator(".row canvas").first.bounding_box()
+    at = page.evaluate("(time) => shipfp.view.xOf(time)", middle) + box["x"]
+    page.mouse.move(at, box["y"] + 30)
+    page.mouse.wheel(0, -240)
+    page.wait_for_function(
+        "(wide) => shipfp.view.to - shipfp.view.from < wide", arg=0.9 * (whole[1] - whole[0])
+    )
+    assert 0.5 * sum(visit.shown()) == pytest.approx(middle, abs=2.0)
+    visit.drag(50.0, 60.0)
+    assert visit.shown() == pytest.approx((50.0, 60.0), abs=0.3)
+    for _ in range(40):
+        page.mouse.wheel(0, -240)
+    page.wait_for_function("shipfp.view.to - shipfp.view.from < 0.009")  # four samples at 500 Hz
+    page.evaluate("shipfp.view.whenSettled()")
+    assert page.evaluate("shipfp.view.rows[0].columns[0].sparse")
+
+
+def test_two_cursors_tell_the_difference_of_two_samples(visits, tug):
+    visit = visits()
+    page = visit.page
+    log = Log.open(tug / "my.csv")
+    samples = log.read("n_set")
+    visit.show(60.0, 60.2)
+    first, second = 60.05, 60.15
+    page.evaluate("([a, b]) => { shipfp.view.togglePin(a); shipfp.view.setPointer(b); }", [first, second])
+    text = page.locator(".row .value").first.inner_text()
+    told = [float(part) for part in re.findall(r"-?[\d.]+", text.replace("−", "-"))]
+    expected = [float(samples[round(time * 500)]) for time in (second, first)]
+    assert told[0] == pytest.approx(expected[0], abs=0.01)
+    assert told[1] == pytest.approx(expected[0] - expected[1], abs=0.01)
+    assert "Δt 0.1 s · 1/Δt 10 Hz" in page.locator("#status").inner_text()
+
+
+def test_channels_are_hidden_and_reordered(visits):
+    page = visits().page
+    names = lambda: [row.inner_text() for row in page.locator(".row:not([hidden]) .name").all()]  # noqa: E731
+    assert names() == ["n_set", "shaft torque", "PTM_e"]
+    page.get_by_label("n_set down").click()
+    assert names() == ["shaft torque", "n_set", "PTM_e"]
+    page.get_by_label("show PTM_e").uncheck()
+    assert names() == ["shaft torque", "n_set"]
+
+
+def test_two_points_calibrate_at_once(visits):
+    visit = visits("my.csv")
+    page = visit.page
+    page.get_by_label("role of PTM_e").select_option("torque")
+    page.get_by_label("calibration of PTM_e").select_option("table")
+    for number, (reading, value) in enumerate([("0", "100"), ("5", "1100")], start=1):
+        page.get_by_role("button", name="add a reading").click()
+        for what, text in (("reading", reading), ("value", value)):
+            page.get_by_label(f"{what} {number} of PTM_e", exact=True).fill(text)
+            page.get_by_label(f"{what} {number} of PTM_e", exact=True).press("Tab")
+    page.get_by_text("200 × recorded + 100 Nm").wait_for()
+    page.evaluate("shipfp.view.whenSettled()")
+    low, high = page.evaluate("shipfp.view.rows[2].range")
+    assert low == pytest.approx(60.0, abs=40)
+    assert high == pytest.approx(1150.0, abs=60)
+
+
+def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, tmp_path):
+    """Three menus, one drag, run, report; and the file that was written says the same on the command line."""
+    write_csv(tmp_path / "my.csv")
+    with begun_server(tmp_path / "my.csv") as (_, origin, token):
+        visit = Visit(browser, f"{origin}/{token}/look.html?doc=0")
+        page = visit.page
+        page.get_by_label("role of n_set").select_option("set_point")
+        page.get_by_label("role of shaft torque").select_option("torque")
+        page.get_by_label("role of PTM_e").select_option("train")
+        page.get_by_role("tab", name="Trial").click()
+        page.get_by_label("end of steady").wait_for()  # found in the set point
+        page.get_by_role("button", name="mark a window").click()
+        visit.drag(STEADY_S, STEADY_S + CHIRP_S)
+        page.get_by_text(re.compile(r"found in it: chirp [\d.]+ to 1\.\d+ Hz")).wait_for()
+        page.get_by_text("Complete; not saved yet.").wait_for()
+        page.get_by_role("button", name="run").click()
+        page.wait_for_selector(".job[data-state]", timeout=10 * SLOW_MS)
+        assert page.locator(".job").get_attribute("data-state") == "done", page.locator(".job").inner_text()
+        page.get_by_role("button", name="open the report beside").click()
+        report = page.frame_locator("iframe")
+        report.locator("h2#verdict").wait_for()
+        assert "Known" in report.locator("body").inner_text()
+        assert visit.complaints == []
+        if folder := os.environ.get("VIEW_SCREENSHOTS"):
+            page.wait_for_timeout(500)
+            page.screenshot(path=Path(folder) / "view-newcomer.png")
+        page.close()
+    assert {"TRIAL.toml", "shipfp-run"} <= {path.name for path in tmp_path.iterdir()}
+    command = [
+        sys.executable,
+        "-m",
+        "shipfp_rs.cli",
+        "run",
+        str(tmp_path / "TRIAL.toml"),
+        "--out",
+        str(tmp_path / "again"),
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    page_made, command_made = (
+        json.loads((tmp_path / name / "fingerprint.json").read_text()) for name in ("shipfp-run", "again")
+    )
+    assert page_made == command_made
+
+
+def test_a_folder_lists_its_logs_trials_and_runs(browser, tug):
+    with served(tug) as caller:
+        page = browser.new_page()
+        page.goto(caller.server.address)
+        page.wait_for_selector("body[data-ready]")
+        assert page.locator("#logs a").all_inner_texts() == ["hostile.csv", "my.csv"]
+        assert page.locator("#trials a").all_inner_texts() == ["TRIAL.toml"]
+        assert page.locator("#results .card").count() == 1
+        page.locator("#trials a").click()
+        page.wait_for_selector("body[data-ready]")
+        assert page.title().startswith("TRIAL.toml: my.csv")
+        page.close()

@@ -1,0 +1,110 @@
+"""What the page is told of a log: the faults of `inspect`, windows, spectra, processed signals."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs import signals
+from shipfp_rs.cli import main
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
+from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.vessel.vessel import Vessel
+from shipfp_rs.view.document import Document, stretch_of
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A trial of the tug with faults of every other kind."""
+    folder = tmp_path_factory.mktemp("trial")
+    sensors = Sensors(rate_hz=1000.0)
+    chirp = signals.chirp(0.02, 1.5, 100.0, 40.0, rate_hz=1000.0, name="chirp")
+    kinds = ("A", "C", "D1", "gap", "stuck", "dropout")
+    log, truth = simulate_raw_log(Vessel.load("stan-tug-1205"), chirp, sensors=sensors, faults=kinds, seed=3)
+    log.write(folder / "log.parquet")
+    (folder / "TRIAL.toml").write_text(trial_toml("stan-tug-1205", "log.parquet", sensors, truth))
+    return folder
+
+
+@pytest.mark.parametrize("with_trial", [False, True])
+def test_the_layer_of_faults_is_the_list_of_inspect(folder, capsys, with_trial):
+    trial = folder / "TRIAL.toml" if with_trial else None
+    assert main(["inspect", str(folder / "log.parquet"), *([str(trial)] if trial else []), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["faults"]
+    document = Document(folder / "log.parquet", trial=trial)
+    layer = document.faults.wait()
+    assert len(layer) == len(listed) > 0
+    for drawn, fault in zip(layer, listed, strict=True):
+        assert {key: drawn[key] for key in fault} == fault
+        rate_hz = document.log().channel(fault["channel"]).rate_hz
+        np.testing.assert_allclose(drawn["times"], np.array(fault["spans"]) / rate_hz)
+
+
+def test_windows_and_the_steady_stretch_are_found(folder):
+    document = Document(folder / "log.parquet")
+    document.windows("U_setpoint").wait()
+    told = document.told_windows("U_setpoint")
+    kinds = [window["kind"] for window in told["windows"]]
+    assert "chirp" in kinds
+    assert told["rest"][0] == pytest.approx(0.0, abs=2.0)
+    assert told["rest"][1] == pytest.approx(60.0, abs=5.0)
+
+
+def test_a_stretch_tells_what_it_holds(folder):
+    main_window = Document(folder / "log.parquet").within("U_setpoint", 40.0, 175.0)["main"]
+    assert main_window["kind"] == "chirp"
+    assert main_window["frequency_hz"][0] < 0.2
+    assert main_window["frequency_hz"][1] == pytest.approx(1.5, rel=0.15)
+
+
+def test_a_stretch_of_a_log_is_a_log_on_the_same_clock(folder):
+    log = Log.open(folder / "log.parquet")
+    part = stretch_of(log, "U_torque", 10.0, 12.5)
+    np.testing.assert_array_equal(part.read("U_torque"), log.read("U_torque", 10.0, 12.5))
+    np.testing.assert_array_equal(part.read("U_torque", 11.0, 12.0), log.read("U_torque", 11.0, 12.0))
+    assert part.channel("U_torque").start_s == 10.0
+
+
+def test_the_processed_signals_are_those_of_process(folder):
+    document = Document(folder / "log.parquet", trial=folder / "TRIAL.toml")
+    trial = Trial.load(folder / "TRIAL.toml")
+    document.raw.wait()
+    document.process(trial)
+    assert document._processed.wait()
+    (experiment,) = process(document.log(), trial)
+    drawn = {one.channel.name: one for one in document.processed}
+    assert set(drawn) == {f"{name} in chirp" for name in ("n_set", "n_e", "M_g")}
+    for name in ("n_set", "n_e", "M_g"):
+        series = drawn[f"{name} in chirp"]
+        np.testing.assert_allclose(series.read(0, len(experiment)), experiment.signals[name], rtol=1e-6)
+        assert series.channel.start_s == pytest.approx(trial.windows[0].start_s)
+    facts = document.facts()
+    assert [one["layer"] for one in facts["series"]][-3:] == [
+        "processed n_set",
+        "processed n_e",
+        "processed M_g",
+    ]
+
+
+def test_a_sine_shows_with_its_amplitude_in_the_spectrum(tmp_path):
+    time = np.arange(60_000) / 500.0
+    samples = 3.0 * np.sin(2 * np.pi * 12.5 * time) + np.random.default_rng(0).normal(0.0, 0.1, len(time))
+    Log.from_arrays({"torque": samples}, rate_hz=500.0).write(tmp_path / "log.parquet")
+    found = Document(tmp_path / "log.parquet").spectrum(0, 20.0, 100.0)
+    highest = int(np.argmax(found["amplitude"]))
+    assert found["frequency"][highest] == pytest.approx(12.5, abs=0.1)
+    assert found["amplitude"][highest] == pytest.approx(3.0, rel=0.02)
+    assert [round(peak["frequency_hz"], 1) for peak in found["peaks"]] == [12.5]
+
+
+def test_a_channel_without_a_number_is_one_gap(tmp_path):
+    channels = {"full": np.arange(5000.0) % 5, "empty": np.full(5000, np.nan)}
+    Log.from_arrays(channels, rate_hz=100.0).write(tmp_path / "log.parquet")
+    document = Document(tmp_path / "log.parquet")
+    document.raw.wait()
+    full, empty = document.facts()["series"]
+    assert (full["gaps"], empty["gaps"]) == ([], [[0.0, 50.0]])

@@ -1,0 +1,153 @@
+"""What the page writes into TRIAL.toml: what it knows, and not a comment less."""
+
+import tomllib
+
+import pytest
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.view.draft import Draft, checked, guessed_roles, read_draft, written
+
+DRAFT = {
+    "name": "My trial",
+    "vessel": "stan-tug-1205",
+    "channels": [
+        {"column": "n", "role": "set_point", "unit": "rpm", "calibration": {"scale": 1.0}},
+        {"column": "M [x]", "role": "torque", "unit": "mV", "location": "brake",
+         "calibration": {"table": [[0, 0], [1, 2], [3, 6.5]]}},
+        {"column": "P", "role": "train", "pulses_per_rev": 4, "shaft": "propeller"},
+    ],
+    "steady_s": [1.0, 20.0],
+    "windows": [
+        {"name": "C1", "kind": "chirp", "start_s": 20.0, "stop_s": 90.0},
+        {"name": "St1", "kind": "steps", "start_s": 100.0, "stop_s": 190.0},
+    ],
+}  # fmt: skip
+
+
+def draft(**changes) -> Draft:
+    return Draft.model_validate(DRAFT | changes)
+
+
+def test_a_new_file_is_the_commented_template_with_what_was_said(tmp_path):
+    text = written(draft(), None, "my.csv", rate_hz=500.0)
+    trial = checked(text, "TRIAL.toml")
+    assert trial.trial.log == ("my.csv",)
+    assert trial.trial.rate_hz == 500.0
+    assert trial.channels.torque.location == "brake"
+    assert trial.channels.torque.calibration.table == ((0.0, 0.0), (1.0, 2.0), (3.0, 6.5))
+    assert list(trial.channels.tachos) == ["P"]
+    assert [window.name for window in trial.windows] == ["C1", "St1"]
+    assert trial.identify.torque is None  # the location says it
+    assert text.count("#") > 40
+    (tmp_path / "TRIAL.toml").write_text(text)
+    assert Trial.load(tmp_path / "TRIAL.toml").operating_point.steady_s == (1.0, 20.0)
+
+
+def test_what_was_written_is_read_back_and_written_the_same(tmp_path):
+    path = tmp_path / "TRIAL.toml"
+    text = written(draft(), None, "my.csv")
+    path.write_text(text)
+    assert written(read_draft(path), text, "elsewhere.csv") == text
+
+
+OWN = """\
+# Friday's trial. Keep!
+[trial]
+name = "Friday"  # not the one before
+vessel = "stan-tug-1205"
+log = ["one.csv"]
+
+[channels.set_point]
+column = "n"
+unit = "V"
+calibration = { scale = -251.38, offset = -85.29 } # eq. 6.7
+delay_s = 0.004   # of the amplifier
+
+[channels.PTM_4] # the good one
+column = "P"
+pulses_per_rev = 4
+shaft = "propeller"
+hysteresis = 0.5
+
+[operating_point]
+n_e_rpm = 1184.0 # by hand
+
+[[windows]]
+# the first
+name = "A"
+start_s = 1
+stop_s = 50
+
+[[windows]]
+name = "B" # the second
+start_s = 60.5
+stop_s = 90
+
+[identify]
+starts = 3 # enough
+
+[identify.fixed]
+tau_n = 1.17
+"""
+
+
+def test_comments_and_what_the_page_does_not_know_stay(tmp_path):
+    path = tmp_path / "TRIAL.toml"
+    path.write_text(OWN)
+    assert written(read_draft(path), OWN, "x") == OWN
+    changed = read_draft(path).model_dump()
+    changed["windows"][1]["stop_s"] = 95.5
+    changed["channels"][1]["pulses_per_rev"] = 8
+    changed["name"] = "Saturday"
+    text = written(Draft.model_validate(changed), OWN, "x")
+    assert text == OWN.replace("stop_s = 90\n", "stop_s = 95.5\n").replace(
+        "pulses_per_rev = 4", "pulses_per_rev = 8"
+    ).replace('"Friday"', '"Saturday"')
+
+
+def test_a_window_more_or_less_leaves_the_others_comments(tmp_path):
+    path = tmp_path / "TRIAL.toml"
+    path.write_text(OWN)
+    old = read_draft(path).model_dump()
+    more = {**old, "windows": [*old["windows"], {"name": "C", "start_s": 100.0, "stop_s": 120.0}]}
+    text = written(Draft.model_validate(more), OWN, "x")
+    assert "# the first" in text
+    assert "# the second" in text
+    assert [window["name"] for window in tomllib.loads(text)["windows"]] == ["A", "B", "C"]
+    less = written(Draft.model_validate({**old, "windows": old["windows"][1:]}), OWN, "x")
+    assert "# the first" not in less
+    assert 'name = "B" # the second' in less
+    assert tomllib.loads(less)["identify"]["fixed"] == {"tau_n": 1.17}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"channels": DRAFT["channels"][:2]}, "at least one table like"),
+        ({"channels": DRAFT["channels"][1:]}, "channels.set_point: found nothing"),
+        ({"steady_s": None}, "steady_s"),
+        ({"windows": []}, "windows"),
+        ({"channels": [*DRAFT["channels"], {**DRAFT["channels"][0], "column": "m"}]}, "found two channels, 'n' and 'm'"),
+        ({"channels": [{**DRAFT["channels"][0], "calibration": {}}, *DRAFT["channels"][1:]]}, "'n': no calibration"),
+    ],
+)  # fmt: skip
+def test_what_is_missing_is_told_in_a_line(changes, told):
+    with pytest.raises(InputError) as raised:
+        checked(written(draft(**changes), None, "my.csv"), "TRIAL.toml")
+    assert told in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_names_of_channels_may_be_anything(tmp_path):
+    name = 'a "b" [c] # <script>\\ ü'
+    channels = [*DRAFT["channels"][:2], {"column": name, "role": "train"}]
+    text = written(draft(channels=channels), None, "my.csv")
+    assert checked(text, "TRIAL.toml").channels.tachos[name].column == name
+
+
+def test_roles_are_guessed_from_names():
+    names = ["U_setpoint", "U_torque", "PTM_4", "time"]
+    found = guessed_roles([Channel(name, "V", 1.0, 1) for name in names])
+    assert found == {"U_setpoint": "set_point", "U_torque": "torque", "PTM_4": "train"}
