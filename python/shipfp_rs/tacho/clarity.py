@@ -19,6 +19,8 @@ FAR_FROM_LIMIT = 2.0
 """Nor does noise make a height look this much higher than the limit."""
 _LIMIT = 14.0
 """Standard deviations of the noise that are the limit."""
+_DENSE = 10.0
+"""Below so many samples a pulse the noise can't be told from the train, and the limit says nothing of pulses lost."""
 _IN_A_ROW = 20
 """So many even periods in a row have pulses and noise has not: of its periods less than half are even."""
 _EVEN, _STRICTLY_EVEN = 0.25, 0.12
@@ -141,7 +143,9 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
         if inner.max() > _SILENCE * inner.min() or low.any():
             before, after = np.append(inner[1], inner[:-1]), np.append(inner[1:], inner[-2])
             doubted[1:-1] = inner > _SILENCE * np.maximum(before, after)
-            doubted[1:-1] |= (low[1:] | low[:-1]) & (inner > _SAME_PERIOD * np.minimum(before, after))
+            usual = np.minimum(before, after)
+            low = (low[1:] | low[:-1]) & (usual >= _DENSE)
+            doubted[1:-1] |= low & (inner > _SAME_PERIOD * usual)
         doubted[0] = ends[0] > _SILENCE * inner[:3].max()
         doubted[-1] = ends[1] > _SILENCE * inner[-3:].max()
     if len(pulses) < len(times):
@@ -165,7 +169,7 @@ def _even(periods: Array, tolerance: float) -> Flags:
     single = np.abs(periods - usual) <= allowed
     beside = np.append(True, single[:-1]) & np.append(single[1:], True)
     teeth = np.clip(np.rint(periods / usual), 2.0, _MOST_TEETH)
-    even = single | (beside & (np.abs(periods - teeth * usual) <= allowed))
+    even = single | (beside & (np.abs(periods - teeth * usual) <= np.maximum(allowed, teeth * _GRID)))
     # Where noise goes over into pulses, each has its own usual period.
     jumps = np.abs(np.diff(usual)) > allowed[1:] + allowed[:-1]
     return np.asarray(even & ~(np.append(False, jumps) | np.append(jumps, False)))

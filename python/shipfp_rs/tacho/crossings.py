@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,15 @@ class PulseTimes:
     limit: float = np.nan
     grid_std_s: Array | None = None
     noise_std_s: Array | None = None
+
+    def at(self, times_s: Array) -> PulseTimes:
+        """Return other times, such as with teeth put in, each as well known as those of the train around it."""
+        stds = (
+            None if std is None or not len(std) else np.interp(times_s, self.times_s, std)
+            for std in (self.grid_std_s, self.noise_std_s)
+        )
+        grid, noise = stds
+        return replace(self, times_s=times_s, grid_std_s=grid, noise_std_s=noise)
 
     @property
     def missing_s(self) -> Array:

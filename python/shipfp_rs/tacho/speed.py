@@ -48,6 +48,9 @@ class IntervalSpeed:
     angle_rev
         Angle turned in each interval [rev], shape (N,); None: speed times length. It differs from that where pulses
         are timed so coarsely that the mean of 1 / T is above 1 / mean of T, which the speed is freed of.
+    ends_std_rps
+        What `std_rps` would be if the errors of an interval's two ends had nothing to do with each other [rev/s], shape
+        (N,): tells how well the ends are known by themselves. None: that they have not.
     """
 
     time_s: Array
@@ -57,6 +60,7 @@ class IntervalSpeed:
     flags: npt.NDArray[np.uint8]
     pulses_per_rev: int
     angle_rev: Array | None = None
+    ends_std_rps: Array | None = None
 
     @property
     def turned_rev(self) -> Array:
@@ -81,6 +85,7 @@ class IntervalSpeed:
             duration_s=self.duration_s[which],
             flags=self.flags[which],
             angle_rev=None if self.angle_rev is None else self.angle_rev[which],
+            ends_std_rps=None if self.ends_std_rps is None else self.ends_std_rps[which],
         )
 
     @property
@@ -152,11 +157,11 @@ def speed_from_pulses(
     if len(angles.fractions) != pulses_per_rev:
         raise InputError(f"angles: found {len(angles.fractions)}, expected pulses_per_rev = {pulses_per_rev}")
     parts = [_track_speed(track, angles, timing) for track in cut_tracks(times, gap_times)]
-    middle, speed, std, duration, flags, angle = (
+    middle, speed, std, duration, flags, angle, ends = (
         np.concatenate(part) if parts else np.empty(0)
-        for part in (zip(*parts, strict=True) if parts else [()] * 6)
+        for part in (zip(*parts, strict=True) if parts else [()] * 7)
     )
-    return IntervalSpeed(middle, speed, std, duration, flags.astype(np.uint8), pulses_per_rev, angle)
+    return IntervalSpeed(middle, speed, std, duration, flags.astype(np.uint8), pulses_per_rev, angle, ends)
 
 
 def resample(
@@ -256,10 +261,11 @@ class _Timing:
             raise InputError(f"time_std_s: found shape {std.shape}, expected one number or {np.shape(times)}")
         return cls(times, std, none, 0.0)
 
-    def scatter(self, edges_s: Array, expected: Array) -> tuple[Array, Array]:
+    def scatter(self, edges_s: Array, expected: Array) -> tuple[Array, Array, Array]:
         """Relative variance of the speeds between successive edges that should be `expected` [s] apart.
 
-        And the surplus of their mean: on average 1 / T is above 1 / (mean of T).
+        And the surplus of their mean, since on average 1 / T is above 1 / (mean of T); and what the variance would be
+        if the errors of the edges had nothing to do with one another.
         """
         noise, grid = self.noise_s, self.grid_s
         times = np.asarray(self.times_s)
@@ -270,7 +276,7 @@ class _Timing:
         sampled = grid[1:] ** 2 + grid[:-1] ** 2 if grid.ndim else 2.0 * grid**2
         random, sampled = random / expected**2, sampled / expected**2
         if not self.sample_s > 0.0:
-            return random + sampled, random + sampled
+            return (random + sampled,) * 3
         # Two edges are off alike where a whole number of samples lies between them; where the speed changes that
         # number wanders, and the mean over some intervals is 1.
         samples = expected / self.sample_s
@@ -284,13 +290,13 @@ class _Timing:
             np.maximum(uniform_filter1d(apart * factor, min(_AROUND, len(apart))), _LEAST_APART)
             for factor in (few**2, few)
         )
-        return random + sampled * variance, random + sampled * surplus
+        return random + sampled * variance, random + sampled * surplus, random + sampled
 
 
 def _track_speed(
     track: Track, angles: ReflectorAngles, timing: _Timing
-) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8], Array]:
-    """Middle, speed, its deviation, length, flags and angle of the usable intervals, missed pulses put in."""
+) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8], Array, Array]:
+    """Columns of the usable intervals, missed pulses put in: middle, speed, deviation, length, flags, angle, ends'."""
     fractions, relative_std = align_angles(track, angles)
     place = np.arange(track.count.sum()) % len(fractions)
     begins = np.cumsum(track.count) - track.count
@@ -302,10 +308,14 @@ def _track_speed(
     around = min(_AROUND, len(whole))
     expected = turned * uniform_filter1d(whole, around) / uniform_filter1d(turned, around)
     # Of the lengths expected: those measured are long or short by the very errors.
-    variance, surplus = timing.scatter(track.edges_s, expected)
+    variance, surplus, apart = timing.scatter(track.edges_s, expected)
     unbiased = speed * np.repeat(1.0 - np.minimum(surplus, 0.5), track.count)
     usual = np.repeat(turned / expected, track.count)
-    std = usual * np.hypot(np.repeat(np.sqrt(variance), track.count), relative_std[place])
+    std, ends_std = (
+        usual
+        * np.hypot(np.repeat(np.sqrt(np.broadcast_to(part, whole.shape)), track.count), relative_std[place])
+        for part in (variance, apart)
+    )
     usable = np.repeat(track.usable, track.count)
     flags = np.repeat(track.flags, track.count)
     return (
@@ -315,4 +325,5 @@ def _track_speed(
         duration[usable],
         flags[usable],
         fractions[place][usable],
+        ends_std[usable],
     )
