@@ -4,7 +4,8 @@ use multiversion::multiversion;
 use multiversion::target::match_target;
 
 use super::sample::{BLOCK, Masks, Sample};
-use crate::error::{Error, Result, require};
+use super::thresholds::{Edge, Levels};
+use crate::error::{Error, Result};
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Where the detector stands between two chunks.
@@ -20,54 +21,6 @@ struct Cursor {
     pending: Edge,
     /// First sample of the gap that is still open.
     gap_start: Option<u64>,
-}
-
-/// An upward crossing of the middle: when, and by how much the signal rose between the two samples beside it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Edge {
-    /// In samples since the very first.
-    pub time: f64,
-    /// Infinite next to a saturated sample.
-    pub rise: f64,
-}
-
-impl Edge {
-    const NONE: Self = Self { time: f64::NAN, rise: f64::NAN };
-}
-
-/// Thresholds, and a middle that may go along a line.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Levels {
-    /// Arms the detector at or below.
-    pub low: f64,
-    /// Fires it at or above.
-    pub high: f64,
-    /// At sample `origin`.
-    pub middle: f64,
-    /// Of the middle, per sample.
-    pub slope: f64,
-    /// Where the middle is `middle`.
-    pub origin: u64,
-}
-
-impl Levels {
-    /// The middle at a sample not before `origin`.
-    #[inline]
-    fn middle_at(&self, sample: u64) -> f64 {
-        self.middle + self.slope * sample.wrapping_sub(self.origin).cast_signed() as f64
-    }
-
-    fn check(&self) -> Result<()> {
-        let Self { low, high, middle, slope, .. } = *self;
-        require(
-            low.is_finite() && high.is_finite() && low < middle && middle < high && slope.is_finite(),
-            || {
-                format!(
-                    "levels must be finite with low < middle < high, got low {low}, middle {middle}, high {high}"
-                )
-            },
-        )
-    }
 }
 
 /// A detector of pulses: armed by a sample at or below `low`, it fires at the next one at or above `high`, and the
@@ -274,14 +227,25 @@ impl<T: Sample> Scan<'_, T> {
     /// The last upward crossing of the middle at or before sample `index` of the chunk, which is at or above it.
     ///
     /// The walk back ends at the latest where the detector was armed.
+    #[inline]
     fn crossing(&self, index: usize) -> Edge {
+        // Apart, so that a level middle costs nothing.
+        if self.levels.slope == 0.0 {
+            self.crossing_of(index, |_| self.levels.middle)
+        } else {
+            self.crossing_of(index, |sample| self.levels.middle_at(sample))
+        }
+    }
+
+    #[inline]
+    fn crossing_of(&self, index: usize, middle_at: impl Fn(u64) -> f64) -> Edge {
         let seen = self.cursor.seen;
         let mut upper = index;
-        while upper > 0 && self.chunk[upper - 1].into() >= self.levels.middle_at(seen + upper as u64 - 1) {
+        while upper > 0 && self.chunk[upper - 1].into() >= middle_at(seen + upper as u64 - 1) {
             upper -= 1;
         }
         let at = seen + upper as u64;
-        let (middle, below) = (self.levels.middle_at(at), self.levels.middle_at(at.wrapping_sub(1)));
+        let (middle, below) = (middle_at(at), middle_at(at.wrapping_sub(1)));
         let before = if upper > 0 { self.chunk[upper - 1].into() } else { self.cursor.previous };
         if before >= below {
             return self.cursor.pending;

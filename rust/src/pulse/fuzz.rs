@@ -2,7 +2,7 @@
 //!
 //! `cargo test --release pulse_fuzz -- --ignored --nocapture` runs ten million.
 
-use super::crossings::Levels;
+use super::thresholds::Levels;
 use super::{PulseCrossings, PulseTracker, Sample, pulse_levels};
 use crate::stop::Stop;
 

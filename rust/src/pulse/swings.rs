@@ -39,8 +39,9 @@ pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) 
         let mut low = [T::MOST; LANES];
         let mut high = [T::LEAST; LANES];
         for row in block.as_chunks::<LANES>().0 {
-            // By index: an iterator over the lanes would keep them in memory.
-            #[allow(clippy::needless_range_loop)]
+            // By index, since an iterator over the lanes would keep them in memory; both sides of `&` are taken, so
+            // that a select replaces the branch.
+            #[allow(clippy::needless_range_loop, clippy::needless_bitwise_bool)]
             for lane in 0..LANES {
                 let x = row[lane];
                 low[lane] = if (x >= T::LEAST) & (x < low[lane]) { x } else { low[lane] };

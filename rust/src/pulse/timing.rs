@@ -1,8 +1,8 @@
 //! How well crossings are timed: by the sampling of their edges, and by the noise on them.
 
-use super::crossings::Edge;
 use super::noise::noise_beside;
 use super::sample::{LARGEST, Sample};
+use super::thresholds::Edge;
 
 /// Crossings that are taken together.
 const TOGETHER: usize = 64;

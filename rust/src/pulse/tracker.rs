@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
-use super::crossings::{Edge, Levels, PulseCrossings};
+use super::crossings::PulseCrossings;
 use super::levels::pulse_levels;
 use super::noise::{noises, quarter};
 use super::sample::Sample;
 use super::swings::{BLOCK, Grouping, Level, Swings, block_extremes, reversal};
+use super::thresholds::{Edge, Levels};
 use super::timing::Timing;
 use crate::error::{Error, Result, require};
 use crate::stop::Stop;
