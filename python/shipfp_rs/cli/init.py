@@ -51,7 +51,7 @@ def _of_log(
     text: str, path: Path, set_point: str | None, rate_hz: float | None, time: str | None, names: Path | None
 ) -> str:
     """Fill in what a log tells; whatever it does not tell stays an example, and is said."""
-    from shipfp_rs.inspection.channels import pulse_rate
+    from shipfp_rs.inspection.pulse_channels import pulse_rate
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.roles import guess_roles
@@ -85,7 +85,7 @@ def _of_log(
         print_text(f"no channel is a pulse train; the speed is {', '.join(roles.speeds)}, as recorded")
     else:
         print_text("no channel is a pulse train or a speed by its unit; give one in the file")
-    if all(window.kind == "steady" for window in found):
+    if found and all(window.kind == "steady" for window in found):
         print_text("nothing but rest: the windows in the file are examples")
     return filled_in(text, log, path.resolve(), roles, trains, found, rate_hz, time, names)
 
