@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,13 @@ from shipfp_rs.cli.options import Force, Json, OutFolder
 from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
 
 
+class Language(StrEnum):
+    """Languages of a report."""
+
+    en = "en"
+    de = "de"
+
+
 def run(
     trial: Annotated[Path, typer.Argument(metavar="TRIAL.toml", help="Description of the trial.")],
     out: OutFolder = Path("shipfp-run"),
@@ -18,13 +26,18 @@ def run(
         int | None, typer.Option("--seed", min=0, help="Seed of the random starts, in place of the trial's.")
     ] = None,
     force: Force = False,
+    language: Annotated[
+        Language | None, typer.Option("--language", help="Language of the report, in place of the trial's.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Turn a raw log into a fingerprint: calibrate, clean, identify, report."""
     from shipfp_rs.runs import run
 
     with progress() as notify:
-        result = run.run(trial, out, seed=seed, force=force, notify=notify)
+        result = run.run(
+            trial, out, seed=seed, force=force, language=language and language.value, notify=notify
+        )
     if json:
         print_json({"folder": str(out), **result.fingerprint.to_dict()})
         return
