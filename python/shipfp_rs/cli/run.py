@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -34,10 +34,11 @@ def run(
     """Turn a raw log into a fingerprint: calibrate, clean, identify, report."""
     from shipfp_rs.runs import run
 
+    said: Literal["en", "de"] | None = None
+    if language is not None:
+        said = "de" if language is Language.de else "en"
     with progress() as notify:
-        result = run.run(
-            trial, out, seed=seed, force=force, language=language and language.value, notify=notify
-        )
+        result = run.run(trial, out, seed=seed, force=force, language=said, notify=notify)
     if json:
         print_json({"folder": str(out), **result.fingerprint.to_dict()})
         return

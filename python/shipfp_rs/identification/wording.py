@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.logs.faults.record import KINDS
 
 OUTPUTS: Mapping[str, str] = {
@@ -18,3 +19,13 @@ FAULTS: Mapping[str, str] = {
     kind: f"{said} ({kind})" if kind[0].isupper() else said for kind, said in KINDS.items()
 }
 """Faults of a log, those of Table 6.10 with their letters."""
+
+
+def rank(found: Identifiability) -> str:
+    """Say how many of the free parameters the data tell apart."""
+    if found.rank == found.free:
+        return (
+            f"The data tell all {found.free} free parameters apart (condition number of the scaled "
+            f"sensitivities {found.condition:.3g})."
+        )
+    return f"The data tell {found.rank} of {found.free} free parameters apart."

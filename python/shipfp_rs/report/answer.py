@@ -67,10 +67,13 @@ def interval(row: Row, estimate: Estimate, say: Say) -> str:
 def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str]]:
     """Return plain name, value with unit, interval, and the same in SI units, of each parameter of the ship."""
     rows = []
-    for row in rounded_rows(fingerprint.parameters):
+    known = dict(fingerprint.parameters)
+    if any(estimate.value is None for estimate in known.values()):
+        known |= fingerprint.derived
+    for row in rounded_rows(known):
         if row.name in CHANNELS:
             continue
-        estimate = fingerprint.parameters[row.name]
+        estimate = known[row.name]
         value = f"{row.value}\u00a0{unit_shown(row.unit)}".strip() if row.value else say.word(row.status)
         told = interval(row, estimate, say) or (say.word(row.status) if row.value else "")
         rows.append((say.name(row.name) or row.name, value, told, _in_si(fingerprint, row.name)))
@@ -79,7 +82,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
 
 def _in_si(fingerprint: Fingerprint, symbol: str) -> str:
     quantity = fingerprint.si.get(QUANTITIES.get(symbol, ""))
-    if quantity is None or quantity["unit"] in ("-", fingerprint.parameters[symbol].unit):
+    if quantity is None or quantity["unit"] in ("-", fingerprint[symbol].unit):
         return ""
     places = decimals(quantity["std"])
     spread = "" if quantity["std"] is None else f" ± {rounded(1.96 * quantity['std'], places)}"

@@ -1,4 +1,4 @@
-"""A report in German: its sentences, the words of fingerprints and faults, labels of pictures, verdicts."""
+"""A report in German: its sentences, the words of fingerprints and faults, and the labels of pictures."""
 
 from __future__ import annotations
 
@@ -344,52 +344,3 @@ LABELS: tuple[tuple[str, str], ...] = (
     ("time", "Zeit"),
 )
 """Words of axes and legends, the longer ones first."""
-
-PHRASES: tuple[tuple[str, str], ...] = (
-    (
-        r"^Not usable, because the data tell no parameter by itself\.",
-        "Nicht brauchbar, weil die Daten keinen Parameter für sich bestimmen.",
-    ),
-    (
-        r"^Not usable, because the model misses (\S+) % of the response that the set point still explains\.",
-        r"Nicht brauchbar, weil dem Modell \1 % der Antwort fehlen, die der Sollwert noch erklärt.",
-    ),
-    (
-        r"^Usable for simulation and comparison, except where (.+) must be known alone\.",
-        r"Brauchbar für Simulation und Vergleich, außer wo \1 einzeln bekannt sein muss.",
-    ),
-    (
-        r"^Usable for simulation, control tuning and comparison: the data tell every parameter\.",
-        "Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter.",
-    ),
-    (r"^Known only together: ", "Nur gemeinsam bekannt: "),
-    (r"^Known: ", "Bekannt: "),
-    (r"^Acting elements: ", "Wirkende Elemente: "),
-    (r"^Not found to act: ", "Keine Wirkung gefunden: "),
-    (r"^Not identifiable from these data: ", "Aus diesen Daten nicht bestimmbar: "),
-    (
-        r"^Undecided, with and without it the model fits as well: (.+); the intervals hold for both\.",
-        r"Unentschieden, mit und ohne passt das Modell gleich gut: \1; die Bereiche gelten für beide.",
-    ),
-    (
-        r"^The residuals show that something small is missing \((.+)\); every interval is widened by what that can do\.",
-        r"Die Residuen zeigen, dass etwas Kleines fehlt (\1); jeder Bereich ist um das erweitert, was das anrichten kann.",
-    ),
-    (
-        r"^The data tell (\d+) of (\d+) free parameters apart; the response stays the same along: ",
-        r"Die Daten unterscheiden \1 von \2 freien Parametern; die Antwort bleibt gleich entlang: ",
-    ),
-    (
-        r"^Any of these, known from elsewhere \(torsional calculation, factory test\), would settle the rest: ",
-        "Jedes davon, aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde den Rest klären: ",
-    ),
-    *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
-    (r" % of dn\b", " % der Drehzahl"),
-    (r" % of dM\b", " % des Drehmoments"),
-    (r" % of dX\b", " % der Füllung"),
-    (r"(?<=\d) to (?=-?\d)", " bis "),
-    (r" below (?=\d)", " unter "),
-    (r" above (?=\d)", " über "),
-    (r", (\w+) or (\w+)\b", r", \1 oder \2"),
-)
-"""Patterns of a fingerprint's sentences and what they become, one after the other."""

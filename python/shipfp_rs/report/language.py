@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from shipfp_rs.report.german import LABELS, PHRASES, SENTENCES, WORDS
+from shipfp_rs.report.german import LABELS, SENTENCES, WORDS
+from shipfp_rs.report.german_verdicts import PHRASES
 from shipfp_rs.structures.names import Language, plain_name
 from shipfp_rs.support.checks import one_of
 

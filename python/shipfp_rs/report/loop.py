@@ -77,7 +77,7 @@ def section(
                 number(row.value, key=loop[row.name].value),
                 number(interval(row, loop[row.name], say)),
                 Cell(unit_shown(row.unit)),
-                Cell(say.word(row.reason), tone="note"),
+                Cell(say.word(say.sentence(row.reason)), tone="note"),
             ]
             for row in rounded_rows(loop)
         ],

@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from shipfp_rs.support.html import environment
 
-
 LONGEST_WORD = 24
 """Letters of a word that stays whole in a column."""
 

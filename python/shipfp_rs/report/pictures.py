@@ -61,7 +61,7 @@ class Pictures:
             for ax in axes:
                 ax.patch.set_alpha(0.0)
             paint([*axes])
-            self._translate(axes)
+            self._translate([*axes])
             buffer = io.StringIO()
             figure.savefig(buffer, format="svg", metadata={"Date": None})
             figure.set_layout_engine("none")  # it is laid out
