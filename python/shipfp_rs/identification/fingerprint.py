@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,11 +11,13 @@ from typing import Any, Literal, get_args
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import shown
+from shipfp_rs.support.json_files import json_text, read_json
 
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
+WRITTEN = "a fingerprint, as `shipfp run` writes it"
 ALARM = 0.01
 """Probability of a false alarm of each residual test, all outputs together."""
 
@@ -199,7 +200,7 @@ class Fingerprint:
 
     def save(self, path: str | Path) -> Path:
         """Write `fingerprint.json`; the file appears whole or not at all."""
-        return write_text_atomically(Path(path), json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n")
+        return write_text_atomically(Path(path), json_text(self.to_dict()))
 
     @classmethod
     def load(cls, path: str | Path) -> Fingerprint:
@@ -211,18 +212,15 @@ class Fingerprint:
             Where the file is missing, is not JSON, or lacks a key.
         """
         path = Path(path)
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror or error}") from error
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise InputError(
-                f"{path}: not a JSON file ({error}); expected one written by Fingerprint.save"
-            ) from error
+        content = read_json(path, WRITTEN)
+        if not isinstance(content, dict) or "format" not in content:
+            raise InputError(f"{path}: found no key 'format', expected {WRITTEN}")
         try:
             return cls._from_dict(content)
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise InputError(f"{path}: not a fingerprint, {type(error).__name__} at {error}") from error
+        except KeyError as error:
+            raise InputError(f"{path}: found no key {error}, expected {WRITTEN}") from error
+        except (TypeError, AttributeError, ValueError, IndexError) as error:
+            raise InputError(f"{path}: not a fingerprint ({error}), expected {WRITTEN}") from error
 
     @classmethod
     def _from_dict(cls, content: dict[str, Any]) -> Fingerprint:
@@ -262,13 +260,25 @@ def _estimate(entry: dict[str, Any]) -> Estimate:
         raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
     interval = entry["ci95"]
     return Estimate(
-        value=entry["value"],
-        std=entry["std"],
-        ci95=None if interval is None else (float(interval[0]), float(interval[1])),
+        value=_figure(entry, "value"),
+        std=_figure(entry, "std"),
+        ci95=None if interval is None else (_end(interval[0], -math.inf), _end(interval[1], math.inf)),
         unit=entry["unit"],
         status=status,
         reason=entry["reason"],
     )
+
+
+def _figure(entry: Mapping[str, Any], key: str) -> float | None:
+    value = entry[key]
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise ValueError(f"{key}: {str(value)[:40]!r}, expected a number or null")
+    return value
+
+
+def _end(value: float | None, open_end: float) -> float:
+    """End of an interval; null in JSON is none."""
+    return open_end if value is None else float(value)
 
 
 @dataclass(frozen=True)
