@@ -52,8 +52,8 @@ def sweep(
         int | None, typer.Option(min=1, help="Draws made in one go; default 50, fewer in a small sweep.")
     ] = None,
     accuracy: Annotated[
-        float, typer.Option(help="Wanted relative error, for the length that a trial must have.")
-    ] = 0.1,
+        float, typer.Option(help="Wanted relative error, %, for the length that a trial must have.")
+    ] = 10.0,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed in place of the file's.")] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into DIR/figures.")] = True,
     json: Json = False,
@@ -74,7 +74,7 @@ def sweep(
                 workers=workers,
                 address=address,
                 draws_per_task=draws_per_task,
-                accuracy=accuracy,
+                accuracy_pct=accuracy,
                 progress=notify,
             )
     except KeyboardInterrupt:
@@ -118,7 +118,7 @@ def _print(summary: Mapping[str, Any]) -> None:
             ],
         )
     if summary["trial_length"]:
-        wanted = f"{100.0 * summary['accuracy']:.3g} %"
+        wanted = f"{summary['accuracy_pct']:.3g} %"
         print_text("", f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth")
         print_table(
             "",

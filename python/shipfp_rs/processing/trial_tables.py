@@ -196,8 +196,8 @@ class Identify(Section):
     """These five as in `identify`."""
     lead_back: bool = False
     """Simulate the vessel and take off the estimates what the structure lacks beside it (`indirect_inference`)."""
-    starts: Annotated[int, Field(ge=1)] = 8
-    """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
+    starts: Annotated[int, Field(ge=1)] | None = None
+    """None: what `identify` takes where none are given."""
     seed: Annotated[int, Field(ge=0)] = 0
 
     @property

@@ -119,9 +119,6 @@ class Faults(Section):
 class Identify(TrialIdentify):
     """[identify] as in TRIAL.toml; the seed is each draw's own."""
 
-    starts: Annotated[int, Field(ge=1)] = 1
-    products: bool = True
-
     @model_validator(mode="after")
     def _has_no_seed(self) -> Self:
         if "seed" in self.model_fields_set:
