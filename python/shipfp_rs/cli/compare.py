@@ -30,7 +30,8 @@ def compare(
 ) -> None:
     """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
-    from shipfp_rs.identification.fingerprint import Fingerprint, decimals, rounded
+    from shipfp_rs.identification.estimate import decimals, rounded
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     comparison = compare_fingerprints(first, second, level=level)

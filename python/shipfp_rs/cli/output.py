@@ -48,7 +48,7 @@ def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
     """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
-    from shipfp_rs.identification.fingerprint import rounded_rows
+    from shipfp_rs.identification.estimate import rounded_rows
 
     head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(

@@ -18,7 +18,12 @@ from shipfp_rs.errors import InputError
 if TYPE_CHECKING:
     from shipfp_rs.sweeps import Progress, Sweep
 
-TYPED = {name: f"--{name.replace('_', '-')}" for name in ("draws_per_task", "accuracy", "workers", "address")}
+TYPED = {
+    "draws_per_task": "--draws-per-task",
+    "accuracy_pct": "--accuracy",
+    "workers": "--workers",
+    "address": "--address",
+}
 
 
 class Where(StrEnum):
@@ -62,10 +67,10 @@ def sweep(
         float,
         typer.Option(
             parser=positive,
-            metavar="SHARE",
-            help="Wanted relative error, for the length that a trial must have.",
+            metavar="PERCENT",
+            help="Wanted relative error, %, for the length that a trial must have.",
         ),
-    ] = 0.1,
+    ] = 10.0,
     seed: Annotated[
         int | None, typer.Option(min=0, max=MOST_SEED, help="Seed in place of the file's.")
     ] = None,
@@ -88,7 +93,7 @@ def sweep(
                 workers=workers,
                 address=address,
                 draws_per_task=draws_per_task,
-                accuracy=accuracy,
+                accuracy_pct=accuracy,
                 progress=notify,
             )
     except KeyboardInterrupt:
@@ -140,7 +145,7 @@ def _print(summary: Mapping[str, Any]) -> None:
             ],
         )
     if summary["trial_length"]:
-        wanted = f"{100.0 * summary['accuracy']:.3g} %"
+        wanted = f"{summary['accuracy_pct']:.3g} %"
         print_text("", f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth")
         print_table(
             "",

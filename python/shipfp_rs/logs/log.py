@@ -19,6 +19,7 @@ from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text
 from shipfp_rs.support import hints, units
+from shipfp_rs.support.arguments import checked
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -74,6 +75,7 @@ class Log:
         return f"Log({self.name!r}: {shown})"
 
     @classmethod
+    @checked
     def open(
         cls,
         path: str | Path,
@@ -131,6 +133,7 @@ class Log:
         return log
 
     @classmethod
+    @checked
     def from_arrays(
         cls,
         arrays: Mapping[str, npt.ArrayLike],
@@ -157,6 +160,7 @@ class Log:
         return cls(name, channels, blocks)
 
     @staticmethod
+    @checked
     def merge(*logs: Log, name: str = "") -> Log:
         """Merge logs that share one clock, by their time stamps; see `shipfp_rs.logs.joining.merge`.
 
@@ -169,6 +173,7 @@ class Log:
         """
         return _joiner("merge")(logs, name)
 
+    @checked
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
         if name not in self.channels:
@@ -210,6 +215,7 @@ class Log:
         """Yield a channel from a row on with its gaps masked, all blocks of one type; what `write` stores."""
         return self._blocks(name, first, size or BLOCK)
 
+    @checked
     def read(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> Samples:
         """Return a channel from `start_s` up to, not including, `stop_s` on the log's clock, as recorded.
 
@@ -223,6 +229,7 @@ class Log:
             raise InputError(f"{self.name}: channel {name!r} holds no sample there; read a longer stretch")
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    @checked
     def write(self, path: str | Path) -> Path:
         """Write all channels to Parquet, block by block; the file appears whole or not at all.
 
@@ -298,6 +305,7 @@ def _reader_of(path: Path) -> Reader:
     return _READERS[suffix]
 
 
+@checked
 def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Reader], Reader]:
     """Make `Log.open` use the decorated function (path, rate_hz) for files of these suffixes.
 

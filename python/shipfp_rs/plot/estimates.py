@@ -10,6 +10,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, RED, dress, panels_of
+from shipfp_rs.support.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from shipfp_rs.assessment.profile_likelihood import Likelihood
 
 
+@checked
 def intervals(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, ax: Axes | None = None
 ) -> Axes:
@@ -69,6 +71,7 @@ def intervals(
     return ax
 
 
+@checked
 def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     """Draw a profile likelihood with the level at which the 95 % interval ends.
 
@@ -99,6 +102,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
     """Draw the correlations of an output's whitened residuals with their own past and with the set point, by lag.
 

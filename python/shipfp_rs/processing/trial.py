@@ -19,6 +19,7 @@ from shipfp_rs.processing.trial_tables import (
     Processing,
     Window,
 )
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.toml import Section, read_toml, unexpected
 
 
@@ -90,6 +91,7 @@ class Trial(Section):
         return self.structure is None and self.identify.chooses
 
     @classmethod
+    @checked
     def load(cls, path: str | Path) -> Self:
         """Read a TRIAL.toml; relative paths of logs and of a vessel file are taken from its folder.
 

@@ -210,8 +210,8 @@ class Identify(Section):
     """These five as in `identify`."""
     lead_back: bool = False
     """Simulate the vessel and take off the estimates what the structure lacks beside it (`indirect_inference`)."""
-    starts: Starts = 8
-    """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
+    starts: Starts | None = None
+    """None: what `identify` takes where none are given."""
     seed: Seed = 0
 
     @property

@@ -8,7 +8,8 @@ from typing import Any
 
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
-from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint, Row, rounded_rows
+from shipfp_rs.identification.estimate import Estimate, Row, rounded_rows
+from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.report.markup import Cell, bullets, number, paragraph, piece, table
 from shipfp_rs.report.pictures import Pictures
 from shipfp_rs.structures.glossary import meaning

@@ -31,9 +31,13 @@ class Pictures:
         caption: str,
         *,
         height: float = 2.0,
+        width: float = 9.0,
         sharex: bool = True,
     ) -> str:
-        """Return a figure element with `panels` axes above each other, painted by `paint`, each that high [in]."""
+        """Return a figure element with `panels` axes above each other, painted by `paint`, each that high [in].
+
+        Below it stands a link to the same picture as PNG, ink on white.
+        """
         from matplotlib import rc_context
         from matplotlib.figure import Figure
 
@@ -42,7 +46,7 @@ class Pictures:
             style[part] = INK
         self._count += 1
         with rc_context(style):
-            figure = Figure(figsize=(9.0, 1.0 + height * panels), layout="constrained")
+            figure = Figure(figsize=(width, 1.0 + height * panels), layout="constrained")
             axes = figure.subplots(panels, 1, sharex=sharex, squeeze=False)[:, 0]
             for ax in axes:
                 ax.patch.set_alpha(0.0)

@@ -101,9 +101,7 @@ def evaluate(
             experiments,
             structure,
             vessel,
-            starts=options.starts
-            if trial.structure is None or "starts" in options.model_fields_set
-            else None,
+            starts=options.starts,
             seed=options.seed if seed is None else seed,
             progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
         )

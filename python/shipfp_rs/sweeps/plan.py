@@ -26,7 +26,6 @@ from shipfp_rs.support.toml import (
     Name,
     Section,
     Seed,
-    Starts,
     built_in,
     read_named,
     unexpected,
@@ -131,9 +130,6 @@ class Faults(Section):
 
 class Identify(TrialIdentify):
     """[identify] as in TRIAL.toml; the seed is each draw's own."""
-
-    starts: Starts = 1
-    products: bool = True
 
     @model_validator(mode="after")
     def _has_no_seed(self) -> Self:

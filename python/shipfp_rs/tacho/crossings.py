@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter
 
 from shipfp_rs._core import PulseTracker, pulse_levels
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.spans import Spans
 from shipfp_rs.tacho.clarity import (
     AT_REST,
@@ -98,6 +99,7 @@ class PulseTimes:
         return np.asarray(grid if self.noise_std_s is None else np.hypot(grid, self.noise_std_s))
 
 
+@checked
 def pulse_times(
     samples: npt.NDArray[Any] | Iterable[npt.ArrayLike],
     rate_hz: float,

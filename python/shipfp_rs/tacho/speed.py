@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 
 from shipfp_rs._core import slope_at_even_times
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.angles import ReflectorAngles, align_angles
 from shipfp_rs.tacho.crossings import PulseTimes
 from shipfp_rs.tacho.tracks import Track, checked_times, cut_tracks, require_positive
@@ -94,6 +95,7 @@ class IntervalSpeed:
         return float(0.5 / np.median(self.duration_s)) if len(self.duration_s) else 0.0
 
 
+@checked
 def speed_from_pulses(
     times_s: npt.ArrayLike | PulseTimes,
     pulses_per_rev: int,
