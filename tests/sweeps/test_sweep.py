@@ -182,7 +182,7 @@ class TestWorkers:
     @pytest.mark.parametrize(
         ("options", "words"),
         [
-            ({"workers": 0}, "workers is 0, expected 1 or more"),
+            ({"workers": 0}, "workers is 0, expected 1 to 1024"),
             ({"executor": "proceses"}, "executor 'proceses', expected 'processes'"),
             ({"executor": "threads", "address": "127.0.0.1:1"}, "expected executor 'dask'"),
             ({"draws_per_task": 0}, "draws_per_task is 0"),

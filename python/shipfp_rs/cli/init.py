@@ -7,15 +7,18 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Names, Rate, Time
+from shipfp_rs.cli.options import Names, Rate, Time, a_path
 from shipfp_rs.cli.output import print_text, progress
 from shipfp_rs.errors import InputError
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the trial.")] = Path(),
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", parser=a_path, help="Folder of the trial.")
+    ] = Path(),
     log: Annotated[
-        Path | None, typer.Option("--log", metavar="LOG", help="Log whose windows are to be found.")
+        Path | None,
+        typer.Option("--log", metavar="LOG", parser=a_path, help="Log whose windows are to be found."),
     ] = None,
     set_point: Annotated[
         str | None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,9 @@ PIPE_WIDTH = 200
 
 def print_json(content: Any) -> None:
     """Print one JSON document."""
-    print(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
+    from shipfp_rs.support.json_files import json_text
+
+    print(json_text(content, ascii_only=False), end="")
 
 
 def print_text(*lines: str) -> None:

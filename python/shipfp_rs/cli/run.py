@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from shipfp_rs.cli.options import Force, Json, OutFolder
+from shipfp_rs.cli.options import MOST_SEED, Force, Json, OutFolder, a_path
 from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
 
 
@@ -20,10 +20,15 @@ class Language(StrEnum):
 
 
 def run(
-    trial: Annotated[Path, typer.Argument(metavar="TRIAL.toml", help="Description of the trial.")],
+    trial: Annotated[
+        Path, typer.Argument(metavar="TRIAL.toml", parser=a_path, help="Description of the trial.")
+    ],
     out: OutFolder = Path("shipfp-run"),
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Seed of the random starts, in place of the trial's.")
+        int | None,
+        typer.Option(
+            "--seed", min=0, max=MOST_SEED, help="Seed of the random starts, in place of the trial's."
+        ),
     ] = None,
     force: Force = False,
     language: Annotated[

@@ -76,13 +76,25 @@ def estimate_of(entry: dict[str, Any]) -> Estimate:
         raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
     interval = entry["ci95"]
     return Estimate(
-        value=entry["value"],
-        std=entry["std"],
-        ci95=None if interval is None else (float(interval[0]), float(interval[1])),
+        value=_figure(entry, "value"),
+        std=_figure(entry, "std"),
+        ci95=None if interval is None else (_end(interval[0], -math.inf), _end(interval[1], math.inf)),
         unit=entry["unit"],
         status=status,
         reason=entry["reason"],
     )
+
+
+def _figure(entry: Mapping[str, Any], key: str) -> float | None:
+    value = entry[key]
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise ValueError(f"{key}: {str(value)[:40]!r}, expected a number or null")
+    return value
+
+
+def _end(value: float | None, open_end: float) -> float:
+    """End of an interval; null in JSON is none."""
+    return open_end if value is None else float(value)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,9 +16,11 @@ from shipfp_rs.identification.modelled import Modelled
 from shipfp_rs.identification.told import Told
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.json_files import json_text, read_json
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
+WRITTEN = "a fingerprint, as `shipfp run` writes it"
 ALARM = 0.01
 """Probability of a false alarm of each residual test, all outputs together."""
 
@@ -115,7 +116,7 @@ class Fingerprint(Told, Modelled):
     @checked
     def save(self, path: str | Path) -> Path:
         """Write `fingerprint.json`; the file appears whole or not at all."""
-        return write_text_atomically(Path(path), json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n")
+        return write_text_atomically(Path(path), json_text(self.to_dict()))
 
     @classmethod
     @checked
@@ -128,18 +129,15 @@ class Fingerprint(Told, Modelled):
             Where the file is missing, is not JSON, or lacks a key.
         """
         path = Path(path)
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror or error}") from error
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise InputError(
-                f"{path}: not a JSON file ({error}); expected one written by Fingerprint.save"
-            ) from error
+        content = read_json(path, WRITTEN)
+        if not isinstance(content, dict) or "format" not in content:
+            raise InputError(f"{path}: found no key 'format', expected {WRITTEN}")
         try:
             return cls._from_dict(content)
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise InputError(f"{path}: not a fingerprint, {type(error).__name__} at {error}") from error
+        except KeyError as error:
+            raise InputError(f"{path}: found no key {error}, expected {WRITTEN}") from error
+        except (TypeError, AttributeError, ValueError, IndexError) as error:
+            raise InputError(f"{path}: not a fingerprint ({error}), expected {WRITTEN}") from error
 
     @classmethod
     def _from_dict(cls, content: dict[str, Any]) -> Fingerprint:

@@ -109,10 +109,11 @@ class Log:
         path = Path(path)
         if any(mark in path.name for mark in "*?") and not path.exists():
             return _joiner("pattern")(path, rate_hz=rate_hz, time=time, names=names)
-        _require_known(path)
+        if not path.is_dir():
+            _require_known(path)
         if not path.is_file():
-            what = "a folder, expected a log file" if path.is_dir() else "no such log file"
-            raise InputError(f"{path}: {what}")
+            kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
+            raise InputError(f"{path}: {kind}, expected a log file")
         if not path.stat().st_size:
             raise InputError(f"{path}: the file is empty")
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import pyarrow as pa
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
 from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.json_files import json_text
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of
@@ -130,9 +130,7 @@ def sweep(
         finally:
             # Of a run that was stopped, too: it tells how far that came.
             summary = summarise(plan, store.batches(), accuracy_pct)
-            write_text_atomically(
-                store.folder / SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n"
-            )
+            write_text_atomically(store.folder / SUMMARY, json_text(summary))
     return Sweep(Path(out), plan, summary)
 
 

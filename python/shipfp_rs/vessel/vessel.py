@@ -15,7 +15,7 @@ from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.html import shown
-from shipfp_rs.support.toml import built_in, read_named, unexpected, validated
+from shipfp_rs.support.toml import Name, built_in, read_named, unexpected, validated
 from shipfp_rs.vessel.tables import (
     Actuator,
     Engine,
@@ -80,7 +80,7 @@ class Vessel(Sparse):
     >>> heavier = launch.replace({"shaft.inertia_kg_m2": 30.0})
     """
 
-    name: str
+    name: Name
     description: str = ""
     water: Water = later()
     engine: Engine = later()
