@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -23,7 +24,7 @@ def test_the_command_line_stands_above_the_trial(options, asked, written, monkey
         return SimpleNamespace(fingerprint=None)
 
     monkeypatch.setattr(run, "run", pretend)
-    monkeypatch.setattr("shipfp_rs.cli.run.print_fingerprint", lambda *_: None)
+    monkeypatch.setattr(sys.modules["shipfp_rs.cli.run"], "print_fingerprint", lambda *_: None)
     assert cli.main(["run", str(tmp_path / "TRIAL.toml"), "--out", str(tmp_path), *options]) == 0
     assert told["language"] == asked
     assert (told["language"] or Report(language="de").language) == written
