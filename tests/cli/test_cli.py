@@ -98,7 +98,7 @@ class TestFrame:
             (IdentificationError("no start led\n  to a minimum"), 1, "no start led to a minimum"),
             (InternalError("kernel panicked"), 1, "SHIPFP_TRACEBACK=1"),
             (ZeroDivisionError("division by zero"), 1, "internal error: ZeroDivisionError: division by zero"),
-            (OSError(28, "No space left on device", "/full"), 1, "/full: No space left on device"),
+            (OSError(28, "No space left on device", "/full"), 2, "/full: No space left on device"),
             (MemoryError(), 1, "out of memory"),
         ],
     )
@@ -237,11 +237,11 @@ class TestSimulate:
         [
             (["stan-tug-1206"], "stan-tug-1206"),
             (["missing.toml"], "missing.toml"),
-            (["stan-tug-1205", "--duration", "-1"], "--duration -1"),
+            (["stan-tug-1205", "--duration", "-1"], "'--duration': found '-1'"),
             (["stan-tug-1205", "--excitation", "noise"], "'--excitation'"),
             (["stan-tug-1205", "--raw", "--noise", "0.1"], "--noise"),
             (["stan-tug-1205", "--out", "log.csv"], "log.csv"),
-            (["stan-tug-1205", "--amplitude-rpm", "0"], "amplitude_rpm"),
+            (["stan-tug-1205", "--amplitude-rpm", "0"], "'--amplitude-rpm': found '0'"),
         ],
     )
     def test_bad_input_costs_one_line_and_leaves_nothing(

@@ -117,7 +117,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({}, ["simulate", "stan-launch-804", "--noise", "5"]),
-        "noise['n_e'] is 5 times the signal, expected at most 1; percent for a fraction? that is 0.05",
+        "--noise is 5 times the signal, expected at most 1; percent for a fraction? that is 0.05",
     ),
     (
         ({}, ["simulate", "stan-launch-804", "--amplitude-rpm", "1300"]),

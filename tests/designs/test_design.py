@@ -237,14 +237,14 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            ([TUG], "neither duration_s nor accuracy_pct"),
+            ([TUG], "neither --duration nor --accuracy"),
             (["stan-tug-1206", "--duration", "100"], "did you mean 'stan-tug-1205'"),
             ([TUG, "--duration", "100", "--avoid", "3"], "--avoid: found '3', expected LOW:HIGH"),
-            ([TUG, "--duration", "100", "--avoid", "0:100"], "avoid_hz"),
-            ([TUG, "--duration", "100", "--amplitude", "2000"], "amplitude_rpm is 2000"),
+            ([TUG, "--duration", "100", "--avoid", "0:100"], "--avoid"),
+            ([TUG, "--duration", "100", "--amplitude", "2000"], "--amplitude is 2000"),
             ([TUG, "--duration", "100", "--kind", "squares", "--avoid", "2:3"], "'squares' jumps"),
             ([TUG, "--duration", "30"], "to settle"),
-            ([TUG, "--duration", "100", "--longest", "10"], "longest_samples is 10"),
+            ([TUG, "--duration", "100", "--longest", "10"], "--longest is 10"),
             ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
             ([TUG, "--accuracy", "3", "--parameter", "tau_n"], "'tau_n' is not identifiable here"),
             ([TUG, "--accuracy", "0.01"], "would take about"),

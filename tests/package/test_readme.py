@@ -114,7 +114,7 @@ def test_what_a_page_has_its_reader_type_runs(page, tmp_path):
     printed = run_page(page, tmp_path, typed)
     assert not before
     if page.name == "README.md":
-        assert "tau_n=" in printed
+        assert "inertia time constant" in printed
         assert (tmp_path / "my-result" / "report.html").is_file()
     if page.parent.name == "tutorials":
         assert printed

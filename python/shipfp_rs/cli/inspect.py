@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json, Names, Rate, Time
+from shipfp_rs.cli.options import Json, Names, Rate, Time, a_path, positive
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
@@ -16,19 +16,31 @@ if TYPE_CHECKING:
 
 
 def inspect(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log in any supported format.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", parser=a_path, help="Log in any supported format.")],
     trial: Annotated[
         Path | None,
-        typer.Argument(metavar="[TRIAL.toml]", help="Its trial, for calibrated checks.", show_default=False),
+        typer.Argument(
+            metavar="[TRIAL.toml]",
+            parser=a_path,
+            help="Its trial, for calibrated checks.",
+            show_default=False,
+        ),
     ] = None,
     rate_hz: Rate = None,
     time: Time = None,
     names: Names = None,
     torque_coefficient: Annotated[
         float | None,
-        typer.Option("--cq", metavar="C_Q*", help="Torque coefficient of eq. 6.3, in place of the vessel's."),
+        typer.Option(
+            "--cq",
+            metavar="C_Q*",
+            parser=positive,
+            help="Torque coefficient of eq. 6.3, in place of the vessel's.",
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for pictures.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for pictures.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Show a log's channels, gaps, faults, windows and spectra; with its trial, calibrated checks as well."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from shipfp_rs.identification.blocks import Evaluation
-from shipfp_rs.identification.fingerprint import Estimate, Identifiability, Status
+from shipfp_rs.identification.estimate import Estimate, Identifiability, Status
 from shipfp_rs.identification.identifiability import (
     NULL_PART,
     Sensitivity,

@@ -39,6 +39,7 @@ from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatt
 from shipfp_rs.structures.innovations import with_innovations
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
@@ -54,6 +55,7 @@ AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
 
 
+@checked
 def identify(
     data: Data | Sequence[Data],
     structure: Structure | None = None,
@@ -67,16 +69,16 @@ def identify(
     noise: NoiseModel | None = None,
     covariance: Covariance | None = None,
     intervals: Intervals = "profile",
-    huber: float | None = None,
+    huber: Positive | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
     offsets: Offsets | None = None,
     initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
-    random_search: int = 0,
-    starts: int | None = None,
-    seed: int | None = 0,
-    max_evaluations: int = 500,
-    tolerance: float = 1e-12,
-    time_limit_s: float | None = None,
+    random_search: Whole = 0,
+    starts: Count | None = None,
+    seed: Whole | None = 0,
+    max_evaluations: Count = 500,
+    tolerance: Positive = 1e-12,
+    time_limit_s: Positive | None = None,
     vessel: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fingerprint:

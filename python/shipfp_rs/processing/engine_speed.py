@@ -123,7 +123,7 @@ class EngineSpeed:
         if not len(self.speeds[self.train.name].time_s):
             raise InputError(f"{label}: no pulses in {', '.join(self.speeds)}")
         self.median_rpm = {
-            train.name: float(np.median(self.speeds[train.name].speed_rps)) * train.rpm_per_rps
+            train.name: self.speeds[train.name].typical_rps() * train.rpm_per_rps
             for train in trains
             if len(self.speeds[train.name].time_s)
         }

@@ -17,8 +17,10 @@ from shipfp_rs.processing.trial_tables import (
     Identify,
     OperatingPoint,
     Processing,
+    Report,
     Window,
 )
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.toml import Section, read_toml, unexpected
 
 
@@ -41,6 +43,7 @@ class Trial(Section):
     structure: GreyBox | None = None
     """None: the structure that the data choose, or the linear one that [identify] describes."""
     identify: Identify = Identify()
+    report: Report = Report()
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -90,6 +93,7 @@ class Trial(Section):
         return self.structure is None and self.identify.chooses
 
     @classmethod
+    @checked
     def load(cls, path: str | Path) -> Self:
         """Read a TRIAL.toml; relative paths of logs and of a vessel file are taken from its folder.
 
