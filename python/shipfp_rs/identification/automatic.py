@@ -10,9 +10,11 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.choose import SLOW, Choice, Chooser, Fitted, Neglect, State
+from shipfp_rs.identification.choose import Choice, State
+from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
+from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.structures.combinations import COMBINATIONS
@@ -164,7 +166,7 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
             widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
             std = None if estimate.std is None else estimate.std * widened
             group[name] = replace(estimate, ci95=(float(low), float(high)), std=std)
-    return replace(fingerprint, **groups)
+    return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])
 
 
 def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, float]:
@@ -178,7 +180,8 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, 
     rise -= np.square((best - neglect.estimate) / neglect.deviation)
     left = np.sqrt(np.maximum(1.0 - rise / 1.96**2, 0.0))
     moved = slope * seen ** (1.0 / neglect.power)
-    assert estimate.ci95 is not None and estimate.value is not None
+    assert estimate.ci95 is not None
+    assert estimate.value is not None
     low, high = estimate.ci95[0] - estimate.value, estimate.ci95[1] - estimate.value
     inside = rise <= 1.96**2 * (1.0 + 1e-9)
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])

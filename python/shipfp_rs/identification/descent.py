@@ -65,12 +65,13 @@ def descend(
     time_limit_s: float | None = None,
     tick: Callable[[], None] | None = None,
 ) -> Reached:
-    """Descend to where a Gauss-Newton step promises less than `enough` of the deviance, or too little to get below `worth`.
+    """Descend to where a step promises less than `enough` of the deviance, or too little to get below `worth`.
 
     With weights that follow the residuals (`reweighs`) the deviance is N ln det of their scatter, whose Gauss-Newton
     step is that of the sum of squares weighted by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974,
     section 5-10): every step has the weights of the point where it starts, and none is taken that the deviance does
-    not fall by. From a start that is not `near` a minimum the first steps are short. Steps follow the problem's own valley (`Equations.curved`).
+    not fall by. From a start that is not `near` a minimum the first steps are short. Steps follow the problem's own
+    valley (`Equations.curved`).
 
     Raises
     ------
@@ -126,7 +127,7 @@ class _Walk:
         self,
         problem: WeightedProblem,
         elimination: Elimination,
-        reweighs: bool,  # noqa: FBT001
+        reweighs: bool,
         tick: Callable[[], None] | None,
     ) -> None:
         self._problem, self._elimination, self._reweighs, self._tick = problem, elimination, reweighs, tick

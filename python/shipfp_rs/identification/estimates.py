@@ -286,6 +286,8 @@ def _along_valley(
     """
     kept = best.vector[~search.linear]
     index = search.names.index(names[place])
+    if not row[place] > 0.0:
+        return float(kept[index]), float(kept[index])
     step = np.zeros(len(kept))
     step[[search.names.index(name) for name in names]] = row * (quantile / np.sqrt(row[place]))
     low, high = sorted(float(search.curved(kept, sign * step)[index]) for sign in (-1.0, 1.0))

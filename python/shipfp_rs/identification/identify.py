@@ -325,9 +325,7 @@ def search_minima(
     covariance = options.covariance or "model"
     if covariance not in get_args(Covariance):
         raise InputError(f"covariance {covariance!r}, expected one of {', '.join(get_args(Covariance))}")
-    if covariance == "sandwich" and any(
-        isinstance(block.data, FrequencyResponse) for block in blocks
-    ):
+    if covariance == "sandwich" and any(isinstance(block.data, FrequencyResponse) for block in blocks):
         raise InputError(
             "covariance 'sandwich' is for experiments, a frequency response has no order in time"
         )

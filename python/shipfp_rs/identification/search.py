@@ -150,7 +150,7 @@ class Search(WeightedProblem):
 
     @property
     def _descends(self) -> bool:
-        """Whether steps of our own go down: residuals in units of their deviation, none of them bent, along a known valley."""
+        """Whether steps of our own go down: whitened residuals, none of them bent, along a known valley."""
         return self._whitens and self.huber is None and self.structure.equations.has_valley
 
     def _criterion(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> float:

@@ -155,10 +155,10 @@ def _loops(
     costs[(rates[..., 1] <= 0.0) | (rates[..., 2] <= 0.0)] = np.inf
     places = []
     for first, last in BANDS_S:
-        band = costs[(first <= LOOP_S) & (LOOP_S < last)]
+        band = costs[(first <= LOOP_S) & (last > LOOP_S)]
         if len(band) and np.isfinite(band).any():
-            i, j = np.unravel_index(int(np.argmin(band)), band.shape)
-            places.append((int(i) + int(np.argmax(first <= LOOP_S)), int(j)))
+            row, column = np.unravel_index(int(np.argmin(band)), band.shape)
+            places.append((int(row) + int(np.argmax(first <= LOOP_S)), int(column)))
     places = sorted(places, key=lambda place: costs[place])[:count]
     return [
         (float(costs[i, j]), _values(rates[i, j], LOOP_S[i], SET_POINT_S[j], torque, gauge))

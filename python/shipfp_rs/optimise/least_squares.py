@@ -253,7 +253,14 @@ def _minimise(
             before = point.cost
             if turn or not near:
                 run(point)
-            enough = {"worthwhile": WORTHWHILE, "promising": (DEVIATIONS if deviations is None else deviations) ** 2 / near} if near else {}
+            enough = (
+                {
+                    "worthwhile": WORTHWHILE,
+                    "promising": (DEVIATIONS if deviations is None else deviations) ** 2 / near,
+                }
+                if near
+                else {}
+            )
             point = polish(recorder, recorder.best, bounds, **enough)
             message = doubt(point, first, bounds, tolerance, HIDDEN**2 / near if near else 0.0)
             lower = None if message else _way_down(recorder, run, point, first, bounds)

@@ -120,7 +120,7 @@ class ShipEquations(Equations):
         after[tau] = 1.0 / (inverse + part * pace)
         *after[places], slope = (ratios + part * moves) * after[tau]
         after[g] = after[p] - slope
-        return after
+        return np.asarray(after)
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -128,9 +128,9 @@ class ShipEquations(Equations):
 
     def simulate_loaded(self, values: Mapping[str, float], experiment: Experiment, load: Array) -> Array:
         """Return the outputs (O, N) with another load torque on the shaft, over the operating point's, shape (N,)."""
-        set_point, _, *rest = self._inputs(experiment)
+        set_point, _, dt, substeps, hold = self._inputs(experiment)
         vector = self.vector({**values, "k_L": 1.0})
-        return _core.simulate_ship(vector, set_point, load, *rest, self._kernel_outputs)
+        return _core.simulate_ship(vector, set_point, load, dt, substeps, hold, self._kernel_outputs)
 
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
