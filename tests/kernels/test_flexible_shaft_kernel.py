@@ -67,8 +67,8 @@ def differences(ship, shaft, hold, name):
     values, (u, load) = flexible(*shaft, **FLEXIBLE[ship]), inputs_of(ship, 10)
     step = 2e-2 * max(abs(values[name]), 0.5)
     if name in ("tau_n", "tau_prop", "tau_twist"):
-        # Along these the swing's phase moves, 25 times as much as they do.
-        step = 1e-3 * values[name]
+        # Along these the swing's phase moves, to the record's end by a few hundredths of a radian.
+        step = 0.05 / shaft[0] * values[name]
     elif name.startswith("T_") or name == "tau_act":
         step = 1e-4
 
