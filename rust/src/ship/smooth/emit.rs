@@ -15,7 +15,7 @@ use super::grid::{Piece, Time};
 use super::model::{Jets, Model, is_flexible};
 use super::power::Power;
 use super::reading::{Reading, rate, second, value, weighed};
-use super::slopes::{LANES, Pack, Slopes, get, put};
+use super::slopes::{LANES, Pack, Slopes, put};
 use super::steps::Step;
 
 /// Outputs that are late by the same time.
@@ -103,8 +103,14 @@ impl<'a> Emit<'a> {
     }
 
     /// Whether all outputs have all samples.
+    #[inline(always)]
     pub fn is_done(&self) -> bool {
-        self.channels.iter().all(|channel| channel.next >= self.run.samples())
+        let samples = self.run.set.len();
+        let mut done = true;
+        for channel in &self.channels {
+            done &= channel.next >= samples;
+        }
+        done
     }
 
     /// Read all samples that lie in a piece.
@@ -145,30 +151,26 @@ impl<'a> Emit<'a> {
             reading.aim::<T>(part, jets.inverse);
         }
         let (weights, racks, sums) = (&reading.speeds, reading.racks.as_ref(), reading.sums.as_ref());
-        let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
-        for (slopes, series) in slopes.iter_mut().zip(series) {
+        // By numbers: an iterator that is not inlined would not be compiled for the machine's vectors.
+        for pack in 0..series.len() {
+            let slopes = &mut self.slopes[slot * self.packs + pack];
+            let Slopes { n, q, rack, .. } = &series[pack];
             for part in 0..LANES / S::F64_LANES {
-                let mut total = weighed::<S, T>(simd, weights, &series.n, part);
+                let mut total = weighed::<S, T>(simd, weights, n, part);
                 if let Some(racks) = racks {
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, racks, &series.rack, part));
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, racks, rack, part));
                 }
                 if let Some(sums) = sums {
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, sums, &series.q, part));
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, sums, q, part));
+                }
+                if const { is_flexible(T) }
+                    && let Some([propellers, springs]) = &reading.ends
+                {
+                    let Ends { propeller, spring, .. } = &ends[pack];
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, propellers, propeller, part));
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, springs, spring, part));
                 }
                 put::<S>(slopes, part, total);
-            }
-        }
-        if const { is_flexible(T) }
-            && let Some([propellers, springs]) = &reading.ends
-        {
-            let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
-            for (slopes, ends) in slopes.iter_mut().zip(ends) {
-                for part in 0..LANES / S::F64_LANES {
-                    let mut total = get::<S>(slopes, part);
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, propellers, &ends.propeller, part));
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, springs, &ends.spring, part));
-                    put::<S>(slopes, part, total);
-                }
             }
         }
         let mut simulated = reading.constant + value::<T>(weights, &jets.n);
@@ -197,7 +199,7 @@ impl<'a> Emit<'a> {
                 self.own_speed(slot, rate);
             }
             Output::GaugeTorque if const { is_flexible(T) } => {
-                self.own_twist::<T>(output, slot, jets, simulated)
+                self.own_twist::<T>(output, slot, jets, simulated);
             }
             Output::EngineTorque | Output::GaugeTorque => {
                 let [of_speed, of_rack, of_rate, _] = reading.factors;

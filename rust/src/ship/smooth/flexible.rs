@@ -81,11 +81,7 @@ impl Law {
     fn slope(&self, m: &Series) -> Series {
         let mut slope = [0.0; 8];
         for_terms!(K of TERMS => {
-            let mut sum = self.p * self.value[K];
-            for j in 1..=K {
-                sum = fma(-m[j], slope[K - j], sum);
-            }
-            slope[K] = sum * self.power.inverse;
+            slope[K] = self.power.inverse * (self.p * self.value[K] - product::<K>(m, &slope, 0.0));
         });
         slope
     }
@@ -93,25 +89,28 @@ impl Law {
     /// The series of the derivative by the exponent, `N^p ln N`.
     #[inline(always)]
     fn by_exponent(&self, m: &Series) -> Series {
-        let (mut logarithm, mut found) = ([0.0; 8], [0.0; 8]);
+        // The logarithm's rate, times what has passed, and the logarithm.
+        let (mut rate, mut logarithm, mut found) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        logarithm[0] = self.power.logarithm;
         for_terms!(K of TERMS => {
-            if K == 0 {
-                logarithm[0] = self.power.logarithm;
-            } else {
-                let mut sum = m[K];
-                for j in 1..K {
-                    sum = fma(-(j as f64 * PER_ORDER[K - 1]) * logarithm[j], m[K - j], sum);
-                }
-                logarithm[K] = sum * self.power.inverse;
+            if K != 0 {
+                rate[K] = self.power.inverse * (K as f64 * m[K] - product::<K>(m, &rate, 0.0));
+                logarithm[K] = rate[K] / K as f64;
             }
-            let mut sum = 0.0;
-            for j in 0..=K {
-                sum = fma(self.value[j], logarithm[K - j], sum);
-            }
-            found[K] = sum;
+            found[K] = product::<K>(&self.value, &logarithm, self.value[0]);
         });
         found
     }
+}
+
+/// A term of the product of two series, the first with another constant.
+#[inline(always)]
+fn product<const K: usize>(a: &Series, b: &Series, constant: f64) -> f64 {
+    let mut sum = constant * b[K];
+    for j in 1..=K {
+        sum = fma(a[j], b[K - j], sum);
+    }
+    sum
 }
 
 impl Model {
@@ -224,14 +223,35 @@ pub fn lay_ends<const T: usize>(
     true
 }
 
+type On<'a, S, const T: usize> = (&'a Jets, [<S as Simd>::f64s; T], usize, usize);
+
 impl<const T: usize> Sources<T> {
-    /// One term after the other, of one register, as of a rigid shaft.
+    /// One term after the other, of one register, as of a rigid shaft; `on` are the piece's signals, what the rack is fed, and
+    /// the pack and its part.
     #[inline(always)]
-    pub fn bent<S: Simd, const DELAYED: bool, const MORE: bool>(
+    pub fn bend<S: Simd>(
         &self,
         simd: S,
         model: &Model,
-        (jets, mut fed, pack, part): (&Jets, [S::f64s; T], usize, usize),
+        on: On<'_, S, T>,
+        returned: Option<&mut Rate<T>>,
+        slopes: &mut Slopes,
+        ends: &mut Ends,
+    ) {
+        match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
+            (true, false) => self.bent::<S, true, false>(simd, model, on, returned, slopes, ends),
+            (true, true) => self.bent::<S, true, true>(simd, model, on, returned, slopes, ends),
+            (false, false) => self.bent::<S, false, false>(simd, model, on, returned, slopes, ends),
+            (false, true) => self.bent::<S, false, true>(simd, model, on, returned, slopes, ends),
+        }
+    }
+
+    #[inline(always)]
+    fn bent<S: Simd, const DELAYED: bool, const MORE: bool>(
+        &self,
+        simd: S,
+        model: &Model,
+        (jets, mut fed, pack, part): On<'_, S, T>,
         mut returned: Option<&mut Rate<T>>,
         slopes: &mut Slopes,
         ends: &mut Ends,

@@ -139,19 +139,22 @@ pub fn past<'a, S: Simd, const T: usize>(
 #[inline(always)]
 pub fn past_value<const T: usize>(window: &Window, backs: &[Series]) -> Series {
     let simd = pulp::Scalar::new();
-    let load = |place: usize| {
-        let mut terms = [0.0; T];
-        terms.copy_from_slice(&backs[place][..T]);
-        terms
-    };
     let (place, x, scale) = window.first;
-    let mut terms = shifted(simd, load(place), x, scale);
+    let mut terms = shifted(simd, first::<T>(&backs[place]), x, scale);
     if let Some((place, x, scale)) = window.last {
-        terms = joined(simd, terms, shifted(simd, load(place), x, scale));
+        terms = joined(simd, terms, shifted(simd, first::<T>(&backs[place]), x, scale));
     }
     let mut series = [0.0; 8];
     series[..T].copy_from_slice(&terms);
     series
+}
+
+/// The first terms of a series.
+#[inline(always)]
+fn first<const T: usize>(series: &Series) -> [f64; T] {
+    let mut terms = [0.0; T];
+    terms.copy_from_slice(&series[..T]);
+    terms
 }
 
 /// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is

@@ -116,21 +116,11 @@ impl<const T: usize> Sources<T> {
             for part in 0..LANES / S::F64_LANES {
                 let fed = self.fed(simd, pack, part, window, history, packs);
                 let returned = history.get_mut(place * packs + pack);
-                let more = model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0;
                 if const { is_flexible(T) } {
-                    let Some(ends) = ends.get_mut(pack) else { continue };
-                    let on = (jets, fed, pack, part);
-                    match (model.t_d > 0.0, more) {
-                        (true, false) => self.bent::<S, true, false>(simd, model, on, returned, slopes, ends),
-                        (true, true) => self.bent::<S, true, true>(simd, model, on, returned, slopes, ends),
-                        (false, false) => {
-                            self.bent::<S, false, false>(simd, model, on, returned, slopes, ends)
-                        }
-                        (false, true) => self.bent::<S, false, true>(simd, model, on, returned, slopes, ends),
-                    }
+                    self.bend(simd, model, (jets, fed, pack, part), returned, slopes, &mut ends[pack]);
                     continue;
                 }
-                match (model.t_d > 0.0, more) {
+                match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
                     (true, false) => {
                         self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
