@@ -196,7 +196,8 @@ def _best_promise(
             fall, part = left * (2.0 * share - 1.0), 1.0
         else:
             fall, part = share * across if share > 0.0 else 0.0, share
-        if not falling:
+        if not falling and start == starts[0]:
+            # The least start is where what is seen grows in proportion.
             top = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
             limit = top if limit is None else max(top, limit)
             shift = dict(zip(names, map(float, taken / start), strict=True))
