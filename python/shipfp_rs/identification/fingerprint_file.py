@@ -23,16 +23,23 @@ ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
 def require_layout(content: Mapping[str, Any]) -> None:
     """Raise `ValueError`, a line about one key, where a file is not laid out as a fingerprint is."""
     for key in (*TABLES, *(key for key in OPTIONAL_TABLES if key in content)):
-        _require(isinstance(content[key], dict), key, content[key], "a table")
+        _table(content[key], key)
     for key in ROWS:
         for name, row in content.get(key, {}).items():
-            _require(isinstance(row, dict), f"{key}.{name}", row, "a table")
+            _table(row, f"{key}.{name}")
     for key in ("parameters", "derived"):
         for name, row in content[key].items():
             for text in ("unit", "status", "reason"):
                 _require(isinstance(row[text], str), f"{key}.{name}.{text}", row[text], "a text")
             _require_interval(f"{key}.{name}.ci95", row["ci95"])
-    _require(isinstance(content["vessel"], str), "vessel", content["vessel"], "a text")
+    vessel, structure = content["vessel"], content["structure"]
+    _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
+    for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
+        _table(row, f"structure.parameters.{name}")
+    _require(isinstance(structure.get("name", ""), str), "structure.name", structure.get("name"), "a text")
+    outputs = structure.get("outputs", [])
+    texts = isinstance(outputs, list) and all(isinstance(output, str) for output in outputs)
+    _require(texts, "structure.outputs", outputs, "a list of texts")
     for key, kind in (("verdict", str), ("data", dict)):
         entries = content[key]
         _require(
@@ -69,6 +76,11 @@ def _is_row(row: object, size: int) -> bool:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e100
+
+
+def _table(found: Any, key: str) -> Mapping[str, Any]:
+    _require(isinstance(found, dict), key, found, "a table")
+    return dict(found)
 
 
 def _require(holds: bool, key: str, found: object, expected: str) -> None:
