@@ -313,11 +313,12 @@ def test_it_can_be_read_aloud_and_walked_through_by_key(visit) -> None:
 
 def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(visit) -> None:
     page = visit(PHONE).page
-    figure = page.locator("section[aria-labelledby=residuals] figure")
+    page.locator("section[aria-labelledby=statistics] summary").first.click()
+    figure = page.locator("section[aria-labelledby=statistics] figure")
     assert figure.count() == 1
     told = figure.locator("svg[role=img]").get_attribute("aria-label")
     assert "their own past, 1 of 3 lags outside the band" in told
-    assert told == figure.locator("figcaption").inner_text()
+    assert figure.locator("figcaption").inner_text() == f"{told} PNG"
     page.keyboard.press("End")
     region = figure.get_by_role("region")
     assert region.evaluate("box => box.scrollWidth > box.clientWidth && box.tabIndex === 0")  # a key moves it

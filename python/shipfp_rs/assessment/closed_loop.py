@@ -173,13 +173,17 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
     if "dn" not in speed.outputs or slowest <= 0.0:
         return float("nan"), float("nan")
     times = np.linspace(0.0, LONGEST / slowest, INSTANTS)
-    off = speed.step(times)[speed.outputs.index("dn")] - 1.0
+    place = speed.outputs.index("dn")
+    off = speed.step(times)[place] - 1.0
     last = int(np.flatnonzero(np.abs(off) > RECOVERED)[-1])
     if last + 1 >= INSTANTS:
         return float("nan"), float(max(off.max(), 0.0))
-    ends = np.abs(off[last : last + 2]) - RECOVERED
-    share = ends[0] / (ends[0] - ends[1])
-    return float(times[last] + share * (times[1] - times[0])), float(max(off.max(), 0.0))
+    recovery = brentq(
+        lambda at: abs(float(speed.step(np.array([at]))[place, 0]) - 1.0) - RECOVERED,
+        times[last],
+        times[last + 1],
+    )
+    return float(recovery), float(max(off.max(), 0.0))
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:

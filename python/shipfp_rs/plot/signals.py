@@ -60,7 +60,6 @@ def fit(
     axes: Sequence[Axes] | None = None,
     *,
     stretch_s: tuple[float, float] | None = None,
-    words: Mapping[str, str] | None = None,
 ) -> Sequence[Axes]:
     """Draw measured signals and what the fitted model makes of them, one panel a signal.
 
@@ -75,15 +74,12 @@ def fit(
     stretch_s
         From when to when to draw [s], with the band in which 95 % of the measured samples are to be expected about the
         model: 1.96 standard deviations of what it leaves over in the whole record. None: all of it, without a band.
-    words
-        What to write for "measured", "model", "95 % band" and "time [s]", in another language.
 
     Returns
     -------
     sequence of Axes
     """
     panels = panels_of(axes, len(simulated), sharex=True)
-    said = words or {}
     rows = (
         slice(None) if stretch_s is None else slice(*(round(end * experiment.rate_hz) for end in stretch_s))
     )
@@ -95,13 +91,12 @@ def fit(
             half = 1.96 * float(np.nanstd(measured - model))
             times, low = envelope(time, model[rows] - half)
             _, high = envelope(time, model[rows] + half)
-            band = said.get("95 % band", "95 % band")
-            ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label=band)
-        ax.plot(*envelope(time, measured[rows]), color=GREY, lw=1.0, label=said.get("measured", "measured"))
-        ax.plot(*envelope(time, model[rows]), color=color, lw=1.2, label=said.get("model", "model"))
+            ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % band")
+        ax.plot(*envelope(time, measured[rows]), color=GREY, lw=1.0, label="measured")
+        ax.plot(*envelope(time, model[rows]), color=color, lw=1.2, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     panels[0].set_title(experiment.name, loc="left", parse_math=False)
-    panels[-1].set_xlabel(said.get("time [s]", "time [s]"))
+    panels[-1].set_xlabel("time [s]")
     return panels
 
 

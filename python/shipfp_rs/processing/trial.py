@@ -17,6 +17,7 @@ from shipfp_rs.processing.trial_tables import (
     Identify,
     OperatingPoint,
     Processing,
+    Report,
     Window,
 )
 from shipfp_rs.support.arguments import checked
@@ -42,6 +43,7 @@ class Trial(Section):
     structure: GreyBox | None = None
     """None: the structure that the data choose, or the linear one that [identify] describes."""
     identify: Identify = Identify()
+    report: Report = Report()
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

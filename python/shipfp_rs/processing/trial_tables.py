@@ -171,6 +171,12 @@ NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed
 """Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
 
 
+class Report(Section):
+    """What report.html is like."""
+
+    language: Literal["en", "de"] = "en"
+
+
 class Identify(Section):
     """The structure to fit and how; parameter names are checked by the structure itself.
 

@@ -37,6 +37,10 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "limit": ("factor on the torque envelope", "Faktor auf die Momentengrenzlinie"),
     "inertia": ("moment of inertia", "Trägheitsmoment"),
     "propeller_inertia": ("inertia behind the gauge", "Trägheitsmoment hinter der Messstelle"),
+    "dM_b(0)": ("torque over speed, slow", "Moment je Drehzahl, langsam"),
+    "dM_g(0)": ("torque over speed, slow", "Moment je Drehzahl, langsam"),
+    "dM_b(inf)": ("torque over set point, fast", "Moment je Sollwert, schnell"),
+    "dM_g(inf)": ("torque over set point, fast", "Moment je Sollwert, schnell"),
     "K_p/K_i": ("reset time of the governor", "Nachstellzeit des Reglers"),
     "p-g": ("self-regulation", "Selbstausgleich"),
     "(p-g)/tau_n": ("corner of the shaft alone", "Eckfrequenz der Welle allein"),
@@ -46,7 +50,7 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "(p-g)/(vK_i)": ("delay of slow motions", "Nacheilung langsamer Bewegungen"),
     "(p-g)/(vK_i)+T_set": ("delay of slow motions in all", "Nacheilung langsamer Bewegungen insgesamt"),
 }
-"""Symbol to its plain name in English and in German."""
+"""Symbol, or figure of the loop, to its plain name in English and in German."""
 
 
 def plain_name(symbol: str, language: Language = "en") -> str:
