@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, Chooser, Fitted, base, base_cost, cost
+from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, SLOW, Chooser, Fitted, base, base_cost, cost
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
 from shipfp_rs.structures.elements import ELEMENTS
 
@@ -83,7 +83,11 @@ def choose(chooser: Chooser) -> Choice:
         seen = name in UNSEEN and evidence.get(name, 0.0) > level
         # An element that is let act although the data do not ask for it keeps the others' intervals honest.
         asked = name in current.elements and rises.get(name, np.inf) <= level
-        states[name] = "open" if len(held) == 2 or seen or asked else "on" if True in held else "off"
+        # Limits and a twisting shaft at once are not tried: a pass takes a thousand times as long.
+        untried = name not in current.elements and name not in gains
+        states[name] = (
+            "open" if len(held) == 2 or seen or asked or untried else "on" if True in held else "off"
+        )
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
     neglected = {name: gain.neglect for name, gain in gains.items()}
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
@@ -120,7 +124,7 @@ def _gains(
     gains: Gains = {}
     still = base(current)
     for name in chooser.candidates:
-        if name in current.elements:
+        if name in current.elements or (name == "twist" and set(SLOW) & set(current.elements)):
             continue
         promise = chooser.promise(still, name)
         gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
