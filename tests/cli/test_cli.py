@@ -95,7 +95,7 @@ class TestFrame:
         ("error", "status", "words"),
         [
             (KeyboardInterrupt(), 130, "interrupted"),
-            (IdentificationError("no start led\n  to a minimum"), 1, "no start led to a minimum"),
+            (IdentificationError("no start led\n  to a minimum"), 2, "no start led to a minimum"),
             (InternalError("kernel panicked"), 1, "SHIPFP_TRACEBACK=1"),
             (ZeroDivisionError("division by zero"), 1, "internal error: ZeroDivisionError: division by zero"),
             (OSError(28, "No space left on device", "/full"), 2, "/full: No space left on device"),

@@ -100,7 +100,7 @@ def test_breakage_d3_a_sweep_without_an_estimate_is_status_2(tmp_path, capsys, s
     assert cli.main(arguments) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    assert "none of 2 draws was identified, the first one failed with" in told
+    assert "none of 2 draws was identified, the first one for this: " in told
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -78,4 +79,11 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
     InputError
         Where its equations are a user's own: a file can't hold them.
     """
-    return Structure.from_dict(fingerprint.structure)
+    try:
+        return Structure.from_dict(fingerprint.structure)
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        name = fingerprint.structure.get("name")
+        raise InputError(
+            f"structure {name!r} of the fingerprint can't be rebuilt, {type(error).__name__.removesuffix('Error').lower()} "
+            f"at {error}; expected the file as `shipfp run` wrote it"
+        ) from error

@@ -31,7 +31,7 @@ from shipfp_rs.cli.run import run
 from shipfp_rs.cli.simulate import simulate
 from shipfp_rs.cli.sweep import sweep
 from shipfp_rs.cli.view import view
-from shipfp_rs.errors import InputError, InternalError, ShipfpError
+from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
@@ -125,6 +125,10 @@ def _fail(error: Exception) -> int:
         _line(f"error: {usage().rstrip('.')}; see shipfp --help")
         return BAD_INPUT
     if isinstance(error, InputError):
+        _line(f"error: {error}")
+        return BAD_INPUT
+    if isinstance(error, IdentificationError | SimulationError):
+        # What was given, in sizes that nothing follows from.
         _line(f"error: {error}")
         return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):

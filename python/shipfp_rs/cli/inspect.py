@@ -75,6 +75,7 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
+    from shipfp_rs.inspection.looked_for import sentences
     from shipfp_rs.processing.trial_template import windows_toml
 
     print_table(
@@ -100,7 +101,8 @@ def _print(found: Inspection) -> None:
         rows = [[fault["kind"], fault["channel"], f"{fault['count']}"] for fault in found.faults]
         print_table("Faults (Table 6.10)", ["kind", "channel", "count"], rows)
     else:
-        print_text("No faults found.")
+        print_text("No faults found of those looked for.")
+    print_text(*sentences(found.checks["looked_for"], trial=bool(found.points)))
     for channel, peaks in found.peaks.items():
         unit = found.checks["spectra"][channel]["unit"]
         rows = [[peak.name or "-", f"{peak.frequency_hz:.2f}", f"{peak.amplitude:.3g}"] for peak in peaks]

@@ -11,7 +11,7 @@ import typer
 
 from shipfp_rs.cli.options import Json, Seed, a_path, as_typed, not_negative, positive
 from shipfp_rs.cli.output import print_json, print_text, progress
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.structures.combinations import true_values
 
 if TYPE_CHECKING:
@@ -106,7 +106,10 @@ def simulate(
         )
     with progress() as notify, as_typed(TYPED):
         notify("simulating")
-        truth = _raw(ship, vessel, signal, files, seed) if raw else _clean(ship, signal, noise, out, seed)
+        try:
+            truth = _raw(ship, vessel, signal, files, seed) if raw else _clean(ship, signal, noise, out, seed)
+        except SimulationError as error:
+            raise InputError(f"vessel {vessel!r}: {error}") from error
         write_text_atomically(files["truth"], json_text(truth))
     if json:
         print_json({"files": {name: str(path) for name, path in files.items()}, **truth})

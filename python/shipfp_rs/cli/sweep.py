@@ -115,7 +115,10 @@ def sweep(
 def _why(result: Sweep) -> str:
     """Say what the first draw failed with."""
     rows = next(result.batches(["error", "message"])).slice(0, 1).to_pylist()
-    return f"the first one failed with {rows[0]['error']}: {rows[0]['message']}; rows of all are in {result.folder}"
+    error, message = rows[0]["error"], rows[0]["message"]
+    # What a slip is called in the code is of no use; of a defect it is all there may be.
+    said = message if error in ("InputError", "TimedOut") else f"{error}: {message}"
+    return f"the first one for this: {said}; rows of all are in {result.folder}"
 
 
 def _print(summary: Mapping[str, Any]) -> None:

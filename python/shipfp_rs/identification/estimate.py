@@ -87,7 +87,9 @@ def estimate_of(entry: dict[str, Any]) -> Estimate:
 
 def _figure(entry: Mapping[str, Any], key: str) -> float | None:
     value = entry[key]
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+    if value is not None and (
+        isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e100
+    ):
         raise ValueError(f"{key}: {str(value)[:40]!r}, expected a number or null")
     return value
 

@@ -12,6 +12,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import estimate_of
+from shipfp_rs.identification.fingerprint_file import require_layout
 from shipfp_rs.identification.modelled import Modelled
 from shipfp_rs.identification.told import Told
 from shipfp_rs.support.arguments import checked
@@ -137,12 +138,13 @@ class Fingerprint(Told, Modelled):
         except KeyError as error:
             raise InputError(f"{path}: found no key {error}, expected {WRITTEN}") from error
         except (TypeError, AttributeError, ValueError, IndexError) as error:
-            raise InputError(f"{path}: not a fingerprint ({error}), expected {WRITTEN}") from error
+            raise InputError(f"{path}: {error}; expected {WRITTEN}") from error
 
     @classmethod
     def _from_dict(cls, content: dict[str, Any]) -> Fingerprint:
         if content["format"] != FORMAT:
             raise ValueError(f"format {content['format']}, expected {FORMAT}")
+        require_layout(content)
         rank = content["identifiability"]
         return cls(
             parameters={name: estimate_of(entry) for name, entry in content["parameters"].items()},

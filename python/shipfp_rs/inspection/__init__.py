@@ -22,6 +22,7 @@ from shipfp_rs.inspection.checks import (
     steady_points,
     trains,
 )
+from shipfp_rs.inspection.looked_for import looked_for
 from shipfp_rs.inspection.spectrum import LEAST_SAMPLES, Peak, amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.record import Fault
@@ -168,6 +169,7 @@ def inspect_log(
         }
         for key, found in peaks.items()
     }
+    checks["looked_for"] = looked_for(reports, trial)
     if rates:
         checks["rates_hz"] = rates
     if windows:

@@ -55,6 +55,7 @@ class Trial(Section):
             raise unexpected(
                 f"identify.{linear[0]}", "a key of the linear structure", "none beside the table [structure]"
             )
+        self._require_one_place_of_torque()
         point = self.operating_point
         given = {
             "n_e": point.n_e_rpm,
@@ -86,6 +87,29 @@ class Trial(Section):
                     "windows", f"log {window.log!r} in {window.name!r}", f"one of {', '.join(files)}"
                 )
         return self
+
+    def _require_one_place_of_torque(self) -> None:
+        """Refuse tables that say otherwise than the torque channel where the torque was measured, or whether it was."""
+        measured = self.channels.torque
+        for table, options in (("identify", self.identify), ("structure", self.structure)):
+            if options is None:
+                continue
+            asked = options.torque
+            if measured is None and (
+                asked is not None or ("dM" in options.outputs and "outputs" in options.model_fields_set)
+            ):
+                key, found = ("torque", f"{asked!r}") if asked is not None else ("outputs", "'dM'")
+                raise unexpected(
+                    f"{table}.{key}",
+                    f"{found} without a torque channel",
+                    "a table [channels.torque], or this key left out",
+                )
+            if measured is not None and asked is not None and asked != measured.place:
+                raise unexpected(
+                    f"{table}.torque",
+                    f"{asked!r} beside channels.torque.location = {measured.location!r}",
+                    f"{measured.place!r}, or this key left out: the location says it",
+                )
 
     @property
     def chooses(self) -> bool:

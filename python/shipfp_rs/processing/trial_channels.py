@@ -66,6 +66,11 @@ class Torque(Section):
     delay_s: Delay = 0.0
     """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
 
+    @property
+    def place(self) -> Literal["gauge", "brake"]:
+        """Side of the inertias that the equations have it on."""
+        return "gauge" if self.location == "gauge" else "brake"
+
 
 class Rack(Section):
     """The fuel rack, or what an engine's CAN bus tells of its fuel: nothing without fuel, and in proportion to it.

@@ -25,6 +25,11 @@ MARKER = "fingerprint.json"
 RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")
 """Names of the files in the folder of a run."""
 
+NO_TORQUE = (
+    "No torque was fitted, since the trial has no table [channels.torque]: the speed alone tells tau_n, g and the "
+    "gains as ratios only."
+)
+
 Notify = Callable[[str], None]
 
 
@@ -110,6 +115,8 @@ def evaluate(
             seed=options.seed if seed is None else seed,
             progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
         )
+    if trial.channels.torque is None:
+        fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
     if fingerprint.si == {}:
         fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")

@@ -18,7 +18,7 @@ from shipfp_rs.support.hints import suggestion
 
 Model = TypeVar("Model", bound=BaseModel)
 
-LARGEST = 1e15
+LARGEST, SMALLEST = 1e15, 1e-15
 """Beyond any quantity of a ship or a log in the units of the files; a seed excepted."""
 MOST_CHARACTERS = 2000
 """Of any text: a path, a description."""
@@ -128,6 +128,10 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
         if abs(value) > LARGEST and not key.endswith("seed"):
             raise InputError(
                 f"{source}: {key}: found {_shown(value)}, expected a number of at most {LARGEST:g} in size"
+            )
+        if 0.0 < abs(value) < SMALLEST:
+            raise InputError(
+                f"{source}: {key}: found {value}, expected 0 or a number of at least {SMALLEST:g} in size"
             )
     try:
         return model.model_validate(content)

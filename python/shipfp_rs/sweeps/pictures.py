@@ -67,7 +67,7 @@ def scatter_matrix(columns: Mapping[str, Array], names: Sequence[str]) -> Figure
             x, y = _error(columns, lower), _error(columns, upper)
             ax.set_xlim(-limits[lower], limits[lower])
             if row == column:
-                ax.hist(x, bins=np.linspace(-limits[lower], limits[lower], 31), color=BLUE)
+                ax.hist(x[np.isfinite(x)], bins=np.linspace(-limits[lower], limits[lower], 31), color=BLUE)
                 ax.set_yticks([])
             else:
                 ax.plot(x, y, ".", ms=2, color=BLUE, alpha=0.5, rasterized=True)

@@ -238,6 +238,14 @@ class Plan(Conditions):
             raise unexpected("factors", f"a grid of {size} cells", f"at most {MOST_DRAWS} draws")
         return self
 
+    @model_validator(mode="after")
+    def _has_its_torque(self) -> Self:
+        if self.sweep.chain == "log" and self.identify.torque == "brake":
+            raise unexpected(
+                "identify.torque", "'brake' with chain 'log'", "'gauge', what such a log holds, or no key"
+            )
+        return self
+
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the names of the built-in studies."""

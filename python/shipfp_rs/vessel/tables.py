@@ -205,7 +205,7 @@ class Gearbox(Sparse):
     efficiency: Fraction = later()
     drag_Nm: NotNegative = 0.0
     """Torque lost beside the efficiency, at the shaft and the operating point."""
-    drag_exponent: NotNegative = 1.0
+    drag_exponent: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0
     """With which power of the speed it grows."""
 
 
