@@ -244,6 +244,7 @@ class TestCommand:
             ([TUG, "--duration", "100", "--amplitude", "2000"], "--amplitude is 2000"),
             ([TUG, "--duration", "100", "--kind", "squares", "--avoid", "2:3"], "'squares' jumps"),
             ([TUG, "--duration", "30"], "to settle"),
+            (["stan-launch-804", "--duration", "100", "--rate-limit", "1.5"], "does not turn in"),
             ([TUG, "--duration", "100", "--longest", "10"], "--longest is 10"),
             ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
             ([TUG, "--accuracy", "3", "--parameter", "tau_n"], "'tau_n' is not identifiable here"),

@@ -74,7 +74,7 @@ def _limit(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def outcome(given: Input, folder: Path, limit_s: float = 30.0) -> Outcome:
+def outcome(given: Input, folder: Path, limit_s: float = 120.0) -> Outcome:
     """Run an input in a folder that `prepare` has filled, and clean up after it."""
     for name, text in given.files.items():
         (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))

@@ -348,3 +348,27 @@ def test_without_scripts_there_are_still_pictures(browser, report) -> None:
     assert page.locator("noscript svg[role=img]").count() == 2
     assert page.locator("noscript svg").first.is_visible()
     page.close()
+
+
+def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
+    page = visit().page
+    page.get_by_role("button", name="zoom in").first.click()
+    with page.expect_download() as waiting:
+        page.get_by_role("button", name="save as CSV").first.click()
+    saved = tmp_path / "signals.csv"
+    waiting.value.save_as(saved)
+    head, *rows = saved.read_text(encoding="utf-8").splitlines()
+    assert head.startswith('"time [s]","set point n_set","engine speed n_e","model of n_e"')
+    assert len(rows) == 60_000  # 30 to 90 s at 1 kHz
+    assert [float(cell) for cell in rows[0].split(",")[:2]] == pytest.approx(
+        [30.0, 1183.8 + 40.0 * np.sin(15.0)], abs=0.01
+    )
+
+
+def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) -> None:
+    page = visit().page
+    for name, begins in (("All estimates as CSV", b"symbol,name,value"), ("PNG", b"\x89PNG")):
+        with page.expect_download() as waiting:
+            page.get_by_role("link", name=name, exact=True).first.click()
+        waiting.value.save_as(tmp_path / "saved")
+        assert (tmp_path / "saved").read_bytes().startswith(begins)

@@ -69,9 +69,7 @@ def intervals(
     ax.set_yticks(range(len(shown)), labels)
     ax.set_ylim(-0.6, max(len(shown), 1) - 0.4)
     ax.set_xlim(-edge, edge)
-    ax.set_xlabel(
-        "estimate and 95 % interval, from " + ("the truth" if truth is not None else "the estimate") + " [%]"
-    )
+    ax.set_xlabel(f"distance from the {'truth' if truth is not None else 'estimate'} [%]")
     dress(ax, "", legend=False)
     ax.grid(visible=False, axis="y")
     return ax

@@ -194,7 +194,7 @@ def _picture(
             stop=f"{stretch[1]:.0f}",
         ),
         width=NARROW,
-        height=1.8,
+        height=2.1,
     )
 
 

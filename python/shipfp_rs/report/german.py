@@ -313,8 +313,8 @@ WORDS: Mapping[str, str] = {
 """Words of fingerprints, elements and faults; what is not here stays as it is."""
 
 LABELS: tuple[tuple[str, str], ...] = (
-    ("estimate and 95 % interval, from the truth", "Schätzwert und 95-%-Bereich, von der Wahrheit"),
-    ("estimate and 95 % interval, from the estimate", "Schätzwert und 95-%-Bereich, vom Schätzwert"),
+    ("distance from the truth", "Abstand von der Wahrheit"),
+    ("distance from the estimate", "Abstand vom Schätzwert"),
     ("with the set point", "mit dem Sollwert"),
     ("residual after the set point", "Residuum nach dem Sollwert"),
     ("set point", "Sollwert"),
@@ -322,7 +322,7 @@ LABELS: tuple[tuple[str, str], ...] = (
     ("shaft speed", "Wellendrehzahl"),
     ("shaft torque", "Wellenmoment"),
     ("brake torque", "Motormoment"),
-    ("gauge torque", "Moment der Messstelle"),
+    ("gauge torque", "Messmoment"),
     ("speed error", "Drehzahlabweichung"),
     ("integrated error", "aufsummierte Abweichung"),
     ("fuel rack", "Füllung"),
@@ -333,6 +333,7 @@ LABELS: tuple[tuple[str, str], ...] = (
     ("model", "Modell"),
     ("masked", "ausgeblendet"),
     ("frequency", "Frequenz"),
+    ("amplitude ratio", "Amplitudenverhältnis"),
     ("amplitude", "Amplitude"),
     ("phase", "Phase"),
     ("within", "innerhalb"),
