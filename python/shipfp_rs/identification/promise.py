@@ -184,7 +184,7 @@ def _best_promise(
             (unit[place, residual] - along @ inverse @ unit[own, residual]) * size[place] * size[residual]
         )
         left = (1.0 - along @ inverse @ along) * size[place] ** 2
-        if left < 1e-9 * size[place] ** 2 or left <= 0.0:
+        if gram[place, place] <= 0.0 or left < 1e-9 * size[place] ** 2:
             continue
         share, deviation = across / left, left**-0.5
         # What the element does along the unknowns, they take over with the other sign.

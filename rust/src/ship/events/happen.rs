@@ -212,8 +212,9 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         let (plain, mode, start) = (&self.plain, self.mode, self.now.value());
         let input = |time: f64| inputs.value_at(plain, time);
         let state = self.state.map(Dual::value);
-        let at =
-            |elapsed: f64| if elapsed > 0.0 { step(plain, input, start, elapsed, &state, mode) } else { state };
+        let at = |elapsed: f64| {
+            if elapsed > 0.0 { step(plain, input, start, elapsed, &state, mode) } else { state }
+        };
         locate::first(&Course { equations: plain, input: &input, start, mode, at }, length)
     }
 
