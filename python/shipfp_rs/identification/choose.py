@@ -59,17 +59,19 @@ def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
-    current = chooser.first()
+    # Without what stands on its bound first: even the least of a delay may be too much.
+    current, rises, poorer = _backward(chooser, chooser.first(), level, ladder)
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
-        current = chooser.refined(best)
-    kept, rises, poorer = _backward(chooser, current, level, ladder)
-    if kept is not current:
-        # Weights and base are those of the structure that is left.
-        current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
+        grown = chooser.refined(best)
+        current, rises, poorer = _backward(chooser, grown, level, ladder)
+        if current is not grown and current.elements in [rung.elements for rung in ladder[:-1]]:
+            # Dropped again what was taken on: the weights are not worth another round.
+            _, gains = _gains(chooser, current, level, ladder)
+            break
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
     better = min(rivals, key=cost, default=None)
     if better is not None and cost(better) < base_cost(current) - SAME:
