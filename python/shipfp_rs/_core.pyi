@@ -243,6 +243,7 @@ def ship_products(
     offsets: NDArray[np.float64],
     filters: NDArray[np.float64],
     wrt: Sequence[int],
+    sharp: bool = True,
 ) -> tuple[NDArray[np.float64], int]: ...
 def ship_products_batch(
     parameters: NDArray[np.float64],

@@ -246,12 +246,13 @@ def test_a_batch_has_the_bits_of_its_members_for_any_number_of_threads():
 @given(data=st.data())
 def test_nothing_finite_makes_it_panic(data):
     number = st.floats(-1e6, 1e6, allow_subnormal=False) | st.sampled_from([0.0, 1.0, -1.0, 1e-9, 1e9])
-    changes = {name: data.draw(number) for name in data.draw(st.lists(st.sampled_from(SMOOTH), unique=True))}
-    for name in ("T_d", "T_set", "tau_act", "T_n", "T_M"):
+    names = [*SMOOTH, "tau_twist", "zeta_twist"]
+    changes = {name: data.draw(number) for name in data.draw(st.lists(st.sampled_from(names), unique=True))}
+    for name in ("T_d", "T_set", "tau_act", "T_n", "T_M", "tau_twist", "zeta_twist"):
         if name in changes:
             changes[name] = data.draw(st.floats(0.0, 1.0) | st.floats(1e-3, 1e12))
     u = np.array(data.draw(st.lists(number, min_size=1, max_size=20)))
-    wrt = data.draw(st.lists(st.sampled_from(places(*SMOOTH)), max_size=19))
+    wrt = data.draw(st.lists(st.sampled_from(places(*names)), max_size=21))
     hold = data.draw(st.sampled_from(["zero", "first"]))
     try:
         values, slopes = _core.ship_sensitivities(

@@ -139,10 +139,11 @@ def estimates(search: Search, best: Minimum) -> Estimates:
             reason = "too few samples for an uncertainty"
         if not reason:
             variance_told = float(covariance[place, place]), float(told[place, place])
+            about = _along_valley(search, best, inner.names, covariance[place], place, quantile)
             if search.intervals == "profile":
-                low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index])
+                low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index], about)
             else:
-                low, high = _symmetric(parameter, values[name], quantile * float(np.sqrt(variance_told[0])))
+                low, high = _within(parameter, *about)
             std = _std(values[name], low, high, quantile)
             width = parameter.upper - parameter.lower
             if std is None:
@@ -276,10 +277,34 @@ def _scores(search: Search, best: Minimum) -> Array:
     return score_covariance(rows, records) + known @ known.T
 
 
+def _along_valley(
+    search: Search, best: Minimum, names: Sequence[str], row: Array, place: int, quantile: float
+) -> tuple[float, float]:
+    """Both ends of a parameter's interval by its row (P,) of the covariance, along the structure's valley.
+
+    Without one they are as far from the value as its deviation says.
+    """
+    kept = best.vector[~search.linear]
+    index = search.names.index(names[place])
+    if not row[place] > 0.0:
+        return float(kept[index]), float(kept[index])
+    step = np.zeros(len(kept))
+    step[[search.names.index(name) for name in names]] = row * (quantile / np.sqrt(row[place]))
+    low, high = sorted(float(search.curved(kept, sign * step)[index]) for sign in (-1.0, 1.0))
+    return low, high
+
+
 def _ends(
-    profile: Profile, value: float, index: int, quantile: float, variance: float, told: float, scale: float
+    profile: Profile,
+    value: float,
+    index: int,
+    quantile: float,
+    variance: float,
+    told: float,
+    scale: float,
+    about: tuple[float, float],
 ) -> tuple[End, End]:
-    """Both ends of a parameter's interval.
+    """Both ends of a parameter's interval, which are looked for first `about` where they should be.
 
     The rise of the cost at an end is the quantile's square, made larger by what the variance of the estimate is beyond
     that for residuals of unit variance.
@@ -288,12 +313,12 @@ def _ends(
     if half < EXACT * scale:
         return End(value - half, "data"), End(value + half, "data")
     threshold = quantile**2 * variance / told
-    return profile.end(index, -half, threshold), profile.end(index, half, threshold)
+    down, up = (min(about[0] - value, -1e-3 * half), max(about[1] - value, 1e-3 * half))
+    return profile.end(index, down, threshold), profile.end(index, up, threshold)
 
 
-def _symmetric(parameter: Parameter, value: float, half: float) -> tuple[End, End]:
-    """Both ends as far from the value as the covariance says, where no bound is nearer."""
-    low, high = value - half, value + half
+def _within(parameter: Parameter, low: float, high: float) -> tuple[End, End]:
+    """Both ends, cut by the bounds."""
     return (
         End(low, "data") if low > parameter.lower else End(parameter.lower, "bound"),
         End(high, "data") if high < parameter.upper else End(parameter.upper, "bound"),

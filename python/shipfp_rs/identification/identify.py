@@ -22,6 +22,8 @@ from shipfp_rs.identification.automatic import (
     element_rows,
     reworded,
     widened_by_bias,
+    widened_by_neglect,
+    with_limits,
     with_rivals,
 )
 from shipfp_rs.identification.blocks import Block, Data, Offsets
@@ -65,7 +67,7 @@ def identify(
     priors: Mapping[str, tuple[float, float]] | None = None,
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
-    covariance: Covariance = "model",
+    covariance: Covariance | None = None,
     intervals: Intervals = "profile",
     huber: Positive | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
@@ -102,7 +104,8 @@ def identify(
         dead time in the loop). Default: "ar" for experiments, "white" for responses.
     covariance
         "model": as if the noise models were right; "sandwich": from the spectral matrix of what they leave over, for noise
-        of one source that reaches several outputs, each in its own way; experiments only.
+        of one source that reaches several outputs, each in its own way, as moving water does; experiments only. Default:
+        "sandwich" where the data choose, "model" with a structure.
     intervals
         "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
@@ -208,7 +211,7 @@ def _chosen(
         raise InputError("identify: no data given, expected an Experiment")
     require_excited(experiments)
     limits = {
-        "covariance": options.covariance,
+        "covariance": options.covariance or "sandwich",
         "intervals": options.intervals,
         "time_limit_s": options.time_limit_s,
     }
@@ -217,11 +220,16 @@ def _chosen(
         experiments, torque=torque, outputs=outputs, elements=elements or {}, narrow=narrow, search=limits
     )
     choice = choose(chooser)
-    settings = {"structure": "chosen by the data", "ladder": [rung.to_dict() for rung in choice.ladder]}
+    settings = {
+        "structure": "chosen by the data",
+        "ladder": [rung.to_dict() for rung in choice.ladder],
+        "set_point": "band-limited" if chooser.band_limited else "straight lines",
+    }
     found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
-    fingerprint = with_rivals(fingerprint_of(found, vessel=vessel), choice)
+    fingerprint = with_limits(fingerprint_of(found, vessel=vessel))
     adequate = adequacy(fingerprint, choice.best)
-    fingerprint = widened_by_bias(fingerprint, adequate["bias"])
+    fingerprint = with_rivals(fingerprint, choice)
+    fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
 
@@ -232,7 +240,7 @@ class Options:
 
     weighting: Weighting
     noise: NoiseModel | None
-    covariance: Covariance
+    covariance: Covariance | None
     intervals: Intervals
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
@@ -314,13 +322,10 @@ def search_minima(
     )
     if noise is None:
         noise = "ar" if any(isinstance(block.data, Experiment) for block in blocks) else "white"
-    if options.covariance not in get_args(Covariance):
-        raise InputError(
-            f"covariance {options.covariance!r}, expected one of {', '.join(get_args(Covariance))}"
-        )
-    if options.covariance == "sandwich" and any(
-        isinstance(block.data, FrequencyResponse) for block in blocks
-    ):
+    covariance = options.covariance or "model"
+    if covariance not in get_args(Covariance):
+        raise InputError(f"covariance {covariance!r}, expected one of {', '.join(get_args(Covariance))}")
+    if covariance == "sandwich" and any(isinstance(block.data, FrequencyResponse) for block in blocks):
         raise InputError(
             "covariance 'sandwich' is for experiments, a frequency response has no order in time"
         )
@@ -337,7 +342,7 @@ def search_minima(
         ridge=ridge,
         initial=given,
         time_limit_s=options.time_limit_s,
-        covariance=options.covariance,
+        covariance=covariance,
         intervals=options.intervals,
         weights=weights,
     )
@@ -359,7 +364,7 @@ def search_minima(
     settings = {
         "weighting": weighting,
         "noise": noise,
-        "covariance": options.covariance,
+        "covariance": covariance,
         "intervals": options.intervals,
         "offsets": offsets,
         "initial_state": initial_state if isinstance(initial_state, str) else given,

@@ -121,6 +121,13 @@ LINEAR = (
     ),
     Term("tau_twist", "give of the shaft, M_s0 / (2π n_s0 k)", "s", "M_s0 / (2π n_s0 shaft_stiffness)", ""),
     Term(
+        "zeta_twist",
+        "torque of the twisting shaft's damper for a slip of the operating speed, over the operating torque",
+        "-",
+        "zeta_twist (n_e - n_s) / n_0",
+        "",
+    ),
+    Term(
         "M_max",
         "upper limit of the engine torque over its operating point",
         "-",

@@ -29,6 +29,7 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "T_n": ("delay of the speed channel", "Verzug des Drehzahlkanals"),
     "tau_act": ("lag of the fuel actuator", "Zeitkonstante des Stellglieds"),
     "tau_twist": ("give of the shaft", "Nachgiebigkeit der Welle"),
+    "zeta_twist": ("damping of the twisting shaft", "Dämpfung der Wellenverdrehung"),
     "misread": ("misreading of the speed", "Messfehler der Drehzahl im Regler"),
     "damping": ("load damping", "Dämpfung der Last"),
     "M_max": ("upper torque limit", "obere Momentengrenze"),

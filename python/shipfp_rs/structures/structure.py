@@ -313,7 +313,8 @@ class Structure:
         elements
             Names of what acts beside this, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d),
             "dead_time_set_point" (T_set), "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate), "twist" (tau_twist), "damping" (of the load), "load" (measured).
+            "torque_limit" (M_max), "rack_rate" (rate), "twist" (tau_twist, zeta_twist; between
+            the inertias, of which tau_prop is the propeller's), "damping" (of the load), "load" (measured).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
         outputs
@@ -347,7 +348,7 @@ class Structure:
         if not outputs or len(set(outputs)) != len(outputs):
             raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
         gauge = torque == "gauge" and "dM" in outputs
-        acting = chosen(elements, gauge=gauge)
+        acting = chosen(elements)
         letter = "v" if products else ""
         parameters = (
             Parameter("tau_n", "s", 1.2, 0.01, 20.0),
@@ -356,7 +357,7 @@ class Structure:
             Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
             Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
             Parameter("p", "-", 2.0, -1.0, 5.0),
-            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge else ()),
+            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge or "twist" in elements else ()),
             *(parameter for element in acting for parameter in element.parameters),
         )
         words = [element.words for element in acting]
