@@ -224,7 +224,7 @@ def test_products_are_those_of_the_sensitivities():
 
 
 @pytest.mark.parametrize(
-    "more", [{}, {"tau_act": 0.03}, {"tau_twist": 1e-3, "zeta_twist": 0.5}, {"M_max": 1.05}]
+    "more", [{}, {"tau_act": 0.03}, {"tau_prop": 0.3, "tau_twist": 8e-4, "zeta_twist": 1.0}, {"M_max": 1.05}]
 )
 def test_on_the_way_to_a_minimum_sums_are_good_to_a_part_in_a_thousand(more):
     u, wrt = wander(1500), places("tau_n", "K_p", "p", "T_d", "T_set")
