@@ -25,8 +25,8 @@ SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 LARGE_MISS_PCT = 10.0
 """Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
-SMALL_MISS_PCT = 1.0
-"""Part of an output's spread that a model may miss and still stand: a calibrated torque gauge is off by 1 to 1.6 %
+SMALL_MISS_PCT = 1.6
+"""Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
 (static torque check of the thesis, eq. 6.3)."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""

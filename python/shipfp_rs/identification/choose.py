@@ -10,6 +10,7 @@ import numpy as np
 
 from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, SLOW, Chooser, Fitted, base, base_cost, cost
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
+from shipfp_rs.identification.residual_tests import INPUT_LAGS, residual_tests
 from shipfp_rs.structures.elements import ELEMENTS
 
 State = Literal["on", "off", "open"]
@@ -59,13 +60,17 @@ def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
-    current = chooser.first()
+    current = _without_least(chooser, chooser.first(), level, ladder)
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
-        current = chooser.refined(best)
+        grown = chooser.refined(best)
+        if _fall(gains, grown) < level * dispersion(grown):
+            # Beside what the set point still explains of the residuals, that is nothing.
+            break
+        current = grown
     kept, rises, poorer = _backward(chooser, current, level, ladder)
     if kept is not current:
         # Weights and base are those of the structure that is left.
@@ -91,6 +96,41 @@ def choose(chooser: Chooser) -> Choice:
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
     neglected = {name: gain.neglect for name, gain in gains.items()}
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
+
+
+def _without_least(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> Fitted:
+    """Return a fit without the dead time in the loop if the least of it is too much already."""
+    name = FIRST[0]
+    if name not in chooser.candidates or not _is_off(current, name):
+        return current
+    trial = chooser.with_elements(current, [other for other in current.elements if other != name])
+    if trial is None or cost(trial) > base_cost(current) - level:
+        return current
+    ladder.append(Rung(trial.elements, cost(trial) - base_cost(current), "better"))
+    return chooser.refined(trial)
+
+
+def dispersion(fitted: Fitted) -> float:
+    """Return the residual's power along what the set point drives over that of noise, one where noise is all that is left.
+
+    The law of a deviance holds for what is left of it after division by that (McCullagh and Nelder 1989, section 4.5).
+    """
+    tests = residual_tests(fitted.search, fitted.minimum)
+    share = max((test.figures().get("input_explained_pct") or 0.0) / 100.0 for test in tests.values())
+    samples = sum(block.count for block in fitted.search.blocks)
+    return max(share * samples / (INPUT_LAGS + 1.0), 1.0)
+
+
+def _fall(gains: Gains, grown: Fitted) -> float:
+    """Fall of the deviance that took the grown structure's last element on."""
+    return max(
+        (
+            gain.fall
+            for gain in gains.values()
+            if gain.trial is not None and gain.trial.elements == grown.elements
+        ),
+        default=0.0,
+    )
 
 
 def _elsewhere(chooser: Chooser, current: Fitted) -> list[Fitted]:

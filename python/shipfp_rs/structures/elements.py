@@ -56,7 +56,7 @@ ELEMENTS: dict[str, Element] = {
         Element(
             "twist",
             "twisting shaft",
-            (Parameter("tau_twist", "s", 1e-3, 1e-5, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 20.0)),
+            (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
         ),
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
         Element("late_torque", "torque channel that tells late", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
