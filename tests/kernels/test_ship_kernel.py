@@ -223,6 +223,33 @@ def test_products_are_those_of_the_sensitivities():
     np.testing.assert_allclose(sums.reshape(14, 14), matrix @ matrix.T, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "more", [{}, {"tau_act": 0.03}, {"tau_prop": 0.3, "tau_twist": 8e-4, "zeta_twist": 1.0}, {"M_max": 1.05}]
+)
+def test_on_the_way_to_a_minimum_sums_are_good_to_a_part_in_a_thousand(more):
+    u, wrt = wander(1500), places("tau_n", "K_p", "p", "T_d", "T_set")
+    ship = vector(T_d=0.0473, T_set=0.0311, **more)
+    arguments = (
+        u,
+        NO_LOAD,
+        DT,
+        0,
+        "first",
+        SPEED_AND_GAUGE,
+        np.zeros((2, 1500)),
+        np.zeros(2),
+        np.ones((2, 1)),
+        wrt,
+    )
+    exact, count = _core.ship_products(ship, *arguments)
+    rough, same = _core.ship_products(ship, *arguments, sharp=False)
+    exact, rough = (sums.reshape(14, 14) for sums in (exact, rough))
+    size = np.sqrt(np.diag(exact))
+    assert count == same
+    assert np.abs(rough - exact).max() > 0.0
+    np.testing.assert_allclose(rough / np.outer(size, size), exact / np.outer(size, size), atol=1e-3)
+
+
 def test_a_batch_has_the_bits_of_its_members_for_any_number_of_threads():
     u, wrt = wander(700), places("tau_n", "T_d")
     ships = np.stack([vector(tau_n=1.0 + 0.1 * member, T_d=0.02 + 0.003 * member) for member in range(7)])

@@ -28,6 +28,8 @@ LARGE_MISS_PCT = 10.0
 SMALL_MISS_PCT = 1.6
 """Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
 (static torque check of the thesis, eq. 6.3)."""
+SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
+"""What is small for a ship's parameter of that unit: an interval is not measured by less."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -251,7 +253,7 @@ def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
     beyond = (dispersion - 1.0) * (1.0 if stands else freedom)
     bias = {
         name: estimate.std * float(np.sqrt(beyond))
-        for name, estimate in fingerprint.parameters.items()
+        for name, estimate in {**fingerprint.parameters, **fingerprint.derived}.items()
         if estimate.status in KNOWN and estimate.std is not None
     }
     return {"stands": bool(stands), "misses_pct": misses, "bias": bias, "dispersion": dispersion}
@@ -259,9 +261,10 @@ def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
 
 def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fingerprint:
     """Return the fingerprint with what a misfit can do added to the intervals, in quadrature with their halves."""
-    parameters = dict(fingerprint.parameters)
+    groups = {"parameters": dict(fingerprint.parameters), "derived": dict(fingerprint.derived)}
     for name, bound in bias.items():
-        estimate = parameters[name]
+        group = groups["parameters" if name in fingerprint.parameters else "derived"]
+        estimate = group[name]
         if bound == 0.0 or estimate.ci95 is None or estimate.value is None:
             continue
         low, high = (
@@ -269,8 +272,8 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
-        parameters[name] = replace(estimate, ci95=(low, high), std=std)
-    return replace(fingerprint, parameters=parameters)
+        group[name] = replace(estimate, ci95=(low, high), std=std)
+    return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])
 
 
 def reworded(fingerprint: Fingerprint) -> Fingerprint:
@@ -290,7 +293,9 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
             f"Usable for simulation and comparison, except where {_listed(open_ones)} must be known alone."
         )
     else:
-        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter."
+        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter"
+        roughly = [name for name in known if _is_rough(fingerprint.parameters[name])]
+        usable += f", but {_listed(roughly, 'and')} only roughly." if roughly else "."
     rest = [
         line for line in fingerprint.verdict if not line.startswith(("Known:", "The residuals contradict"))
     ]
@@ -323,5 +328,13 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
     return replace(fingerprint, usable=usable, verdict=(*lines, *rest))
 
 
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " or " + names[-1]
+def _is_rough(estimate: Estimate) -> bool:
+    """Whether half the interval is more than half of the value, or of what is small for a ship."""
+    assert estimate.ci95 is not None
+    assert estimate.value is not None
+    size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0))
+    return estimate.ci95[1] - estimate.ci95[0] > size
+
+
+def _listed(names: Sequence[str], word: str = "or") -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + f" {word} " + names[-1]

@@ -18,6 +18,10 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Brauchbar für Simulation und Vergleich, außer wo \1 einzeln bekannt sein muss.",
     ),
     (
+        r"^Usable for simulation, control tuning and comparison: the data tell every parameter, but (.+) only roughly\.",
+        r"Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter, \1 aber nur grob.",
+    ),
+    (
         r"^Usable for simulation, control tuning and comparison: the data tell every parameter\.",
         "Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter.",
     ),
@@ -99,7 +103,14 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"seine Standardabweichung \1 sagt weniger als seine Grenzen \2 bis ",
     ),
     (r"the data do not depend on it", "die Daten hängen nicht davon ab"),
+    (r"the data only say that it is below ", "die Daten sagen nur: unter "),
+    (r"the data only say that it is above ", "die Daten sagen nur: über "),
+    (
+        r"the fit wants it beyond (\S+), where no ship is",
+        r"die Anpassung will ihn jenseits von \1, wo kein Schiff ist",
+    ),
     *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
+    (r"(?<=\w) and (?=\w+ aber nur grob)", " und "),
     (r" % of dn\b", " % der Drehzahl"),
     (r" % of dM\b", " % des Drehmoments"),
     (r" % of dX\b", " % der Füllung"),
