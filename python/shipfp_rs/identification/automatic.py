@@ -15,7 +15,7 @@ from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.promise import Neglect
-from shipfp_rs.identification.residual_tests import INPUT_LAGS
+from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
@@ -244,7 +244,7 @@ def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
         share = float(row.get("input_explained_pct") or 0.0) / 100.0
         rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
         misses[name] = 100.0 * float(np.sqrt(max(share - freedom / samples, 0.0))) * rest
-        dispersion = max(dispersion, share * samples / freedom)
+        dispersion = max(dispersion, input_dispersion(row, samples))
     p = fingerprint.fit.get("overall", {}).get("structure_p")
     unchallenged = p is None or p >= ALARM
     dispersion = 1.0 if unchallenged else dispersion

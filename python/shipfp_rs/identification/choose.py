@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, SLOW, Chooser, Fitted, base, base_cost, cost
+from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, SLOW, Chooser, Fitted, cost
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
-from shipfp_rs.identification.residual_tests import INPUT_LAGS, residual_tests
+from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
 from shipfp_rs.structures.elements import ELEMENTS
 
 State = Literal["on", "off", "open"]
@@ -77,7 +77,7 @@ def choose(chooser: Chooser) -> Choice:
         current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
     better = min(rivals, key=cost, default=None)
-    if better is not None and cost(better) < base_cost(current) - SAME:
+    if better is not None and cost(better) < cost(current.base) - SAME:
         # What fits best stands for all; the others stay its rivals.
         rivals = [one for one in rivals if one is not better] + [current]
         current = chooser.refined(better)
@@ -104,9 +104,9 @@ def _without_least(chooser: Chooser, current: Fitted, level: float, ladder: list
     if name not in chooser.candidates or not _is_off(current, name):
         return current
     trial = chooser.with_elements(current, [other for other in current.elements if other != name])
-    if trial is None or cost(trial) > base_cost(current) - level:
+    if trial is None or cost(trial) > cost(current.base) - level:
         return current
-    ladder.append(Rung(trial.elements, cost(trial) - base_cost(current), "better"))
+    ladder.append(Rung(trial.elements, cost(trial) - cost(current.base), "better"))
     return chooser.refined(trial)
 
 
@@ -116,9 +116,8 @@ def dispersion(fitted: Fitted) -> float:
     The law of a deviance holds for what is left of it after division by that (McCullagh and Nelder 1989, section 4.5).
     """
     tests = residual_tests(fitted.search, fitted.minimum)
-    share = max((test.figures().get("input_explained_pct") or 0.0) / 100.0 for test in tests.values())
     samples = sum(block.count for block in fitted.search.blocks)
-    return max(share * samples / (INPUT_LAGS + 1.0), 1.0)
+    return max(input_dispersion(test.figures(), samples) for test in tests.values())
 
 
 def _fall(gains: Gains, grown: Fitted) -> float:
@@ -135,7 +134,7 @@ def _fall(gains: Gains, grown: Fitted) -> float:
 
 def _elsewhere(chooser: Chooser, current: Fitted) -> list[Fitted]:
     """Fits of the same structure that ended elsewhere and are not rejected: the data do not say which it is."""
-    least, found = base_cost(current), []
+    least, found = cost(current.base), []
     for values in chooser.elsewhere:
         begin = {name: value for name, value in values.items() if name in current.search.unknowns}
         trial = chooser.with_elements(current, current.elements, begin, worth=least + threshold(1, REJECTED))
@@ -162,7 +161,7 @@ def _gains(
 ) -> tuple[Fitted | None, Gains]:
     """Return the best structure with one element more if it is worth it, and each element's fall of the deviance."""
     gains: Gains = {}
-    still = base(current)
+    still = current.base
     for name in chooser.candidates:
         if name in current.elements or (name == "twist" and set(SLOW) & set(current.elements)):
             continue
@@ -190,7 +189,7 @@ def _backward(
     """
     limit = threshold(1, REJECTED)
     while True:
-        still = base(current)
+        still = current.base
         rises: dict[str, float] = {}
         trials: dict[str, Fitted] = {}
         for name in current.elements:
@@ -222,7 +221,7 @@ def _inside(chooser: Chooser, current: Fitted, name: str) -> Fitted | None:
             continue
         begin = {**values, own: TAKEN_S, other: values[other] - TAKEN_S}
         trial = chooser.with_elements(current, current.elements, begin)
-        if trial is not None and cost(trial) < base_cost(current) - SAME and not _is_off(trial, name):
+        if trial is not None and cost(trial) < cost(current.base) - SAME and not _is_off(trial, name):
             return trial
     return None
 
@@ -237,8 +236,8 @@ def _is_off(fitted: Fitted, name: str) -> bool:
 def _rivals(
     chooser: Chooser, current: Fitted, gains: Gains, level: float, ladder: list[Rung]
 ) -> tuple[Fitted, ...]:
-    """Fit neighbours in which an element is swapped for another, and keep them and additions that are not rejected."""
-    still = base(current)
+    """Fit neighbours in which an element is swapped for another, and keep those that are not rejected."""
+    still = current.base
     limit = threshold(1, REJECTED)
     kept = []
     for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -67,6 +68,17 @@ class Fitted:
     elements: tuple[str, ...]
     search: Search
     minimum: Minimum
+
+    @cached_property
+    def base(self) -> Fitted:
+        """The fit as one among its own trials: the same weights, the same passes, a sum of squares as its cost."""
+        noise = replace(self.minimum.noise, sharp=False)
+        search = replace(self.search, weights=noise, enough=TRIAL_FALL)
+        sums = search.sums(self.minimum.vector, noise)
+        criterion = float(search.gram(self.minimum.vector, noise, sums)[-1, -1])
+        return Fitted(
+            self.elements, search, replace(self.minimum, noise=noise, criterion=criterion, sums=sums)
+        )
 
 
 class Chooser:
@@ -235,7 +247,7 @@ class Chooser:
                 vector = first.copy()
                 vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
                 vectors.append(vector)
-        return vectors[1:] if new and len(vectors) > 1 else vectors
+        return vectors[1:] if new else vectors
 
     def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
         starts = {parameter.name: parameter.start for parameter in search.free}
@@ -271,19 +283,3 @@ def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:
 def cost(fitted: Fitted | Minimum) -> float:
     """Return the weighted sum of squares of a minimum with given weights."""
     return (fitted.minimum if isinstance(fitted, Fitted) else fitted).criterion
-
-
-def base_cost(current: Fitted) -> float:
-    """Return the sum of squares of a fit as one among its own trials."""
-    return cost(base(current))
-
-
-def base(fitted: Fitted) -> Fitted:
-    """Return a fit as one among its own trials: with the same weights, the same passes, a sum of squares as its cost."""
-    noise = replace(fitted.minimum.noise, sharp=False)
-    search = replace(fitted.search, weights=noise, enough=TRIAL_FALL)
-    sums = search.sums(fitted.minimum.vector, noise)
-    criterion = float(search.gram(fitted.minimum.vector, noise, sums)[-1, -1])
-    return Fitted(
-        fitted.elements, search, replace(fitted.minimum, noise=noise, criterion=criterion, sums=sums)
-    )

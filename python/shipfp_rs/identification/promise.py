@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -56,8 +56,6 @@ class Promise:
     start: Mapping[str, float]
     limit: float | None
     neglect: tuple[Neglect, ...] = ()
-    moves: Mapping[str, float] = field(default_factory=dict)
-    """What the other unknowns then change by, to first order."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +175,6 @@ def _best_promise(
     inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
     best, begin, limit = 0.0, begins[0], None
     neglects: list[Neglect] = []
-    moves: dict[str, float] = {}
     for place, start in enumerate(starts, start=unknowns + 1):
         along = unit[own, place]
         across = (
@@ -193,9 +190,9 @@ def _best_promise(
             if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
                 limit = start if limit is None else max(limit, start)
             # Its effect is not in proportion to anything: it is there as a whole, or not.
-            fall, part = left * (2.0 * share - 1.0), 1.0
+            fall = left * (2.0 * share - 1.0)
         else:
-            fall, part = share * across if share > 0.0 else 0.0, share
+            fall = share * across if share > 0.0 else 0.0
         if not falling and start == starts[0]:
             # The least start is where what is seen grows in proportion.
             top = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
@@ -207,8 +204,7 @@ def _best_promise(
             neglects.append(Neglect(*seen, shift, power))
         if fall > best:
             best, begin = float(fall), begins[place - unknowns - 1]
-            moves = dict(zip(names, map(float, taken * part ** (1.0 / power)), strict=True))
-    return Promise(best, begin, limit, tuple(neglects), moves)
+    return Promise(best, begin, limit, tuple(neglects))
 
 
 def _sampled(
