@@ -174,9 +174,10 @@ impl Sources {
         &self,
         simd: S,
         on: On<'_>,
+        part: usize,
         to: &mut Results<'_, '_, T>,
     ) {
-        let On { model, given, pack, part, .. } = on;
+        let On { model, given, pack, .. } = on;
         let jets = given.jets;
         let lag = MORE && model.tau_act > 0.0;
         let splat = |value: f64| simd.splat_f64s(value);
@@ -191,7 +192,7 @@ impl Sources {
             own[j] = splat(-jets.slope[j]);
         }
         own[0] = splat(-(model.zeta + model.damping + jets.slope[0]));
-        let mut fed = self.fed::<S, T>(simd, on, to);
+        let mut fed = self.fed::<S, T>(simd, on, part, to);
         let shaft = self.shaft::<S, T>(simd, given, pack, part);
         let back = self.back::<S, T>(simd, model, given, pack, part);
         let loading = self.propeller::<S, T>(simd, given, pack, part);

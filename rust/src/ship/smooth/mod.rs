@@ -34,7 +34,7 @@ use flexible::Ends;
 use grid::Grid;
 use history::{History, past_value};
 use model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS, total};
-use slopes::{LANES, Pack, Results, Slopes};
+use slopes::{LANES, On, Pack, Results, Slopes};
 use sources::{Circumstances, Sources};
 use steps::Steps;
 
@@ -148,7 +148,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let places = history.as_ref().map_or(0, History::places);
         let mut backs = vec![[0.0; 8]; places.max(1)];
         let mut slope_backs = vec![[Pack::ZERO; T]; places * packs];
-        let mut slopes = Slopes::start(&model, task.wrt);
+        let mut state_slopes = Slopes::start(&model, task.wrt);
         let mut ends = Ends::start(&model, task.wrt, load0);
         let sources = Sources::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
@@ -157,6 +157,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
         let opening = grid::Time::new(dead_time);
+        let carry = slopes::carry::<S, T>(&model);
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
@@ -207,7 +208,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
             }
             if packs > 0 {
                 if let Some(moves) = broken {
-                    sources.jump(&model, moves, less, &mut slopes);
+                    sources.jump(&model, moves, less, &mut state_slopes);
                 }
                 let on = Circumstances {
                     open: piece.open,
@@ -223,8 +224,11 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
                 emit.aim::<T>(step, &jets);
                 let (history, place) = (slope_backs.as_mut_slice(), place * packs);
                 let mut to =
-                    Results { slopes: &mut slopes, ends: &mut ends, history, place, emit: &mut emit };
-                sources.carry::<S, T>(simd, &model, &given, window.as_ref(), &mut to);
+                    Results { slopes: &mut state_slopes, ends: &mut ends, history, place, emit: &mut emit };
+                for pack in 0..packs {
+                    let on = On { model: &model, given: &given, window: window.as_ref(), pack };
+                    carry(simd, &sources, on, &mut to);
+                }
             } else {
                 emit.aim::<T>(step, &jets);
             }

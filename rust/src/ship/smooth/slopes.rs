@@ -1,6 +1,6 @@
 //! The derivatives: one direction in each lane, series by series like the signals themselves.
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 use crate::ship::parameters::at;
 
@@ -102,41 +102,61 @@ pub struct Results<'a, 'b, const T: usize> {
     pub emit: &'a mut Emit<'b>,
 }
 
-impl Sources {
-    /// Carry the derivatives over a piece.
+/// Carries a pack of derivatives over a piece.
+pub type Carry<S, const T: usize> = fn(S, &Sources, On<'_>, &mut Results<'_, '_, T>);
+
+/// The way to carry a ship's derivatives. By address, since code in the loop over all pieces and packs would share its numbers
+/// among the packs: more vectors than there are registers.
+pub fn carry<S: Simd, const T: usize>(model: &Model) -> Carry<S, T> {
+    match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
+        (true, false) => carry_pack::<S, T, true, false>,
+        (true, true) => carry_pack::<S, T, true, true>,
+        (false, false) => carry_pack::<S, T, false, false>,
+        (false, true) => carry_pack::<S, T, false, true>,
+    }
+}
+
+fn carry_pack<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
+    simd: S,
+    sources: &Sources,
+    on: On<'_>,
+    to: &mut Results<'_, '_, T>,
+) {
+    simd.vectorize(CarryPack::<T, DELAYED, MORE> { sources, on, to });
+}
+
+struct CarryPack<'s, 'a, 'r, 'b, const T: usize, const DELAYED: bool, const MORE: bool> {
+    sources: &'s Sources,
+    on: On<'a>,
+    to: &'s mut Results<'r, 'b, T>,
+}
+
+impl<const T: usize, const DELAYED: bool, const MORE: bool> WithSimd
+    for CarryPack<'_, '_, '_, '_, T, DELAYED, MORE>
+{
+    type Output = ();
+
     #[inline(always)]
-    pub fn carry<S: Simd, const T: usize>(
-        &self,
-        simd: S,
-        model: &Model,
-        given: &Given<'_>,
-        window: Option<&Window>,
-        to: &mut Results<'_, '_, T>,
-    ) {
-        let more = model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0;
-        for pack in 0..to.slopes.len() {
-            for part in 0..LANES / S::F64_LANES {
-                let on = On { model, given, window, pack, part };
-                match (const { is_flexible(T) }, model.t_d > 0.0, more) {
-                    (true, true, false) => self.bent::<S, T, true, false>(simd, on, to),
-                    (true, true, true) => self.bent::<S, T, true, true>(simd, on, to),
-                    (true, false, false) => self.bent::<S, T, false, false>(simd, on, to),
-                    (true, false, true) => self.bent::<S, T, false, true>(simd, on, to),
-                    (false, true, false) => self.terms::<S, T, true, false>(simd, on, to),
-                    (false, true, true) => self.terms::<S, T, true, true>(simd, on, to),
-                    (false, false, false) => self.terms::<S, T, false, false>(simd, on, to),
-                    (false, false, true) => self.terms::<S, T, false, true>(simd, on, to),
-                }
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { sources, on, to } = self;
+        for part in 0..LANES / S::F64_LANES {
+            if const { is_flexible(T) } {
+                sources.bent::<S, T, DELAYED, MORE>(simd, on, part, to);
+            } else {
+                sources.terms::<S, T, DELAYED, MORE>(simd, on, part, to);
             }
         }
     }
+}
 
+impl Sources {
     /// What the rack is fed from outside the piece.
     #[inline(always)]
     pub fn fed<S: Simd, const T: usize>(
         &self,
         simd: S,
-        On { given, window, pack, part, .. }: On<'_>,
+        On { given, window, pack, .. }: On<'_>,
+        part: usize,
         to: &Results<'_, '_, T>,
     ) -> [S::f64s; T] {
         let mut fed = self.feed::<S, T>(simd, given, pack, part);
@@ -156,9 +176,10 @@ impl Sources {
         &self,
         simd: S,
         on: On<'_>,
+        part: usize,
         to: &mut Results<'_, '_, T>,
     ) {
-        let On { model, given, pack, part, .. } = on;
+        let On { model, given, pack, .. } = on;
         let jets = given.jets;
         let lag = MORE && model.tau_act > 0.0;
         let splat = |value: f64| simd.splat_f64s(value);
@@ -172,7 +193,7 @@ impl Sources {
             own[j] = splat(-jets.slope[j]);
         }
         own[0] = splat(model.g - model.damping - jets.slope[0]);
-        let mut fed = self.fed::<S, T>(simd, on, to);
+        let mut fed = self.fed::<S, T>(simd, on, part, to);
         let shaft = self.shaft::<S, T>(simd, given, pack, part);
         let back = self.back::<S, T>(simd, model, given, pack, part);
         let lagging = self.lag::<S, T>(simd, given, pack, part);
@@ -223,14 +244,13 @@ impl Sources {
     }
 }
 
-/// Where in the derivatives of a piece.
+/// A pack of derivatives over a piece.
 #[derive(Clone, Copy)]
 pub struct On<'a> {
     pub model: &'a Model,
     pub given: &'a Given<'a>,
     pub window: Option<&'a Window>,
     pub pack: usize,
-    pub part: usize,
 }
 
 /// A part of a pack.
