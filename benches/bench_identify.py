@@ -1,12 +1,11 @@
 """The whole of `identify`, selection included, beside the rival's one structure from one start on the same samples.
 
-    python -m benches.bench_identify [--seconds 500] [--repeats 3]
+    python -m benches.bench_identify [--seconds 500] [--repeats 3] [--quick]
 
 Both use one thread. The rival knows the structure and starts near the truth; `identify` is given nothing but the signals.
 """
 
 import argparse
-import sys
 import time
 
 import numpy as np
@@ -27,11 +26,14 @@ def experiment(u, y, dt) -> fp.Experiment:
     return fp.Experiment("trial", 1.0 / dt, signals, operating_point=point, hold="first")
 
 
-def main(arguments=None) -> None:
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=500.0)
     parser.add_argument("--repeats", type=int, default=3)
-    options = parser.parse_args([] if arguments is None else arguments)
+    parser.add_argument("--quick", action="store_true", help="200 s, once, just to see that it runs")
+    options = parser.parse_args()
+    if options.quick:
+        options.seconds, options.repeats = 200.0, 1
     u, y, dt = rival_ship.trial(1, options.seconds)
     data = experiment(u, y, dt)
     given = fp.Structure.ship(["dead_time_loop", "dead_time_set_point"], torque="gauge")
@@ -71,4 +73,4 @@ def main(arguments=None) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -12,7 +12,7 @@ import numpy as np
 
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import Vessel, _core
-from shipfp_rs.drive_train import OFF
+from shipfp_rs.vessel.drive_train import OFF
 
 RATE_HZ = 200.0
 SHORT_S, LONG_S = 100.0, 1600.0

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from benches.timing import median_time, print_table
+from shipfp_rs import tacho
 from shipfp_rs._core import PulseCrossings, pulse_levels
 
 LOW, MIDDLE, HIGH = 1.0, 2.0, 3.0
@@ -27,6 +28,10 @@ def pulse_train(samples: int, pulses_per_s: float) -> np.ndarray:
 
 def ours(train: np.ndarray) -> np.ndarray:
     return PulseCrossings(LOW, HIGH, MIDDLE).feed(train)
+
+
+def speed(train: np.ndarray) -> tacho.IntervalSpeed:
+    return tacho.speed_from_pulses(tacho.pulse_times(train, RATE), 1)
 
 
 @njit(cache=False)
@@ -86,6 +91,8 @@ def main() -> None:
             "numba": lambda train=train: state_machine(train, LOW, HIGH, MIDDLE),
             "NumPy": lambda train=train: vectorised(train),
             "pulse_levels": lambda train=train: pulse_levels(train),
+            "levels and crossings": lambda train=train: tacho.pulse_times(train, RATE),
+            "levels, crossings and speed": lambda train=train: speed(train),
         }
         times = {name: median_time(call, options.repeats) for name, call in calls.items()}
         for name, time in times.items():

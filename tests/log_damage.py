@@ -248,7 +248,7 @@ def _missing_pulses(arrays: Arrays, draw: np.random.Generator, window: tuple[int
     start, stop = _stretch(draw, window, 1000, 6000)
     arrays["PTM_4"][start:stop] = draw.normal(0.0, 0.02, stop - start)
     # What is lost are whole pulses: a pitch at either end may be sound.
-    return Damaged(arrays, ("B",), "PTM_4", _span(start, stop), slack=110)
+    return Damaged(arrays, ("B", "faint"), "PTM_4", _span(start, stop), slack=110)
 
 
 def _pulses_per_rev(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:

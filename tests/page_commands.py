@@ -23,8 +23,8 @@ from shipfp_rs import cli
 ROOT = Path(__file__).parents[1]
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 
-NOT_HERE = ("--address", "sweep duration", "shipfp demo")
-"""A cluster of the reader's; hundreds of trials of eight minutes; what `.ci/run` runs on its own."""
+NOT_HERE = ("--address", "sweep duration", "shipfp demo", "shipfp view")
+"""A cluster of the reader's; hundreds of trials of eight minutes; what `.ci/run` runs on its own; a page until Ctrl-C."""
 
 
 def type_in(command: str) -> None:
@@ -119,7 +119,7 @@ def studies() -> tuple[str, ...]:
 
     return tuple(
         name
-        for path in sorted((ROOT / "tests").glob("test_*.py"))
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
         for name in marked(ast.parse(path.read_text(encoding="utf-8")), str(path.relative_to(ROOT)))
     )
 

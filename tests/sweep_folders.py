@@ -24,7 +24,7 @@ CHEAP: dict[str, Any] = {
         "amplitude_rpm": 40.0,
     },
     "noise": {"n_e": 0.001, "M_b": 0.005},
-    "identify": {"noise": "white"},
+    "identify": {"noise": "white", "products": True},
     "factors": {"noise.level": {"low": 0.5, "high": 2.0}},
 }
 

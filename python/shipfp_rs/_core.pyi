@@ -18,6 +18,7 @@ __all__ = [
     "Decimator",
     "Extremes",
     "PulseCrossings",
+    "PulseTracker",
     "RepeatScan",
     "__version__",
     "_instruction_sets",
@@ -242,6 +243,7 @@ def ship_products(
     offsets: NDArray[np.float64],
     filters: NDArray[np.float64],
     wrt: Sequence[int],
+    sharp: bool = True,
 ) -> tuple[NDArray[np.float64], int]: ...
 def ship_products_batch(
     parameters: NDArray[np.float64],
@@ -280,6 +282,23 @@ class PulseCrossings:
     def feed(self, samples: _Samples) -> NDArray[np.float64]: ...
     @property
     def seen(self) -> int: ...
+    @property
+    def gaps(self) -> NDArray[np.int64]: ...
+
+@final
+class PulseTracker:
+    def __new__(cls, threshold: float | None = None, hysteresis: float | None = None) -> Self: ...
+    def look(self, samples: _Samples) -> None: ...
+    def cross(
+        self, samples: _Samples
+    ) -> tuple[
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        float,
+    ]: ...
     @property
     def gaps(self) -> NDArray[np.int64]: ...
 

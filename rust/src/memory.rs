@@ -28,6 +28,6 @@ mod tests {
     #[test]
     fn what_there_is_no_room_for_is_an_error() {
         assert_eq!(zeros(3), Ok(vec![0.0; 3]));
-        assert_eq!(zeros(usize::MAX / 4), Err(Error::Memory { bytes: usize::MAX / 4 * 8 }));
+        assert_eq!(zeros(usize::MAX / 4), Err(Error::Memory { bytes: usize::MAX }));
     }
 }

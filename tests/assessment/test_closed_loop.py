@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import control
 import numpy as np
@@ -11,11 +12,12 @@ import pytest
 from shipfp_rs import signals
 from shipfp_rs.assessment.closed_loop import closed_loop, poles_of
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.linear_model import LinearModel, linearise
 from shipfp_rs.vessel.vessel import Vessel
 from tests.launch import LAUNCH, noisy_record
 
@@ -42,18 +44,28 @@ def margins(T_d: float = 0.0) -> dict[str, float]:
     return {"gain margin": gain, "phase margin": phase, "crossover": crossing / (2.0 * np.pi)}
 
 
+LINEAR = Structure.linear(free_exponent=True)
+WITH_DEAD_TIME = Structure.linear(free_exponent=True, dead_time_loop=True)
+
+
+def poles(model: LinearModel, structure: Structure = LINEAR) -> np.ndarray:
+    return poles_of(
+        structure, {name: value for name, value in asdict(model).items() if name in structure.names}
+    )
+
+
 def test_without_a_dead_time_the_poles_are_those_of_the_quadratic() -> None:
-    np.testing.assert_allclose(np.sort(poles_of(LAUNCH).real), np.sort(LAUNCH.poles.real), rtol=1e-9)
+    np.testing.assert_allclose(np.sort(poles(LAUNCH).real), np.sort(LAUNCH.poles.real), rtol=1e-9)
 
 
 @pytest.mark.parametrize("T_d", [0.01, 0.05, 0.12, 0.2])
 def test_with_one_they_are_roots_of_the_exact_equation(T_d: float) -> None:
     model = replace(linearise(Vessel.load("stan-tug-1205")), T_d=T_d)
-    poles = poles_of(model)
-    left = poles * (model.tau_n * poles + model.p - model.g)
-    right = model.v * (model.K_p * poles + model.K_i) * np.exp(-poles * T_d)
+    found = poles(model, WITH_DEAD_TIME)
+    left = found * (model.tau_n * found + model.p - model.g)
+    right = model.v * (model.K_p * found + model.K_i) * np.exp(-found * T_d)
     np.testing.assert_allclose(left, -right, rtol=1e-8)
-    assert len(set(poles.round(6))) == len(poles) == 2
+    assert len(set(found.round(6))) == len(found) == 2
 
 
 def test_bands_hold_what_python_control_says_of_the_true_loop(launch: Fingerprint) -> None:
@@ -116,6 +128,34 @@ def test_what_the_data_leave_open_has_no_value() -> None:
 
 
 def test_a_structure_without_poles_is_refused(launch: Fingerprint) -> None:
-    other = replace(launch, structure={**launch.structure, "kind": "plant", "name": "plant"})
-    with pytest.raises(InputError, match="structure 'plant' of the fingerprint is not linear, expected one"):
-        closed_loop(other)
+    box = Structure.grey_box(Vessel.load("stan-launch-804"), ["inertia"], name="box")
+    with pytest.raises(InputError, match="structure 'box' of the fingerprint is not linear, expected one"):
+        closed_loop(launch, box)
+
+
+def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_simulated() -> None:
+    ship = Structure.ship(["dead_time_loop", "actuator_lag"], torque="gauge")
+    values = {parameter.name: parameter.start for parameter in ship.parameters} | {"T_d": 0.04}
+    made = SimpleNamespace(
+        settings={"optimum": values},
+        adequate={},
+        parameters={},
+        identifiability=SimpleNamespace(null_space=()),
+        covariance={"names": [], "matrix": []},
+    )
+    found = closed_loop.__wrapped__(made, ship)
+    governor = control.tf([values["vK_p"], values["vK_i"]], [1.0, 0.0]) * control.tf(*control.pade(0.04, 8))
+    loop = governor * control.tf([1.0], [values["tau_act"], 1.0])
+    loop = loop * control.tf([1.0], [values["tau_n"], values["p"] - values["g"]])
+    gain, phase, _, crossing = control.margin(loop)
+    assert found["gain margin"].value == pytest.approx(gain, rel=1e-4)
+    assert found["phase margin"].value == pytest.approx(phase, rel=1e-4)
+    assert found["crossover"].value == pytest.approx(crossing / (2.0 * np.pi), rel=1e-4)
+    times = np.linspace(0.0, 10.0, 2001)
+    moved = np.full(2001, 1000.0 * (1.0 + 1e-4))
+    moved[0] = 1000.0
+    record = Experiment("step", 200.0, {"n_set": moved}, {"n_set": 1000.0}, hold="zero")
+    speed = ship.equations.simulate(values, record)[0] / 1e-4
+    late = times[np.flatnonzero(np.abs(speed - 1.0) > 0.05)[-1]]
+    assert found["recovery time"].value == pytest.approx(late, abs=0.02)
+    assert found["overshoot"].value == pytest.approx(max(speed.max() - 1.0, 0.0), abs=0.005)

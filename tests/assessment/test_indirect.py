@@ -42,8 +42,9 @@ def trial(vessel: Vessel, rate_hz: float = 100.0, noise: float = 0.0, seed: int 
             "vK_i": st.floats(8.0, 20.0),
             "p": st.floats(1.9, 2.4),
             "T_d": st.floats(0.06, 0.2),
-            "T_set": st.floats(0.0, 0.5),
-            "tau_act": st.floats(0.0, 0.1),
+            # A file of a vessel takes no time that is next to nothing.
+            "T_set": st.just(0.0) | st.floats(1e-9, 0.5),
+            "tau_act": st.just(0.0) | st.floats(1e-9, 0.1),
             "tau_twist": st.floats(1e-4, 1e-3),
         }
     )

@@ -95,10 +95,10 @@ class TestFrame:
         ("error", "status", "words"),
         [
             (KeyboardInterrupt(), 130, "interrupted"),
-            (IdentificationError("no start led\n  to a minimum"), 1, "no start led to a minimum"),
+            (IdentificationError("no start led\n  to a minimum"), 2, "no start led to a minimum"),
             (InternalError("kernel panicked"), 1, "SHIPFP_TRACEBACK=1"),
             (ZeroDivisionError("division by zero"), 1, "internal error: ZeroDivisionError: division by zero"),
-            (OSError(28, "No space left on device", "/full"), 1, "/full: No space left on device"),
+            (OSError(28, "No space left on device", "/full"), 2, "/full: No space left on device"),
             (MemoryError(), 1, "out of memory"),
         ],
     )
@@ -156,7 +156,8 @@ class TestInit:
         )
         assert [tacho.column for tacho in found.tachos.values()] == ['Impuls "4"']
         text = (tmp_path / "TRIAL.toml").read_text()
-        assert f"# The log has Sollwert [V], {torque} [mV], Impuls" in text
+        assert re.search(r"(?m)^# Sollwert \[V\], [\d.]+ Hz: set point by its name$", text)
+        assert f"# {torque} [mV]" in text
         assert "20 pulses a second" in text
 
     def test_what_is_recorded_in_rpm_and_knm_needs_no_calibration(self, tmp_path, capsys) -> None:
@@ -236,11 +237,11 @@ class TestSimulate:
         [
             (["stan-tug-1206"], "stan-tug-1206"),
             (["missing.toml"], "missing.toml"),
-            (["stan-tug-1205", "--duration", "-1"], "--duration -1"),
+            (["stan-tug-1205", "--duration", "-1"], "'--duration': found '-1'"),
             (["stan-tug-1205", "--excitation", "noise"], "'--excitation'"),
             (["stan-tug-1205", "--raw", "--noise", "0.1"], "--noise"),
             (["stan-tug-1205", "--out", "log.csv"], "log.csv"),
-            (["stan-tug-1205", "--amplitude-rpm", "0"], "amplitude_rpm"),
+            (["stan-tug-1205", "--amplitude-rpm", "0"], "'--amplitude-rpm': found '0'"),
         ],
     )
     def test_bad_input_costs_one_line_and_leaves_nothing(
@@ -289,15 +290,20 @@ class TestDemo:
         known = {name: entry for name, entry in estimates.items() if entry["std"] is not None}
         assert {"p", "tau_prop", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n"} <= set(known)
         for name, entry in known.items():
+            if name not in told["truth"]:
+                continue  # how late the torque's channel tells
             # 1 % besides the interval: the plant is nonlinear, the model is not.
             allowed = 3.0 * entry["std"] + 0.01 * abs(told["truth"][name])
             assert abs(entry["value"] - told["truth"][name]) < allowed, name
 
-    def test_what_the_data_can_not_tell_is_said(self, shown) -> None:
-        told, _ = shown
-        for name in ("tau_n", "g", "vK_p", "vK_i"):
-            assert told["fingerprint"]["parameters"][name]["status"] == "unidentifiable"
-        assert told["fingerprint"]["identifiability"]["rank"] == 5
+    def test_the_model_that_the_data_chose_stands(self, shown) -> None:
+        fingerprint = shown[0]["fingerprint"]
+        assert fingerprint["structure"]["kind"] == "ship"
+        assert fingerprint["adequate"]["stands"]
+        assert fingerprint["usable"].startswith("Usable")
+        assert fingerprint["elements"]["dead_time_loop"]["state"] == "off"
+        # An inertia behind a gauge is told by the curvature of the propeller's torque alone, and widely.
+        assert fingerprint["parameters"]["tau_n"]["std"] > 10.0 * fingerprint["parameters"]["tau_prop"]["std"]
 
     def test_the_saved_results_are_those_told(self, shown) -> None:
         told, out = shown
@@ -361,7 +367,9 @@ class TestRun:
         monkeypatch.chdir(tmp_path)
         text = (shown[1] / "TRIAL.toml").read_text()
         path = tmp_path / "TRIAL.toml"
-        path.write_text(text.replace('"log.parquet"', f'"{shown[1] / "log.parquet"}"'))
+        path.write_text(
+            text.replace('"log.parquet"', f'"{shown[1] / "log.parquet"}"') + "\n[identify]\nseed = 0\n"
+        )
         return path
 
     def spoil(self, trial: Path, old: str, new: str) -> None:
@@ -411,9 +419,9 @@ class TestRun:
             ('column = "U_torque"', 'column = "U_torqe"', "U_torqe"),
             ('log = "', 'log = "missing-', "missing-"),
             ('unit = "V"', 'unit = "mV"', "mV"),
-            ("products = true", "starts = 0", "starts"),
-            ("products = true", "product = true", "product"),
-            ("products = true", "fixed = { tau = 1.2 }", "tau"),
+            ("seed = 0", "starts = 0", "starts"),
+            ("seed = 0", "product = true", "product"),
+            ("seed = 0", "products = true\nfixed = { tau = 1.2 }", "tau"),
             ("scale = 1059.0", "scale = 1.059", "torque"),
             ("pulses_per_rev = 4", "pulses_per_rev = 3", "pulses_per_rev"),
             ("steady_s = [0.0, ", "steady_s = [-9.0, ", "-9"),

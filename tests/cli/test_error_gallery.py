@@ -15,7 +15,7 @@ import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, sine_response
-from shipfp_rs.logs import log
+from shipfp_rs.logs import formats, log
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.plausibility import require_sense
 from shipfp_rs.support.calibration import Calibration
@@ -117,7 +117,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({}, ["simulate", "stan-launch-804", "--noise", "5"]),
-        "noise['n_e'] is 5 times the signal, expected at most 1; percent for a fraction? that is 0.05",
+        "--noise is 5 times the signal, expected at most 1; percent for a fraction? that is 0.05",
     ),
     (
         ({}, ["simulate", "stan-launch-804", "--amplitude-rpm", "1300"]),
@@ -275,7 +275,7 @@ def test_a_slip_at_the_command_line_costs_one_line_and_writes_nothing(
     files, arguments = given
     monkeypatch.chdir(tmp_path)
     # Other tests register readers of their own, which would stand among those expected.
-    for suffix in set(log._READERS) - set(log._MODULES):
+    for suffix in set(log._READERS) - set(formats.MODULES):
         monkeypatch.delitem(log._READERS, suffix)
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")

@@ -78,21 +78,21 @@ def identified(experiment, truth) -> dict:
     }
 
 
+ELEMENTS = {
+    "T_d": "dead_time_loop",
+    "T_set": "dead_time_set_point",
+    "tau_act": "actuator_lag",
+    "T_s": "sampling",
+    "M_max": "torque_limit",
+    "tau_twist": "twist",
+}
+"""Parameters of the elements that may be on, and what the ship model calls these."""
+
+
 def true_structure(fp, truth):
-    """Return a structure with the elements that are on; without what the linear structure cannot hold: M_max, and a
-    twist where the torque is the engine's."""
-    on = truth["on"]
-    return fp.Structure.linear(
-        torque=truth["place"],
-        products=True,
-        free_exponent=True,
-        dead_time_loop="T_d" in on,
-        dead_time_set_point="T_set" in on,
-        actuator_lag="tau_act" in on,
-        sampling="T_s" in on,
-        twist="tau_twist" in on and truth["place"] == "gauge",
-        curvature=True,
-    )
+    """Return the ship with the elements that are on."""
+    elements = [ELEMENTS[name] for name in truth["on"] if name in ELEMENTS]
+    return fp.Structure.ship(elements, torque=truth["place"])
 
 
 def run(drawn, load) -> dict:

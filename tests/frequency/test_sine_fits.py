@@ -152,7 +152,7 @@ def test_the_noise_at_a_line_is_read_off_a_sloping_spectrum(power):
     ("call", "said"),
     [
         (lambda: fit_lines(np.zeros((2, 2)), RATE, 1.0), r"samples: found shape \(2, 2\)"),
-        (lambda: fit_lines(sine(), 0.0, 1.0), "rate_hz: found 0.0"),
+        (lambda: fit_lines(sine(), 0.0, 1.0), "rate_hz is 0.0"),
         (lambda: fit_lines(sine(), RATE, [30.0]), r"found \[30.0\], expected .* between 0 and 25 Hz"),
         (lambda: fit_lines(sine(), RATE, []), "frequencies_hz: found"),
         (lambda: fit_lines(sine(), RATE, [1.0, 1.001]), "can't be told apart in a window of 40 s"),

@@ -60,7 +60,7 @@ def test_on_a_light_bound_the_interval_reaches_as_far_as_the_likelihood_allows(b
     assert (found.value, found.status, found.std) == (0.0, "at_bound", None)
     # (a + beyond)^2 - beyond^2 = (t spread)^2
     assert found.ci95[0] == 0.0
-    assert found.ci95[1] == pytest.approx(-beyond + np.hypot(beyond, quantile * spread), rel=5e-3)
+    assert found.ci95[1] == pytest.approx(-beyond + np.hypot(beyond, quantile * spread), rel=1e-2)
     assert "the data allow up to" in found.reason
 
 

@@ -150,7 +150,10 @@ def recorded() -> tuple[Log, str]:
     text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth).replace(
         "[channels.PTM_1]", rack + "[channels.PTM_1]", 1
     )
-    text = text.replace("rate_hz = 50.0", "rate_hz = 20.0").replace("products = true\n", "")
+    text = (
+        text.replace("rate_hz = 50.0", "rate_hz = 20.0")
+        + '\n[identify]\ntorque = "gauge"\nfree_exponent = true\n'
+    )
     return log, text
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import _core
-from shipfp_rs.errors import InputError, InternalError
+from shipfp_rs.errors import InputError
 from tests.twins import plant
 from tests.twins.drive_train import NO_QUADRANTS, vector
 from tests.twins.plant import N_E, UNLIMITED
@@ -325,8 +325,3 @@ def test_breakage_b4_threads_beyond_all_cores_are_refused_or_not_started():
     np.testing.assert_array_equal(costs[0], costs[1])
     np.testing.assert_array_equal(costs[0], costs[2])
     assert threading.active_count() < 100
-
-
-def test_breakage_b4_a_panic_is_still_an_ordinary_exception():
-    with pytest.raises(InternalError):
-        _core._panic_for_test("again")

@@ -73,9 +73,9 @@ def test_breakage_b2_derivatives_know_when_the_integral_begins_to_wait(case):
 
 @pytest.mark.study
 def test_breakage_b3_an_arrival_late_in_a_record_ends_its_step():
-    # 51 million steps; the same in no time is tested in Rust, at the step where a search for its end had none.
-    parameters = vector(set_dead_time=0.4756)
-    n_set = np.full(51_300, N_E)
+    # 102 million steps; the same in no time is tested in Rust, at the step where a search for its end had none.
+    parameters = vector(set_dead_time=0.1 / 3.0)
+    n_set = np.full(102_450, N_E)
     rows = _core.simulate_drive_train(parameters, *UNLIMITED, SIX, NO_QUADRANTS, n_set, 0.0025, 1000, "zero")
     assert np.isfinite(rows).all()
 

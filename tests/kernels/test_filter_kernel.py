@@ -75,7 +75,9 @@ def test_a_splines_slopes_are_scipys_to_the_last_bit(steps, seed, start, rate):
 def test_spikes_and_slopes_refuse_what_makes_no_sense():
     with pytest.raises(InputError, match="longest, stride: found 0 and 1"):
         find_spikes(np.zeros(9), 0, 1, 3, 6.0, 0.05)
-    with pytest.raises(InputError, match=r"coefficients: found an array of shape \[4, 3\], expected \[4, 2\]"):
+    with pytest.raises(
+        InputError, match=r"coefficients: found an array of shape \[4, 3\], expected \[4, 2\]"
+    ):
         slope_at_even_times(np.arange(3.0), np.zeros((4, 3)), 0.0, 1.0, 5)
     with pytest.raises(InputError, match="ascend"):
         slope_at_even_times(np.array([1.0, 0.0]), np.zeros((4, 1)), 0.0, 1.0, 5)

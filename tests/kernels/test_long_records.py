@@ -83,8 +83,10 @@ def test_breakage_b1_state_space():
 
 
 def test_breakage_b1_a_rack_that_falls_to_zero():
-    parameters = vector(X_0=0.0, Kp_abs=0.0, Ki_abs=0.0, A2=0.0, fuel_lag=0.01, set_point_before=N_E)
-    parameters[_core.DRIVE_TRAIN_PARAMETERS.index("Kp_abs")] = 1.0
+    # The governor asks for less than nothing, and the rack follows its lower stop from 5 mm on.
+    parameters = vector(
+        X_0=0.0, Kp_abs=1.0, Ki_abs=0.0, A2=0.0, fuel_lag=0.01, minimum_rack=0.0, set_point_before=N_E + 5.0
+    )
     n_set = np.full(4000, 0.0)
     rows = _core.simulate_drive_train(
         parameters, *UNLIMITED, SIX, NO_QUADRANTS, n_set, 1.0 / RATE_HZ, 2, "zero"

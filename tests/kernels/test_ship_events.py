@@ -1,5 +1,6 @@
-"""The ship with sampling, limits, delays and twist against its twin, by every parameter; agreement with the smooth path; odd parameters."""
+"""The ship with sampling, limits, delays and twist against its twin, by every parameter; the smooth path; odd parameters."""
 
+import _thread
 import math
 import threading
 import time
@@ -71,7 +72,6 @@ CASES = {
     "twist at limits": {**TWIST, **TORQUE, "K_d": 0.05},
     "damping, load and channels": {**FAR, **REST},
     "late command at a torque limit": {"T_d": 0.073, "T_set": 0.03, "M_max": 1.12},
-    "late command at rack limits, anti-windup": {"T_d": 0.073, "tau_act": 0.05, **RACK, "anti_windup": 1.0},
     "late command at rate limits": {"T_d": 0.073, **RATE},
     "everything": {
         **SAMPLED,
@@ -133,8 +133,7 @@ def test_derivatives_are_those_of_an_exact_solution(case):
     load = load_of(values, len(u))
     _, slopes = sensitivities(values, u, load, names=names)
     for name, slope in zip(names, slopes, strict=True):
-        # The solver steps over kinks that come out of a dead time, which small steps would make much of.
-        share = 2e-5 if name.startswith("T_") else 2e-4 if case.startswith("late") else 5e-5
+        share = 2e-5 if name.startswith("T_") else 5e-5
         step = share * max(abs(values[name]), 0.1)
 
         def at(change, name=name):
@@ -247,7 +246,7 @@ def test_derivatives_that_fade_do_not_slow_down():
 
 
 def test_more_samples_than_anyone_waits_for_are_refused():
-    for more in ({"T_s": 1e-9}, {"M_max": 2.0, "tau_act": 1e-6}, {"tau_twist": 1e-15}):
+    for more in ({"T_s": 1e-9}, {"tau_twist": 1e-15}):
         with pytest.raises(InputError, match="expected at most"):
             sensitivities({**SHIP, **more}, record(10))
 
@@ -311,7 +310,7 @@ likely = st.fixed_dictionaries(
         "initial_N": st.floats(0.3, 1.4),
     },
 )
-odd = st.fixed_dictionaries({}, optional={name: anything for name in NAMES})
+odd = st.fixed_dictionaries({}, optional=dict.fromkeys(NAMES, anything))
 
 
 def ends(values, hold):
@@ -320,11 +319,13 @@ def ends(values, hold):
     names = [name for name in ("tau_n", "K_i", "T_d") if name in values]
     try:
         found, slopes = sensitivities(values, u, hold=hold, names=names)
-    except (InputError, SimulationError) as error:
-        assert "\n" not in str(error)
+    except (InputError, SimulationError) as found_wrong:
+        error = found_wrong
     else:
         assert np.isfinite(found).all()
         assert np.isfinite(slopes).all()
+        return
+    assert "\n" not in str(error)
 
 
 @given(likely, st.sampled_from(["zero", "first"]))
@@ -341,8 +342,6 @@ def test_odd_ships_end_in_a_result_or_one_line(values, more, hold):
 
 def test_ctrl_c_ends_a_long_run():
     """The kernel looks at the stop flag within a sample, too."""
-    import _thread  # noqa: PLC0415
-
     values = {**SHIP, **TORQUE, "tau_act": 5e-5}
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()

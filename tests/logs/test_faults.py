@@ -114,6 +114,14 @@ def test_hum_is_told_and_taken_out(start: int, stop: int) -> None:
     np.testing.assert_array_equal(quiet[outside], humming[outside])
 
 
+@pytest.mark.parametrize("rate_hz", [20.0, 50.0, 100.0, 115.0, 130.0])
+def test_breakage_c3_the_level_of_a_slow_log_is_no_hum(rate_hz: float) -> None:
+    time = np.arange(round(60.0 * rate_hz)) / rate_hz
+    speed = 1184.0 + 40.0 * np.sin(2.0 * np.pi * 0.1 * time)
+    rows = Rows(Log.from_arrays({"n_set": speed}, rate_hz=rate_hz), "n_set")
+    assert scan(rows, 0, len(time), mains_hz=50.0) == {}
+
+
 def test_steps_and_jumps_are_no_hum() -> None:
     samples = set_point() + np.where(TIME > 8.0, 1.0, 0.0)
     samples[12_000:12_040] += 2.0

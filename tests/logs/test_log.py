@@ -230,7 +230,7 @@ def test_a_stretch_between_two_samples_is_refused(path: Path, start_s: float) ->
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("missing.parquet", "no such log file"),
+        ("missing.parquet", "no such file, expected a log file"),
         ("run.csv.gz", "a compressed file, expected a log; unpack it first"),
         ("run.xyz", "unknown log format '.xyz', expected one of .parquet"),
     ],

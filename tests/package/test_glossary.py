@@ -6,7 +6,9 @@ import pytest
 
 from shipfp_rs import Structure, Vessel
 from shipfp_rs.experiments.experiment import UNITS
-from shipfp_rs.structures import glossary
+from shipfp_rs.structures import glossary, names
+from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.structures.elements import ELEMENTS
 
 PAGE = Path(__file__).parents[2] / "docs" / "background" / "glossary.md"
 LAUNCH = Vessel.load("stan-launch-804")
@@ -24,6 +26,7 @@ STRUCTURES = {
         misreading=True,
         twist=True,
     ),
+    "ship": Structure.ship([*ELEMENTS], torque="gauge", products=False),
     "exact": Structure.linear(sampling="exact", derivative=True),
     "plant": Structure.plant(LAUNCH),
     "grey box": Structure.grey_box(LAUNCH, ["inertia"]),
@@ -39,14 +42,14 @@ def written(terms: tuple[glossary.Term, ...]) -> str:
     return "\n".join(["| symbol | meaning | formula | unit | elsewhere |", "|---|---|---|---|---|", *rows])
 
 
-@pytest.mark.parametrize("group", ["SIGNALS", "LINEAR", "VESSEL", "OBJECTS"])
+@pytest.mark.parametrize("group", ["SIGNALS", "LINEAR", "COMBINATIONS", "VESSEL", "OBJECTS"])
 def test_the_page_shows_the_table(group: str) -> None:
     table = written(getattr(glossary, group))
     assert table in PAGE.read_text(encoding="utf-8"), f"in {PAGE.name} expected:\n{table}"
 
 
 def test_every_symbol_stands_once() -> None:
-    groups = (glossary.SIGNALS, glossary.LINEAR, glossary.VESSEL, glossary.OBJECTS)
+    groups = (glossary.SIGNALS, glossary.LINEAR, glossary.COMBINATIONS, glossary.VESSEL, glossary.OBJECTS)
     assert len(glossary.GLOSSARY) == sum(map(len, groups))
 
 
@@ -59,3 +62,18 @@ def test_every_parameter_is_explained_in_its_unit(name: str) -> None:
 
 def test_signals_are_explained_in_their_units() -> None:
     assert all(glossary.GLOSSARY[name].unit == unit for name, unit in UNITS.items())
+
+
+def test_every_parameter_and_combination_has_a_plain_name_in_both_languages() -> None:
+    declared = {parameter.name for structure in STRUCTURES.values() for parameter in structure.parameters}
+    known = {term.symbol for term in (*glossary.LINEAR, *glossary.COMBINATIONS)}
+    assert known <= set(names.NAMES)
+    for symbol in declared | set(COMBINATIONS):
+        assert names.plain_name(symbol), symbol
+    assert names.plain_name("tau_n (fast)") == "inertia time constant (fast)"
+    assert names.plain_name("tau_n", "de") == "Zeitkonstante der Trägheit"
+
+
+def test_combinations_are_explained_in_their_units() -> None:
+    rows = {term.symbol: term.unit for term in glossary.COMBINATIONS}
+    assert rows == {name: unit for name, (unit, _) in COMBINATIONS.items() if name not in ("vK_p", "vK_i")}

@@ -15,7 +15,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.simulation.raw_log import simulate_raw_log
-from tests.logger_files import sample_file
+from tests.logger_files import REAL, sample_file
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -63,6 +63,12 @@ def logger_file(kind: str, name: str) -> Callable[[Path], None]:
     return lambda folder: folder.joinpath(name).write_bytes(sample_file(kind, folder).read_bytes())
 
 
+def bus_and_its_dbc(folder: Path) -> None:
+    recorded = REAL / "j1939"
+    folder.joinpath("bus.mf4").write_bytes((recorded / "engine_idle.MF4").read_bytes())
+    folder.joinpath("engine.dbc").write_bytes((recorded / "CSS-Electronics-SAE-J1939-DEMO.dbc").read_bytes())
+
+
 def fewer_draws(folder: Path) -> None:
     plan = folder / "my-sweep" / "SWEEP.toml"
     plan.write_text(re.sub(r"draws = \d+", "draws = 2", plan.read_text()))
@@ -86,6 +92,7 @@ READERS_OWN: dict[str, dict[str, Callable[[Path], None]]] = {
     "docs/how-to/dewesoft.md": {"inspect": logger_file("DEWESoft", "run.d7d")},
     "docs/how-to/tdms.md": {"inspect": logger_file("TDMS", "run.tdms")},
     "docs/how-to/mdf.md": {"convert": logger_file("MDF 4", "run.mf4")},
+    "docs/how-to/can.md": {"convert": bus_and_its_dbc},
     "docs/sweeps.md": {"sweep my-sweep/": fewer_draws},
     "docs/design.md": {"earlier": fingerprint_of_before},
 }
@@ -107,7 +114,7 @@ def test_what_a_page_has_its_reader_type_runs(page, tmp_path):
     printed = run_page(page, tmp_path, typed)
     assert not before
     if page.name == "README.md":
-        assert "tau_n=" in printed
+        assert "inertia time constant" in printed
         assert (tmp_path / "my-result" / "report.html").is_file()
     if page.parent.name == "tutorials":
         assert printed

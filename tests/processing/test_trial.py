@@ -7,7 +7,9 @@ import pytest
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.support.toml import template
+from shipfp_rs.runs.run import NO_TORQUE, run
+from shipfp_rs.support.toml import template, validated
+from tests.cli.small_trial import SMALL, write_small_trial
 
 
 def load(tmp_path: Path, text: str) -> Trial:
@@ -42,9 +44,7 @@ def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
 def test_several_logs_share_the_windows(tmp_path: Path) -> None:
     text = template("TRIAL").replace('log = "run.parquet"  ', 'log = ["run1.parquet", "run2.parquet"]  ', 1)
     text = text.replace('n_e_rpm = "auto"', "n_e_rpm = 1183.8").replace('M_Nm = "auto"', "M_Nm = 1725.0")
-    text = text.replace(
-        "[identify]", '[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n[identify]'
-    )
+    text += '\n[[windows]]\nname = "S2"\nlog = "run2.parquet"\nstart_s = 1\nstop_s = 2\n'
     trial = load(tmp_path, text)
     assert [w.name for w in trial.windows_of("elsewhere/run1.parquet")] == ["C11"]
     assert [w.name for w in trial.windows_of("run2.parquet")] == ["S2"]
@@ -71,9 +71,13 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("[10.0, 70.0]", "[70.0, 10.0]", r"operating_point\.steady_s: found \[70\.0, 10\.0\]"),
         ("rate_hz = 50.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
         ("rate_hz = 50.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
-        ('weighting = "determinant"', 'weighting = "det"', r"identify\.weighting: found 'det'"),
-        ("offsets = true", 'offsets = "absolute"', r"identify\.offsets: found 'absolute'"),
-        ("free_exponent", "free_exponents", r"identify\.free_exponents: .*did you mean 'free_exponent'"),
+        ("# [identify]", '[identify]\nweighting = "det"', r"identify\.weighting: found 'det'"),
+        ("# [identify]", '[identify]\noffsets = "absolute"', r"identify\.offsets: found 'absolute'"),
+        (
+            "# [identify]",
+            "[identify]\nfree_exponents = 1",
+            r"identify\.free_exponents: .*did you mean 'free_exponent'",
+        ),
         ('n_e_rpm = "auto"', 'n_e_rpm = "automatic"', r"operating_point\.n_e_rpm: found 'automatic'"),
         ("start_s = 100.0", "start_s = 100.0\nlog = 'x.csv'", r"windows: found log 'x.csv' in 'C11'"),
         ('kind = "chirp"', 'kind = "chirp"\n[[windows]]\nname = "C11"', r"windows"),
@@ -102,3 +106,112 @@ def test_a_trial_without_pulses_has_no_speed(tmp_path: Path) -> None:
 def test_a_missing_trial_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"TRIAL\.toml"):
         Trial.load(tmp_path / "TRIAL.toml")
+
+
+@pytest.mark.parametrize(
+    ("slip", "said"),
+    [
+        (
+            ("starts = 1", 'torque = "brake"'),
+            "identify.torque: found 'brake' beside channels.torque.location = 'gauge', expected 'gauge'",
+        ),
+        (
+            (
+                "starts = 1",
+                'torque = "gauge"',
+                "[channels.torque]",
+                "[channels.load]",
+                'location = "gauge"',
+                'quantity = "torque"',
+            ),
+            "identify.torque: found 'gauge' without a torque channel, expected a table [channels.torque]",
+        ),
+        (
+            (
+                "starts = 1",
+                'outputs = ["dn", "dM"]',
+                "[channels.torque]",
+                "[channels.load]",
+                'location = "gauge"',
+                'quantity = "torque"',
+            ),
+            "identify.outputs: found 'dM' without a torque channel",
+        ),
+        (
+            ("[identify]", '[structure]\nkind = "grey_box"\nfree = ["Kp_abs"]\ntorque = "brake"\n[other]'),
+            "found 'brake' beside channels.torque.location = 'gauge'",
+        ),
+    ],
+)
+def test_breakage_a5_a_trial_says_once_where_the_torque_was_measured(slip, said):
+    text = SMALL.partition("[other]")[0]
+    for old, new in zip(slip[::2], slip[1::2], strict=True):
+        text = text.replace(old, new)
+    with pytest.raises(InputError) as caught:
+        validated(tomllib.loads(text.partition("[other]")[0]), Trial, "TRIAL.toml")
+    assert said in str(caught.value)
+
+
+def test_breakage_a5_a_run_without_a_torque_channel_says_so(tmp_path):
+    write_small_trial(tmp_path)
+    path = tmp_path / "TRIAL.toml"
+    before, _, rest = SMALL.partition("[channels.torque]")
+    path.write_text(before + rest[rest.index("[channels.speed]") :].replace("free_exponent = true", ""))
+    found = run(path, tmp_path / "out")
+    assert found.fingerprint.verdict[-1] == NO_TORQUE
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("windows.0.name", "", "windows.0.name: found an empty text, expected a text that is not empty"),
+        (
+            "windows.0.name",
+            "x" * 100_000,
+            "windows.0.name: found 100000 characters, expected at most 200 characters",
+        ),
+        ("windows.0.kind", "chrip", "windows.0.kind: found 'chrip', expected one of steady, sine"),
+        ("trial.log", "a\nb", "trial.log.0: found 'a\\nb', expected a text without control characters"),
+        (
+            "operating_point.steady_s",
+            [1.0],
+            "operating_point.steady_s: found [1.0], expected a list of more than 1",
+        ),
+        (
+            "operating_point.steady_s",
+            [1.0, 2.0, 3.0],
+            "operating_point.steady_s: found 3 values, expected a list of at most 2",
+        ),
+        (
+            "channels.speed.pulses_per_rev",
+            10**20,
+            "found 100000000000000000000, expected a number of at most 1e+15",
+        ),
+        (
+            "channels.speed.pulses_per_rev",
+            10**9,
+            "channels.speed.pulses_per_rev: found 1000000000, expected less than or equal",
+        ),
+        ("identify.starts", 10**9, "identify.starts: found 1000000000, expected less than or equal to 10000"),
+        ("identify.products", 1, "identify.products: found 1, expected true or false"),
+        ("trial.name", 3, "trial.name: found 3, expected a text in quotes"),
+        ("processing.rate_hz", float("nan"), "processing.rate_hz: found nan, expected a finite number"),
+        (
+            "processing.faults.mains_hz",
+            1e6,
+            "processing.faults.mains_hz: found 1000000.0, expected less than or equal to 1000",
+        ),
+        ("identify.priors", {"g": []}, "identify.priors.g: found [], expected a list of more than 0"),
+    ],
+)
+def test_breakage_d3_d4_values_beyond_sense_are_told_in_the_words_of_the_file(key, value, said):
+    content = tomllib.loads(SMALL)
+    owner = content
+    *parts, last = key.split(".")
+    for part in parts:
+        owner = owner[int(part)] if isinstance(owner, list) else owner.setdefault(part, {})
+    owner[last] = value
+    with pytest.raises(InputError) as caught:
+        validated(content, Trial, "TRIAL.toml")
+    assert said in str(caught.value)
+    assert "validation" not in str(caught.value)

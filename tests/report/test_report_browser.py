@@ -313,11 +313,12 @@ def test_it_can_be_read_aloud_and_walked_through_by_key(visit) -> None:
 
 def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(visit) -> None:
     page = visit(PHONE).page
-    figure = page.locator("section[aria-labelledby=residuals] figure")
+    page.locator("section[aria-labelledby=statistics] summary").first.click()
+    figure = page.locator("section[aria-labelledby=statistics] figure")
     assert figure.count() == 1
     told = figure.locator("svg[role=img]").get_attribute("aria-label")
     assert "their own past, 1 of 3 lags outside the band" in told
-    assert told == figure.locator("figcaption").inner_text()
+    assert figure.locator("figcaption").inner_text() == f"{told} PNG"
     page.keyboard.press("End")
     region = figure.get_by_role("region")
     assert region.evaluate("box => box.scrollWidth > box.clientWidth && box.tabIndex === 0")  # a key moves it
@@ -347,3 +348,27 @@ def test_without_scripts_there_are_still_pictures(browser, report) -> None:
     assert page.locator("noscript svg[role=img]").count() == 2
     assert page.locator("noscript svg").first.is_visible()
     page.close()
+
+
+def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
+    page = visit().page
+    page.get_by_role("button", name="zoom in").first.click()
+    with page.expect_download() as waiting:
+        page.get_by_role("button", name="save as CSV").first.click()
+    saved = tmp_path / "signals.csv"
+    waiting.value.save_as(saved)
+    head, *rows = saved.read_text(encoding="utf-8").splitlines()
+    assert head.startswith('"time [s]","set point n_set","engine speed n_e","model of n_e"')
+    assert len(rows) == 60_000  # 30 to 90 s at 1 kHz
+    assert [float(cell) for cell in rows[0].split(",")[:2]] == pytest.approx(
+        [30.0, 1183.8 + 40.0 * np.sin(15.0)], abs=0.01
+    )
+
+
+def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) -> None:
+    page = visit().page
+    for name, begins in (("All estimates as CSV", b"symbol,name,value"), ("PNG", b"\x89PNG")):
+        with page.expect_download() as waiting:
+            page.get_by_role("link", name=name, exact=True).first.click()
+        waiting.value.save_as(tmp_path / "saved")
+        assert (tmp_path / "saved").read_bytes().startswith(begins)

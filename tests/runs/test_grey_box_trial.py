@@ -35,7 +35,7 @@ def folder(tmp_path_factory) -> Path:
     made = ["--raw", "--duration", "60", "--out", str(folder / "log.parquet"), "--seed", "3"]
     assert cli.main(["simulate", "stan-tug-1205", *made]) == 0
     text = (folder / "log.toml").read_text()
-    text = text[: text.index("[identify]")] + f'[structure]\nkind = "grey_box"\nfree = {json.dumps(FREE)}\n'
+    text += f'\n[structure]\nkind = "grey_box"\nfree = {json.dumps(FREE)}\n'
     (folder / "TRIAL.toml").write_text(text)
     return folder
 
@@ -114,7 +114,7 @@ def test_a_mistake_costs_one_line_and_status_2(folder, tmp_path, capsys, old, ne
 def test_the_template_s_table_is_one_that_can_be_uncommented():
     head, table = template("TRIAL").split("# [structure]")
     table = "[structure]" + table.replace("\n# ", "\n")
-    trial = validated(tomllib.loads(head[: head.index("[identify]")] + table), Trial, "template")
+    trial = validated(tomllib.loads(head + table), Trial, "template")
     assert Structure.grey_box(Vessel.load(trial.trial.vessel), trial.structure.free, torque="gauge")
 
 

@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     began = dataclasses.replace(window, start_s=window.start_s - 2.0)
     text = trial_toml("ship.toml", "log.parquet", Sensors(), dataclasses.replace(truth, windows=(began,)))
     known = parameters_of(SHIP)
-    text = text[: text.index("[identify]")].replace("rate_hz = 50.0", "rate_hz = 6.25") + IDENTIFY
+    text = text.replace("rate_hz = 50.0", "rate_hz = 6.25") + IDENTIFY
     (folder / "TRIAL.toml").write_text(text + f"tau_n = {known['tau_n']}\ng = {known['g']}\n")
     (folder / "ship.toml").write_text(FILE)
     return folder

@@ -196,7 +196,7 @@ class TestFunction:
 
         function = Structure.from_function(first_order_lag, LAG, {"dM": "M_b"}, name="lag")
         model = Structure.from_matrices(matrices, LAG, {"dM": "M_b"}, name="lag")
-        first, second = (identify(lagging, s, initial_state=False) for s in (function, model))
+        first, second = (identify(lagging, s, initial_state="zero") for s in (function, model))
         for name in ("gain", "tau"):
             assert first[name].value == pytest.approx(second[name].value, rel=1e-7)
             assert first[name].std == pytest.approx(second[name].std, rel=1e-5)

@@ -231,8 +231,10 @@ def test_a_fit_finds_the_ship_where_the_hold_alone_is_called_wrong(trial, tmp_pa
         assert found[name].std < 0.1 * approximate[name].std
     loaded = type(found).load(found.save(tmp_path / "fingerprint.json"))
     assert structure_of(loaded).equations == exact.equations
-    with pytest.raises(InputError, match=r"T_0, T_s, tau_act"):
-        closed_loop(loaded)
+    # Below half its rate the governor is late by half its period, more or less.
+    assert closed_loop(loaded)["phase margin"].value == pytest.approx(
+        closed_loop(approximate)["phase margin"].value, abs=15.0
+    )
 
 
 def test_what_cannot_go_together_is_refused():

@@ -182,11 +182,11 @@ class TestWorkers:
     @pytest.mark.parametrize(
         ("options", "words"),
         [
-            ({"workers": 0}, "workers is 0, expected 1 or more"),
+            ({"workers": 0}, "workers is 0, expected 1 to 1024"),
             ({"executor": "proceses"}, "executor 'proceses', expected 'processes'"),
             ({"executor": "threads", "address": "127.0.0.1:1"}, "expected executor 'dask'"),
             ({"draws_per_task": 0}, "draws_per_task is 0"),
-            ({"accuracy": 0.0}, "accuracy is 0.0"),
+            ({"accuracy_pct": 0.0}, "accuracy_pct is 0.0"),
         ],
     )
     def test_what_cannot_be_is_refused(self, tmp_path: Path, options: dict[str, Any], words: str) -> None:
@@ -304,10 +304,11 @@ class TestCommand:
             M_b = 0.005
             [identify]
             noise = "white"
+            products = true
             """
         )
         arguments = ["sweep", str(path), "--out", str(out), "--executor", "threads", "--workers", "1"]
-        assert cli.main([*arguments, "--accuracy", "0.05"]) == 0
+        assert cli.main([*arguments, "--accuracy", "5"]) == 0
         printed = capsys.readouterr()
         assert "12 draws, 12 identified, 0 failed, 0 timed out" in printed.out
         assert "by excitation.duration_s" in printed.out

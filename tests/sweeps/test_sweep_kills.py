@@ -40,6 +40,7 @@ n_e = 0.001
 M_b = 0.005
 [identify]
 noise = "white"
+products = true
 """
 
 

@@ -1,6 +1,7 @@
-"""The ship model solved piece by piece between all breaks, with a tight general solver and the method of steps: slow, and exact to 1e-11."""
+"""The ship solved piece by piece between all breaks by a tight general solver: slow, and exact to 1e-11."""
 
 import bisect
+import itertools
 import math
 
 import numpy as np
@@ -51,7 +52,27 @@ SMOOTH = [
     name
     for name in SHIP_PARAMETERS
     if name
-    in "tau_n g v K_p K_i K_d p tau_prop T_d T_set tau_act damping load_gain T_n T_M s_u s_M initial_N initial_F".split()
+    in [
+        "tau_n",
+        "g",
+        "v",
+        "K_p",
+        "K_i",
+        "K_d",
+        "p",
+        "tau_prop",
+        "T_d",
+        "T_set",
+        "tau_act",
+        "damping",
+        "load_gain",
+        "T_n",
+        "T_M",
+        "s_u",
+        "s_M",
+        "initial_N",
+        "initial_F",
+    ]
 ]
 """What the smooth model depends on."""
 
@@ -189,7 +210,7 @@ def simulate(
         return dense, solved.y[:, -1]
 
     x = np.array([N_0, 0.0, F_0 / q["v"]])
-    for start, stop in zip(cuts[:-1], cuts[1:], strict=True):
+    for start, stop in itertools.pairwise(cuts):
         piece, x = over(start, stop, x)
         past.add(start, piece)
     # The last sample lies behind its own break; the piece ends before the next one.

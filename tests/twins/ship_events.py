@@ -1,6 +1,7 @@
 """The ship with sampling, limits, delays and a flexible shaft, by SciPy's DOP853 between events found by its root finder.
 
-Written from the equations alone. Which limits hold is frozen over a stretch, and changed by events and at breaks. Delayed commands are looked up in dense outputs.
+Written from the equations alone. Which limits hold is frozen over a stretch, and changed by events and at breaks.
+Delayed commands are looked up in dense outputs.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class _Simulation:
         self.limited = min(v["rate_up"], v["rate_down"]) < math.inf
         self.follows = self.limited and v["tau_act"] == 0.0
         self.window = (0.0, 0.0)
+        self.kinks: list[float] = []
         self.before = v["initial_F"] / v["v"]
         self.standing = self.before - v["K_p"] * (v["s_u"] * u[0] - v["initial_N"])
         if v["K_d"]:
@@ -235,7 +237,10 @@ class _Simulation:
         arrivals: list[tuple[float, float]] = []
         taken = 0
         stops = self.stops(outputs)
-        for k, stop in enumerate(stops):
+        k = -1
+        while k + 1 < len(stops):
+            k += 1
+            stop = stops[k]
             rack = self.signals(stop, self.x, -1)[2] if stop > 0.0 else self.before
             if self.sampled and taken < len(self.samples) and stop > self.samples[taken] - TINY:
                 arrivals.append((stop + v["T_d"], self.sample(stop)))
@@ -249,6 +254,11 @@ class _Simulation:
                     found[row, round(place)] = self.output(output, stop)
             if k + 1 < len(stops):
                 self.advance(stop, stops[k + 1])
+                for time in (event + order * v["T_d"] for event in self.kinks for order in (1, 2)):
+                    place = bisect.bisect(stops, time)
+                    if place < len(stops) and stops[place - 1] < time - TINY and stops[place] > time + TINY:
+                        stops.insert(place, time)
+                self.kinks = []
         for row in range(len(outputs)):
             found[row, np.isnan(found[row])] = still[row]
         return found
@@ -335,8 +345,7 @@ class _Simulation:
             self.torque_side = int(raw > self.torque_limit(1, n)) - int(raw < self.torque_limit(-1, n))
 
     def change_sum(self, t: float, side: int) -> None:
-        """What the sum does from now on; where it slides, on which limit."""
-        v = self.v
+        """What the sum does from now on."""
         self.sum_mode = self.sum_mode_at(t, side)
 
     def asked_slope(self, t: float, x: Array, side: int) -> float:
@@ -377,6 +386,7 @@ class _Simulation:
 
     def advance(self, start: float, end: float) -> None:
         """Integrate between two stops, cut at events."""
+        v = self.v
         t, self.window = start, (start, end)
         for _ in range(50):
             functions = self.events(t)
@@ -393,6 +403,8 @@ class _Simulation:
             if solution.status != 1:
                 return
             which = next(k for k, times in enumerate(solution.t_events) if len(times))
+            if v["T_d"] > 0.0 and not self.sampled:
+                self.kinks.append(t)
             functions[which].change(t)  # type: ignore[attr-defined]
         raise AssertionError("too many events")
 

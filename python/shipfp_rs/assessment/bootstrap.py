@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.assessment.prediction import simulated_about
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
+from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array, Mask
 
 FEWEST_DRAWS = 20
@@ -103,13 +104,14 @@ class Bootstrap:
         )
 
 
+@checked
 def bootstrap(
     experiments: Experiment | Sequence[Experiment],
     structure: Structure,
     *,
     draws: int = 200,
     block_s: float | None = None,
-    seed: int = 0,
+    seed: Whole = 0,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> Bootstrap:

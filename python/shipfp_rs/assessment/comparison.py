@@ -15,6 +15,7 @@ from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.ties import declared
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 
 SAME_DIRECTION = 1e-8
@@ -79,6 +80,7 @@ class Comparison:
         }
 
 
+@checked
 def compare(before: Fingerprint, after: Fingerprint, *, level: float = 0.05) -> Comparison:
     """Tell which parameters changed from one fingerprint to another, with significance under both covariances.
 
@@ -117,6 +119,7 @@ def compare(before: Fingerprint, after: Fingerprint, *, level: float = 0.05) -> 
     return Comparison(changes, joint, level, remarks, _verdict(changes, joint, level))
 
 
+@checked
 def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, float, float]:
     """Fit a line through one quantity of many fingerprints, each weighted by its variance (condition monitoring).
 

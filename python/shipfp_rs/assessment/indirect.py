@@ -17,6 +17,7 @@ from shipfp_rs.identification.verdict import verdict
 from shipfp_rs.identification.weighted_problem import Noise
 from shipfp_rs.simulation.replay import answered
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -64,6 +65,7 @@ class Binding:
         return np.asarray(self.ship + np.linalg.solve(self.slopes, found - self.found))
 
 
+@checked
 def indirect_inference(
     experiments: Experiment | Sequence[Experiment],
     structure: Structure,
@@ -150,6 +152,7 @@ def indirect_inference(
     )
 
 
+@checked
 def bind(
     experiments: Experiment | Sequence[Experiment],
     structure: Structure,

@@ -14,6 +14,7 @@ from shipfp_rs.identification.blocks import Data
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import checked
 
 LEVEL = 0.01
 """Probability of taking a step that the data do not support."""
@@ -84,6 +85,7 @@ class Ladder:
         return "\n".join(lines)
 
 
+@checked
 def ladder(
     data: Data | Sequence[Data],
     structures: Sequence[Structure],
@@ -144,7 +146,8 @@ def climb(fingerprints: Sequence[Fingerprint]) -> Ladder:
         if place:
             last = rungs[best]
             gain, extra = last.deviance - deviance, rank - last.rank
-            better = bic < last.bic
+            # A tie but for rounding is no improvement.
+            better = bic < last.bic - 1e-6
             if extra > 0:
                 p = float(chi2.sf(max(gain, 0.0), extra))
                 supported = better and p < LEVEL

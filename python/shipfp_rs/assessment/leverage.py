@@ -12,9 +12,11 @@ from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 
 
+@checked
 def leverage(
     data: FrequencyResponse, structure: Structure, fingerprint: Fingerprint
 ) -> Mapping[str, tuple[Array, Array]]:

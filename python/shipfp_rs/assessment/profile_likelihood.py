@@ -16,6 +16,7 @@ from shipfp_rs.identification.identify import Options, search_minima
 from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 
 Kind = Literal["bounded", "one-sided", "flat"]
@@ -94,6 +95,7 @@ class Likelihood:
                 return f"{self.name} is flat: the data allow everything from {low:.4g} to {high:.4g}{unit}"
 
 
+@checked
 def profile_likelihood(
     data: Data | Sequence[Data],
     structure: Structure,

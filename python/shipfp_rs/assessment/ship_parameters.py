@@ -7,10 +7,12 @@ from collections.abc import Mapping
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 
+@checked
 def parameters_of(vessel: Vessel) -> dict[str, float]:
     """Return a vessel's linear parameters at its operating point, the actuator's lag and the shaft's twist apart."""
     model = dict(vars(linearise(vessel)))
@@ -23,6 +25,7 @@ def parameters_of(vessel: Vessel) -> dict[str, float]:
     return true_values(model | {"T_d": model["T_d"] - lag}) | {"tau_act": lag, "tau_twist": twist}
 
 
+@checked
 def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
     """Return a vessel whose linear parameters at its operating point are those given; the others stay.
 

@@ -10,6 +10,19 @@ from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.vessel.vessel import Vessel
 
 ENGINE_SIDE = "M_b"
+QUANTITIES: Mapping[str, str] = {
+    "tau_n": "inertia",
+    "tau_prop": "propeller_inertia",
+    "g": "engine_slope",
+    "vK_p": "proportional_gain",
+    "vK_i": "integral_gain",
+    "p": "propeller_exponent",
+    "T_d": "dead_time_loop",
+    "T_set": "dead_time_set_point",
+    "tau_act": "actuator_lag",
+    "M_max": "torque_limit",
+}
+"""Parameter to the quantity in SI units that it stands for."""
 
 
 def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]:
@@ -43,22 +56,22 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     inertia = abs(shaft_torque) / (2.0 * math.pi * abs(shaft_speed))
     slope = abs(shaft_torque) / (abs(engine_rpm) * vessel.gearbox.ratio * vessel.gearbox.efficiency)
     factors = {
-        "tau_n": ("inertia", inertia, "kg m2"),
-        "tau_prop": ("propeller_inertia", inertia, "kg m2"),
-        "g": ("engine_slope", slope, "Nm/rpm"),
-        "vK_p": ("proportional_gain", slope, "Nm/rpm"),
-        "vK_i": ("integral_gain", slope, "Nm/(rpm s)"),
-        "p": ("propeller_exponent", 1.0, "-"),
-        "T_d": ("dead_time_loop", 1.0, "s"),
-        "T_set": ("dead_time_set_point", 1.0, "s"),
-        "tau_act": ("actuator_lag", 1.0, "s"),
-        "M_max": ("torque_limit", abs(shaft_torque), "Nm"),
+        "tau_n": (inertia, "kg m2"),
+        "tau_prop": (inertia, "kg m2"),
+        "g": (slope, "Nm/rpm"),
+        "vK_p": (slope, "Nm/rpm"),
+        "vK_i": (slope, "Nm/(rpm s)"),
+        "p": (1.0, "-"),
+        "T_d": (1.0, "s"),
+        "T_set": (1.0, "s"),
+        "tau_act": (1.0, "s"),
+        "M_max": (abs(shaft_torque), "Nm"),
     }
     rows = {}
-    for name, (quantity, factor, unit) in factors.items():
+    for name, (factor, unit) in factors.items():
         estimate = fingerprint.parameters.get(name)
         if estimate is not None and estimate.value is not None:
-            rows[quantity] = _scaled(estimate, factor, unit)
+            rows[QUANTITIES[name]] = _scaled(estimate, factor, unit)
     return rows
 
 

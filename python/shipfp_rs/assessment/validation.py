@@ -14,8 +14,10 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import checked
 
 
+@checked
 def validate(
     fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None
 ) -> dict[str, float]:
@@ -96,6 +98,7 @@ class CrossValidation:
         return "\n".join(lines)
 
 
+@checked
 def cross_validation(
     experiments: Sequence[Experiment],
     structure: Structure,

@@ -5,12 +5,16 @@ A command imports what it computes with when it runs: help and a usage error mus
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import io
 import os
+import signal
 import sys
+import threading
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, TextIO
 
 import typer
@@ -27,9 +31,13 @@ from shipfp_rs.cli.run import run
 from shipfp_rs.cli.simulate import simulate
 from shipfp_rs.cli.sweep import sweep
 from shipfp_rs.cli.view import view
-from shipfp_rs.errors import InputError, InternalError, ShipfpError
+from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
+NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
+"""What a system says about itself; any other error of a file is one of the names that were given."""
+LONGEST_WORD = 300
+"""Characters of a name that a line shows whole."""
 
 app = typer.Typer(
     name="shipfp",
@@ -61,8 +69,27 @@ def _frame(
         typer.echo(context.get_help())
 
 
+@contextlib.contextmanager
+def _orderly_end() -> Iterator[list[int]]:
+    """Answer SIGTERM as Ctrl-C, so that temporary files, processes and semaphores are given back; tell whether it came."""
+    asked: list[int] = []
+
+    def end(number: int, _: object) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `shipfp` and return its exit status: 0 done, 2 bad input, 130 interrupted, 1 anything else.
+    """Run `shipfp` and return its exit status: 0 done, 2 bad input, 130 interrupted, 143 ended, 1 anything else.
 
     Whatever goes wrong costs one line on stderr; SHIPFP_TRACEBACK=1 shows where it came from.
     """
@@ -71,21 +98,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(
                 errors="backslashreplace"
             )  # a terminal without Greek letters is no reason to fail
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _orderly_end() as asked:
         warnings.showwarning = _show_warning
         try:
             status = app(arguments, prog_name="shipfp", standalone_mode=False)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The reader of the pipe has left; keep the interpreter from flushing into it once more.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _leave_output()
             return FAILED
         except (KeyboardInterrupt, typer.Abort):
             status = INTERRUPTED
         except Exception as error:  # the last line of defence: no traceback reaches the user
             return _fail(error)
     if status == INTERRUPTED:
-        _line("interrupted")
+        _line("ended from outside" if asked else "interrupted")
+        return ENDED if asked else INTERRUPTED
     return status or DONE
 
 
@@ -100,10 +127,18 @@ def _fail(error: Exception) -> int:
     if isinstance(error, InputError):
         _line(f"error: {error}")
         return BAD_INPUT
+    if isinstance(error, IdentificationError | SimulationError):
+        # What was given, in sizes that nothing follows from.
+        _line(f"error: {error}")
+        return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):
         _line(f"error: {error}")
     elif isinstance(error, OSError):
-        _line(f"error: {error.filename or 'system'}: {error.strerror or error}")
+        _line(
+            f"error: {error.filename or 'a file or the output'}: {error.strerror or error}; choose another name or disk"
+        )
+        _leave_output()
+        return FAILED if error.errno in NOT_THE_USERS else BAD_INPUT
     elif isinstance(error, MemoryError):
         _line("error: out of memory; use a shorter window or a lower sample rate")
     else:
@@ -113,8 +148,17 @@ def _fail(error: Exception) -> int:
     return FAILED
 
 
+def _leave_output() -> None:
+    """Keep the interpreter from flushing once more into a pipe whose reader has left, or onto a disk that is full."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _line(text: str) -> None:
-    print("shipfp:", " ".join(text.split()), file=sys.stderr)
+    words = (word if len(word) <= LONGEST_WORD else f"{word[:60]}...{word[-20:]}" for word in text.split())
+    print("shipfp:", *words, file=sys.stderr)
 
 
 def _show_warning(

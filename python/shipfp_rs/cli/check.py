@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.options import Json, a_path
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 
 if TYPE_CHECKING:
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def check(
-    trial: Annotated[Path, typer.Argument(metavar="TRIAL.toml", help="Description of the trial.")],
+    trial: Annotated[
+        Path, typer.Argument(metavar="TRIAL.toml", parser=a_path, help="Description of the trial.")
+    ],
     json: Json = False,
 ) -> None:
     """Read a trial as a run would and stop before the fit: what was read, what would be fitted, what is missing."""

@@ -7,24 +7,31 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.options import Json, a_path, probability
 from shipfp_rs.cli.output import print_json, print_table, print_text
 
 
 def compare(
     before: Annotated[
-        Path, typer.Argument(metavar="A.json", help="Fingerprint before, as `shipfp run` writes it.")
+        Path,
+        typer.Argument(
+            metavar="A.json", parser=a_path, help="Fingerprint before, as `shipfp run` writes it."
+        ),
     ],
-    after: Annotated[Path, typer.Argument(metavar="B.json", help="Fingerprint after.")],
-    level: Annotated[float, typer.Option(metavar="P", help="Probability of a false alarm.")] = 0.05,
+    after: Annotated[Path, typer.Argument(metavar="B.json", parser=a_path, help="Fingerprint after.")],
+    level: Annotated[
+        float, typer.Option(metavar="P", parser=probability, help="Probability of a false alarm.")
+    ] = 0.05,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Picture of both step and frequency responses.")
+        Path | None,
+        typer.Option(metavar="FILE.png", parser=a_path, help="Picture of both step and frequency responses."),
     ] = None,
     json: Json = False,
 ) -> None:
     """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
-    from shipfp_rs.identification.fingerprint import Fingerprint, decimals, rounded
+    from shipfp_rs.identification.estimate import decimals, rounded
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     comparison = compare_fingerprints(first, second, level=level)

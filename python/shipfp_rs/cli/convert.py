@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Names, Rate, Time
+from shipfp_rs.cli.options import Names, Rate, Time, a_path
 from shipfp_rs.cli.output import print_text
 from shipfp_rs.errors import InputError
 
 
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log in any supported format.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT.parquet", help="File to write.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", parser=a_path, help="Log in any supported format.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.parquet", parser=a_path, help="File to write.")],
     rate_hz: Rate = None,
     time: Time = None,
     names: Names = None,

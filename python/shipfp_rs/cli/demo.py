@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 
 from shipfp_rs.cli.options import Force, Json, OutFolder, Seed
@@ -59,6 +58,7 @@ def _write_log(folder: Path, seed: int) -> dict[str, float]:
     from shipfp_rs import signals
     from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
     from shipfp_rs.simulation.sensors import Sensors
+    from shipfp_rs.support.json_files import json_text
     from shipfp_rs.vessel.vessel import Vessel
 
     sensors = Sensors()
@@ -71,5 +71,5 @@ def _write_log(folder: Path, seed: int) -> dict[str, float]:
     log.write(folder / LOG)
     (folder / "TRIAL.toml").write_text(trial_toml(VESSEL, LOG, sensors, made_from), encoding="utf-8")
     truth = true_values(made_from.linear)
-    (folder / TRUTH).write_text(json_format.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    (folder / TRUTH).write_text(json_text(truth), encoding="utf-8")
     return truth

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Force, Json, OutFolder
+from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, a_path, as_typed, positive
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
@@ -33,6 +34,23 @@ class Criterion(StrEnum):
     A = "A"
 
 
+TYPED = {
+    "neither duration_s nor accuracy_pct": "neither --duration nor --accuracy",
+    "duration_s": "--duration",
+    "accuracy_pct": "--accuracy",
+    "amplitude_rpm": "--amplitude",
+    "parameters": "--parameter",
+    "rate_rpm_s": "--rate-limit",
+    "avoid_hz": "--avoid",
+    "lowest_hz": "--lowest",
+    "highest_hz": "--highest",
+    "longest_samples": "--longest",
+    "generator": "--volts",
+    "noise corner_hz": "--noise-corner",
+}
+"""Arguments of `designs.design` as they are typed."""
+
+
 def design(
     expected: Annotated[
         str,
@@ -41,13 +59,28 @@ def design(
         ),
     ],
     duration: Annotated[
-        float | None, typer.Option(help="Length of the whole trial, s; without it what --accuracy takes.")
+        float | None,
+        typer.Option(
+            parser=positive,
+            metavar="S",
+            help="Length of the whole trial, s; without it what --accuracy takes.",
+        ),
     ] = None,
     amplitude: Annotated[
-        float | None, typer.Option(help="Largest deviation, engine rpm; default 3 % of the operating speed.")
+        float | None,
+        typer.Option(
+            parser=positive,
+            metavar="RPM",
+            help="Largest deviation, engine rpm; default 3 % of the operating speed.",
+        ),
     ] = None,
     accuracy: Annotated[
-        float | None, typer.Option(help="Wanted standard deviation of each parameter over its value, %.")
+        float | None,
+        typer.Option(
+            parser=positive,
+            metavar="PERCENT",
+            help="Wanted standard deviation of each parameter over its value, %.",
+        ),
     ] = None,
     parameter: Annotated[
         list[str] | None,
@@ -59,30 +92,46 @@ def design(
     criterion: Annotated[
         Criterion, typer.Option(help="Small volume of the ellipsoid (D) or small sum of variances (A).")
     ] = Criterion.D,
-    rate_limit: Annotated[float | None, typer.Option(help="Largest rate of change, rpm/s.")] = None,
+    rate_limit: Annotated[
+        float | None, typer.Option(parser=positive, metavar="RPM/S", help="Largest rate of change, rpm/s.")
+    ] = None,
     avoid: Annotated[
         list[str] | None,
         typer.Option(metavar="LOW:HIGH", help="Band to stay out of, Hz, may be repeated: 2.4:2.8"),
     ] = None,
-    lowest: Annotated[float | None, typer.Option(help="Lowest frequency, Hz.")] = None,
-    highest: Annotated[float | None, typer.Option(help="Highest frequency, Hz.")] = None,
+    lowest: Annotated[
+        float | None, typer.Option(parser=positive, metavar="HZ", help="Lowest frequency, Hz.")
+    ] = None,
+    highest: Annotated[
+        float | None, typer.Option(parser=positive, metavar="HZ", help="Highest frequency, Hz.")
+    ] = None,
     longest: Annotated[
-        int | None, typer.Option(min=1, help="Longest waveform of the signal generator, samples.")
+        int | None, typer.Option(min=1, max=10**9, help="Longest waveform of the signal generator, samples.")
     ] = None,
     volts: Annotated[
         str, typer.Option(metavar="LOW:HIGH", help="Range of the signal generator, V.")
     ] = "-10:10",
     trial: Annotated[
         Path | None,
-        typer.Option(metavar="TRIAL.toml", help="Trial whose set-point calibration the generator has."),
+        typer.Option(
+            metavar="TRIAL.toml", parser=a_path, help="Trial whose set-point calibration the generator has."
+        ),
     ] = None,
     speed_noise: Annotated[
-        float | None, typer.Option(help="Noise of the speed over the operating speed, %.")
+        float | None,
+        typer.Option(
+            parser=positive, metavar="PERCENT", help="Noise of the speed over the operating speed, %."
+        ),
     ] = None,
     torque_noise: Annotated[
-        float | None, typer.Option(help="Noise of the torque over the operating torque, %.")
+        float | None,
+        typer.Option(
+            parser=positive, metavar="PERCENT", help="Noise of the torque over the operating torque, %."
+        ),
     ] = None,
-    noise_corner: Annotated[float, typer.Option(help="Frequency above which both fall, Hz.")] = 10.0,
+    noise_corner: Annotated[
+        float, typer.Option(parser=positive, metavar="HZ", help="Frequency above which both fall, Hz.")
+    ] = 10.0,
     out: OutFolder = Path("shipfp-design"),
     force: Force = False,
     json: Json = False,
@@ -91,7 +140,7 @@ def design(
     from shipfp_rs.designs import design as plan_of
 
     bands = [_pair("--avoid", text) for text in avoid or ()]
-    with progress() as notify:
+    with progress() as notify, as_typed(TYPED):
         notify("designing")
         plan = plan_of(
             expected,
@@ -147,7 +196,11 @@ def _pair(option: str, text: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
-        raise InputError(f"{option}: found {text!r}, expected LOW:HIGH, two numbers") from None
+        low = high = math.nan
+    if not -LARGEST < low < high < LARGEST:
+        raise InputError(
+            f"{option}: found {text[:60]!r}, expected LOW:HIGH, two numbers with the lower one first"
+        )
     return low, high
 
 

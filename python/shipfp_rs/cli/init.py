@@ -7,15 +7,18 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Names, Rate, Time
+from shipfp_rs.cli.options import Names, Rate, Time, a_path
 from shipfp_rs.cli.output import print_text, progress
 from shipfp_rs.errors import InputError
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the trial.")] = Path(),
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", parser=a_path, help="Folder of the trial.")
+    ] = Path(),
     log: Annotated[
-        Path | None, typer.Option("--log", metavar="LOG", help="Log whose windows are to be found.")
+        Path | None,
+        typer.Option("--log", metavar="LOG", parser=a_path, help="Log whose windows are to be found."),
     ] = None,
     set_point: Annotated[
         str | None,
@@ -51,7 +54,7 @@ def _of_log(
     text: str, path: Path, set_point: str | None, rate_hz: float | None, time: str | None, names: Path | None
 ) -> str:
     """Fill in what a log tells; whatever it does not tell stays an example, and is said."""
-    from shipfp_rs.inspection.channels import pulse_rate
+    from shipfp_rs.inspection.pulse_channels import pulse_rate
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.roles import guess_roles
@@ -85,7 +88,7 @@ def _of_log(
         print_text(f"no channel is a pulse train; the speed is {', '.join(roles.speeds)}, as recorded")
     else:
         print_text("no channel is a pulse train or a speed by its unit; give one in the file")
-    if all(window.kind == "steady" for window in found):
+    if found and all(window.kind == "steady" for window in found):
         print_text("nothing but rest: the windows in the file are examples")
     return filled_in(text, log, path.resolve(), roles, trains, found, rate_hz, time, names)
 

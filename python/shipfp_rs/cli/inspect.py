@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json, Names, Rate, Time
+from shipfp_rs.cli.options import Json, Names, Rate, Time, a_path, positive
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
@@ -16,19 +16,31 @@ if TYPE_CHECKING:
 
 
 def inspect(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log in any supported format.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", parser=a_path, help="Log in any supported format.")],
     trial: Annotated[
         Path | None,
-        typer.Argument(metavar="[TRIAL.toml]", help="Its trial, for calibrated checks.", show_default=False),
+        typer.Argument(
+            metavar="[TRIAL.toml]",
+            parser=a_path,
+            help="Its trial, for calibrated checks.",
+            show_default=False,
+        ),
     ] = None,
     rate_hz: Rate = None,
     time: Time = None,
     names: Names = None,
     torque_coefficient: Annotated[
         float | None,
-        typer.Option("--cq", metavar="C_Q*", help="Torque coefficient of eq. 6.3, in place of the vessel's."),
+        typer.Option(
+            "--cq",
+            metavar="C_Q*",
+            parser=positive,
+            help="Torque coefficient of eq. 6.3, in place of the vessel's.",
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for pictures.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for pictures.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Show a log's channels, gaps, faults, windows and spectra; with its trial, calibrated checks as well."""
@@ -63,6 +75,7 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
+    from shipfp_rs.inspection.looked_for import sentences
     from shipfp_rs.processing.trial_template import windows_toml
 
     print_table(
@@ -88,7 +101,8 @@ def _print(found: Inspection) -> None:
         rows = [[fault["kind"], fault["channel"], f"{fault['count']}"] for fault in found.faults]
         print_table("Faults (Table 6.10)", ["kind", "channel", "count"], rows)
     else:
-        print_text("No faults found.")
+        print_text("No faults found of those looked for.")
+    print_text(*sentences(found.checks["looked_for"], trial=bool(found.points)))
     for channel, peaks in found.peaks.items():
         unit = found.checks["spectra"][channel]["unit"]
         rows = [[peak.name or "-", f"{peak.frequency_hz:.2f}", f"{peak.amplitude:.3g}"] for peak in peaks]

@@ -1,20 +1,85 @@
-"""The options that several subcommands share."""
+"""The options that several subcommands share, and what a typed number, name or path can be."""
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from shipfp_rs.errors import InputError
+
+LARGEST = 1e15
+MOST_SEED = 2**63 - 1
+MOST_DRAWS = 10_000
+MOST_WORKERS = 1024
+LONGEST_NAME, LONGEST_PATH = 255, 4095
+"""Bytes that a name and a path can have."""
+
+
+def a_path(text: str | Path) -> Path:
+    """Return a typed path; refuse one that nothing can be called."""
+    typed = str(text)
+    if not typed:
+        raise typer.BadParameter("found nothing, expected the name of a file or folder")
+    if any(ord(letter) < 32 for letter in typed):
+        raise typer.BadParameter(f"found {typed[:60]!r}, expected a name without control characters")
+    parts = [len(os.fsencode(part)) for part in Path(typed).parts]
+    if max(parts, default=0) > LONGEST_NAME or len(os.fsencode(typed)) > LONGEST_PATH:
+        raise typer.BadParameter(
+            f"found a name of {len(typed)} characters, expected at most {LONGEST_NAME} for each file or folder"
+        )
+    return Path(typed)
+
+
+def _number(refuses: Callable[[float], bool], expected: str) -> Callable[[str | float], float]:
+    def parsed(text: str | float) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or abs(value) > LARGEST or refuses(value):
+            raise typer.BadParameter(f"found {str(text)[:60]!r}, expected {expected}")
+        return value
+
+    return parsed
+
+
+positive = _number(lambda value: value <= 0.0, "a positive number")
+not_negative = _number(lambda value: value < 0.0, "zero or a positive number")
+probability = _number(lambda value: not 0.0 < value < 1.0, "a probability between 0 and 1")
+
+
+@contextlib.contextmanager
+def as_typed(options: Mapping[str, str]) -> Iterator[None]:
+    """Have errors name what was typed: with {"duration_s": "--duration"} that in place of the argument in Python."""
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+        for name, typed in options.items():
+            message = re.sub(rf"(?<![\w.-]){re.escape(name)}(?![\w(])", typed, message)
+        raise InputError(message) from error
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON, and nothing else, on stdout.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=MOST_SEED, help="Seed of everything that is drawn.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Write into a folder that holds other files, too; these stay.")
 ]
 OutFolder = Annotated[
     Path,
-    typer.Option("--out", metavar="DIR", help="Folder to write; it appears only when the run is complete."),
+    typer.Option(
+        "--out",
+        metavar="DIR",
+        parser=a_path,
+        help="Folder to write; it appears only when the run is complete.",
+    ),
 ]
 
 Time = Annotated[
@@ -22,13 +87,17 @@ Time = Annotated[
     typer.Option(
         "--time",
         metavar="COLUMN",
-        help="Column of time, where it is not found: 'COLUMN', 'COLUMN [ms]', 'DATE [d.m.y] + CLOCK'.",
+        # Escaped, or the help would take it for markup.
+        help=r"Column of time, where it is not found: 'COLUMN', 'COLUMN \[ms]', 'DATE \[d.m.y] + CLOCK'.",
     ),
 ]
 Names = Annotated[
     Path | None,
-    typer.Option("--names", metavar="FILE", help="DBC of a CAN log, or channel list of ISO 19848."),
+    typer.Option(
+        "--names", metavar="FILE", parser=a_path, help="DBC of a CAN log, or channel list of ISO 19848."
+    ),
 ]
 Rate = Annotated[
-    float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the log tells none.")
+    float | None,
+    typer.Option("--rate", metavar="HZ", parser=positive, help="Sample rate, where the log tells none."),
 ]

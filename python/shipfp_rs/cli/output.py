@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,9 @@ PIPE_WIDTH = 200
 
 def print_json(content: Any) -> None:
     """Print one JSON document."""
-    print(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
+    from shipfp_rs.support.json_files import json_text
+
+    print(json_text(content, ascii_only=False), end="")
 
 
 def print_text(*lines: str) -> None:
@@ -47,7 +48,7 @@ def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
     """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
-    from shipfp_rs.identification.fingerprint import rounded_rows
+    from shipfp_rs.identification.estimate import rounded_rows
 
     head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.options import MOST_DRAWS, Json, a_path
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 
 if TYPE_CHECKING:
@@ -51,7 +50,10 @@ FITS = {
 @reproduce.command()
 def fullscale(
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for fullscale.json and the figures.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", parser=a_path, help="Folder for fullscale.json and the figures."
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -65,7 +67,8 @@ def fullscale(
 @reproduce.command()
 def virtual(
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for virtual.json and the figures.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for virtual.json and the figures."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -87,13 +90,14 @@ def _reproduce(
 ) -> None:
     """Compute the tables, write them and the figures into a folder where one is wanted, and show them."""
     from shipfp_rs.support.files import replacing_folder, write_text_atomically
+    from shipfp_rs.support.json_files import json_text
 
     folder_of_its_own = nullcontext() if out is None else replacing_folder(out, marker=file, others=pictures)
     with folder_of_its_own as folder, progress() as notify:
         found = compute(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
         content = found.to_dict()
         if folder is not None:
-            write_text_atomically(folder / file, json_format.dumps(content, indent=2) + "\n")
+            write_text_atomically(folder / file, json_text(content))
             draw(folder, found, lambda done, figures: notify(f"drawing, {done} of {figures} done"))
     if json:
         print_json(content)
@@ -106,10 +110,14 @@ def _reproduce(
 @reproduce.command()
 def twin(
     draws: Annotated[
-        int, typer.Option("--draws", min=1, metavar="N", help="Ships whose short chirp is identified.")
+        int,
+        typer.Option(
+            "--draws", min=1, max=MOST_DRAWS, metavar="N", help="Ships whose short chirp is identified."
+        ),
     ] = 1,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for twin.json and the figure.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for twin.json and the figure."),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import json as json_format
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shipfp_rs.cli.options import Json, Seed
+from shipfp_rs.cli.options import Json, Seed, a_path, as_typed, not_negative, positive
 from shipfp_rs.cli.output import print_json, print_text, progress
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.structures.combinations import true_values
 
 if TYPE_CHECKING:
@@ -25,6 +24,14 @@ AMPLITUDE = 0.03
 
 LEAST_AMPLITUDE = 2e-4
 """Share of the operating speed below which nothing can be measured."""
+
+TYPED = {
+    "amplitude_rpm": "--amplitude-rpm",
+    "duration_s": "--duration",
+    "rate_hz": "--rate",
+    "noise['n_e']": "--noise",
+}
+"""Arguments of the functions that it calls as they are typed."""
 
 
 class Kind(StrEnum):
@@ -42,14 +49,27 @@ def simulate(
     ],
     excitation: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.chirp,
     amplitude_rpm: Annotated[
-        float | None, typer.Option(help="Amplitude, engine rpm; default 3 % of the operating speed.")
+        float | None,
+        typer.Option(
+            parser=positive, metavar="RPM", help="Amplitude, engine rpm; default 3 % of the operating speed."
+        ),
     ] = None,
-    duration: Annotated[float, typer.Option(help="Length of the excitation, s.")] = 300.0,
+    duration: Annotated[
+        float, typer.Option(parser=positive, metavar="S", help="Length of the excitation, s.")
+    ] = 300.0,
     rate: Annotated[
-        float | None, typer.Option(help="Sample rate, Hz; default 100, or 2000 for a raw log.")
+        float | None,
+        typer.Option(
+            parser=positive, metavar="HZ", help="Sample rate, Hz; default 100, or 2000 for a raw log."
+        ),
     ] = None,
     noise: Annotated[
-        float, typer.Option(help="White noise on speeds and torques, over each signal's own deviation.")
+        float,
+        typer.Option(
+            parser=not_negative,
+            metavar="SHARE",
+            help="White noise on speeds and torques, over each signal's own deviation.",
+        ),
     ] = 0.0,
     raw: Annotated[
         bool,
@@ -57,7 +77,7 @@ def simulate(
             "--raw", help="Write the raw log of a measurement chain with faults, and its TRIAL.toml."
         ),
     ] = False,
-    out: Annotated[Path, typer.Option(metavar="FILE.parquet", help="File to write.")] = Path(
+    out: Annotated[Path, typer.Option(metavar="FILE.parquet", parser=a_path, help="File to write.")] = Path(
         "simulation.parquet"
     ),
     seed: Seed = 0,
@@ -66,6 +86,7 @@ def simulate(
 ) -> None:
     """Simulate a trial and write it with the true parameters beside it."""
     from shipfp_rs.support.files import write_text_atomically
+    from shipfp_rs.support.json_files import json_text
     from shipfp_rs.vessel.vessel import Vessel
 
     if out.suffix != ".parquet":
@@ -79,13 +100,17 @@ def simulate(
         if path.exists() and not force:
             raise InputError(f"{path}: is there already; choose another name, or --force to replace it")
     ship = Vessel.load(vessel)
-    signal = _excitation(
-        excitation, ship, amplitude_rpm, duration, rate or (RAW_RATE_HZ if raw else CLEAN_RATE_HZ)
-    )
-    with progress() as notify:
+    with as_typed(TYPED):
+        signal = _excitation(
+            excitation, ship, amplitude_rpm, duration, rate or (RAW_RATE_HZ if raw else CLEAN_RATE_HZ)
+        )
+    with progress() as notify, as_typed(TYPED):
         notify("simulating")
-        truth = _raw(ship, vessel, signal, files, seed) if raw else _clean(ship, signal, noise, out, seed)
-        write_text_atomically(files["truth"], json_format.dumps(truth, indent=2) + "\n")
+        try:
+            truth = _raw(ship, vessel, signal, files, seed) if raw else _clean(ship, signal, noise, out, seed)
+        except SimulationError as error:
+            raise InputError(f"vessel {vessel!r}: {error}") from error
+        write_text_atomically(files["truth"], json_text(truth))
     if json:
         print_json({"files": {name: str(path) for name, path in files.items()}, **truth})
     else:
@@ -129,8 +154,6 @@ def _excitation(
 ) -> Excitation:
     from shipfp_rs import signals
 
-    if not duration > 0.0 or not rate > 0.0:
-        raise InputError(f"--duration {duration:g}, --rate {rate:g}: expected positive numbers")
     speed = ship.operating_point.n_e_rpm
     amplitude = speed * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
     if 0.0 < amplitude < LEAST_AMPLITUDE * speed:

@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shipfp_rs.cli.options import Json
+from shipfp_rs.cli.options import MOST_SEED, MOST_WORKERS, Json, a_path, as_typed, positive
 from shipfp_rs.cli.output import print_json, print_table, print_text
+from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
-    from shipfp_rs.sweeps import Progress
+    from shipfp_rs.sweeps import Progress, Sweep
+
+TYPED = {
+    "draws_per_task": "--draws-per-task",
+    "accuracy_pct": "--accuracy",
+    "workers": "--workers",
+    "address": "--address",
+}
 
 
 class Where(StrEnum):
@@ -34,10 +42,14 @@ def sweep(
         ),
     ],
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder to write; an interrupted sweep in it is gone on with.")
+        Path,
+        typer.Option(
+            metavar="DIR", parser=a_path, help="Folder to write; an interrupted sweep in it is gone on with."
+        ),
     ] = Path("shipfp-sweep"),
     workers: Annotated[
-        int | None, typer.Option(min=1, help="How many work at a time; default one for each core.")
+        int | None,
+        typer.Option(min=1, max=MOST_WORKERS, help="How many work at a time; default one for each core."),
     ] = None,
     executor: Annotated[
         Where, typer.Option(help="What they are: processes, threads of one process, or a Dask cluster.")
@@ -52,9 +64,16 @@ def sweep(
         int | None, typer.Option(min=1, help="Draws made in one go; default 50, fewer in a small sweep.")
     ] = None,
     accuracy: Annotated[
-        float, typer.Option(help="Wanted relative error, for the length that a trial must have.")
-    ] = 0.1,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed in place of the file's.")] = None,
+        float,
+        typer.Option(
+            parser=positive,
+            metavar="PERCENT",
+            help="Wanted relative error, %, for the length that a trial must have.",
+        ),
+    ] = 10.0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=MOST_SEED, help="Seed in place of the file's.")
+    ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into DIR/figures.")] = True,
     json: Json = False,
 ) -> None:
@@ -66,7 +85,7 @@ def sweep(
     if seed is not None:
         wanted = wanted.model_copy(update={"sweep": wanted.sweep.model_copy(update={"seed": seed})})
     try:
-        with _progress() as notify:
+        with _progress() as notify, as_typed(TYPED):
             result = run(
                 wanted,
                 out,
@@ -74,12 +93,14 @@ def sweep(
                 workers=workers,
                 address=address,
                 draws_per_task=draws_per_task,
-                accuracy=accuracy,
+                accuracy_pct=accuracy,
                 progress=notify,
             )
     except KeyboardInterrupt:
         print(f"shipfp: what is done is in {out}; the same command goes on", file=sys.stderr)
         raise
+    if not result.summary["draws"]["done"]:
+        raise InputError(f"{plan}: none of {result.plan.draws} draws was identified, {_why(result)}")
     if figures:
         from shipfp_rs.sweeps.pictures import write_figures
 
@@ -89,6 +110,15 @@ def sweep(
         return
     _print(result.summary)
     print_text(f"wrote {out}")
+
+
+def _why(result: Sweep) -> str:
+    """Say what the first draw failed with."""
+    rows = next(result.batches(["error", "message"])).slice(0, 1).to_pylist()
+    error, message = rows[0]["error"], rows[0]["message"]
+    # What a slip is called in the code is of no use; of a defect it is all there may be.
+    said = message if error in ("InputError", "TimedOut") else f"{error}: {message}"
+    return f"the first one for this: {said}; rows of all are in {result.folder}"
 
 
 def _print(summary: Mapping[str, Any]) -> None:
@@ -118,7 +148,7 @@ def _print(summary: Mapping[str, Any]) -> None:
             ],
         )
     if summary["trial_length"]:
-        wanted = f"{100.0 * summary['accuracy']:.3g} %"
+        wanted = f"{summary['accuracy_pct']:.3g} %"
         print_text("", f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth")
         print_table(
             "",

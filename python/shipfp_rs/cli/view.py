@@ -8,17 +8,19 @@ from typing import Annotated
 
 import typer
 
+from shipfp_rs.cli.options import Rate, a_path
 from shipfp_rs.cli.output import print_text
 from shipfp_rs.errors import InputError
 
 
 def view(
     path: Annotated[
-        Path, typer.Argument(metavar="LOG|TRIAL.toml|DIR", help="What to look at.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="LOG|TRIAL.toml|DIR", parser=a_path, help="What to look at.", show_default=False
+        ),
     ] = Path(),
-    rate_hz: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Sample rate, where the log tells none.")
-    ] = None,
+    rate_hz: Rate = None,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Print the address and open nothing.")
     ] = False,
@@ -35,6 +37,8 @@ def view(
 
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; give a log, a TRIAL.toml or a folder")
+    if not path.is_dir() and not path.is_file():
+        raise InputError(f"{path}: a pipe or a device, expected a log, a TRIAL.toml or a folder")
     desk = Desk(path if path.is_dir() else path.parent)
     page = "folder.html"
     if path.suffix == ".toml" and path.is_file():

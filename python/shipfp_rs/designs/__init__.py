@@ -22,6 +22,7 @@ from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.checks import one_of, positive
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
@@ -51,6 +52,7 @@ SHORTEST_S = 60.0
 ROUNDS = 8
 
 
+@checked
 def design(
     expected: Vessel | Fingerprint | str | Path,
     *,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from shipfp_rs.designs.waveforms import Kind
 from shipfp_rs.signals import Excitation
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import replacing_folder
+from shipfp_rs.support.json_files import json_text
 
 FILES = (
     "plan.json",
@@ -155,9 +155,7 @@ class Plan:
         folder, volts = Path(folder), self.volts()
         title = f"Run sheet: {self.subject}, {self.set_point_rpm:g} rpm"
         with replacing_folder(folder, marker="plan.json", others=FILES, force=force) as made:
-            (made / "plan.json").write_text(
-                json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8"
-            )
+            (made / "plan.json").write_text(json_text(self.to_dict()), encoding="utf-8")
             self.excitation.to_csv(made / "excitation.csv")
             if volts is not None:
                 head = "time_s,volts\n"

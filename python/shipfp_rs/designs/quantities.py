@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shipfp_rs.designs.subject import Subject
-from shipfp_rs.identification.fingerprint import Status
+from shipfp_rs.identification.estimate import Status
 from shipfp_rs.identification.identifiability import NULL_PART, Sensitivity, gradient_of
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.support.arrays import Array

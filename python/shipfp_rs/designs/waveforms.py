@@ -139,7 +139,13 @@ def _chirp(setting: Setting, duration_s: float) -> Excitation:
         name=f"{law} chirp, {start:.3g} to {stop:.3g} Hz",
     )
     # It ends where it last crosses zero, without a jump back to the operating point.
-    last = int(np.flatnonzero(np.diff(np.signbit(made.samples)))[-1])
+    crossings = np.flatnonzero(np.diff(np.signbit(made.samples)))
+    if not crossings.size:
+        raise InputError(
+            f"a chirp from {start:.3g} to {stop:.3g} Hz, what the limits leave, does not turn in {duration_s:.4g} s; make "
+            "the trial longer, allow a larger rate of change, or lower the amplitude"
+        )
+    last = int(crossings[-1])
     return replace(made, samples=np.where(np.arange(len(made)) <= last, made.samples, 0.0))
 
 

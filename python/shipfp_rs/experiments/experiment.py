@@ -12,6 +12,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
 from shipfp_rs.support.html import shown
@@ -37,7 +38,7 @@ _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Experiment(Tabular):
     """Signals of one stretch of a trial, uniformly sampled, NaN where a sample was masked.
 
@@ -68,6 +69,7 @@ class Experiment(Tabular):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_fields(self, f"experiment {told(self.name)}")
         positive(f"experiment {self.name!r}: rate_hz", self.rate_hz)
         if "n_set" not in self.signals:
             raise InputError(
@@ -153,6 +155,7 @@ class Experiment(Tabular):
         values.flags.writeable = False
         return values
 
+    @checked
     def normalised(self, name: str) -> Array:
         """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,).
 
@@ -196,6 +199,7 @@ class Experiment(Tabular):
             given["rate_hz"] = _rate(index, values[index])
         return cls(signals={name: values[name] for name in names}, **given)
 
+    @checked
     def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
         """Return the samples from `start_s` up to, not including, `stop_s`."""
         first, last = round(start_s * self.rate_hz), round(stop_s * self.rate_hz)

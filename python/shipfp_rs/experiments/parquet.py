@@ -13,11 +13,13 @@ import pyarrow.parquet as pq
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.files import replacing
 
 METADATA_KEY = b"shipfp_experiments"
 
 
+@checked
 def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Path:
     """Write experiments to a Parquet file for any Parquet reader; it appears whole or not at all.
 
@@ -67,6 +69,7 @@ def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Pa
     return path
 
 
+@checked
 def read_experiments(path: str | Path) -> tuple[Experiment, ...]:
     """Read the experiments that `write_experiments` wrote.
 

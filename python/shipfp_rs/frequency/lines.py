@@ -11,6 +11,7 @@ from scipy.linalg import solve_triangular
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency.line_noise import line_noise
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.checks import positive
 
@@ -64,6 +65,7 @@ class Lines:
         return np.asarray(self.amplitude * np.exp(1j * self.phase), dtype=np.complex128)
 
 
+@checked
 def fit_lines(samples: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayLike) -> Lines:
     """Fit an offset and sines of known frequencies; of a single one this is the three-parameter fit of IEEE 1057.
 
@@ -99,6 +101,7 @@ def fit_lines(samples: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayL
     return _solved(values, time, middle, rate_hz, frequencies)
 
 
+@checked
 def fit_sine(
     samples: npt.ArrayLike,
     rate_hz: float,

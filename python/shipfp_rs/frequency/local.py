@@ -11,6 +11,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
 from shipfp_rs.frequency.response import FrequencyResponse
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import ComplexArray
 
 _DEGREE = 2
@@ -23,6 +24,7 @@ _SILENT = 1e-9
 """Bins of the set point below this part of its highest hold rounding."""
 
 
+@checked
 def local_response(
     experiment: Experiment, band_hz: tuple[float, float], *, signals: Sequence[str] | None = None
 ) -> FrequencyResponse:

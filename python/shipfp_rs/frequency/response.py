@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
@@ -22,7 +23,7 @@ MOST_TURNS = 4.0
 """Turns of a fitted phase above which it was given in degrees."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrequencyResponse(Tabular):
     """Measured responses of the outputs to the set point, eq. 7.1 and 7.2.
 
@@ -57,6 +58,7 @@ class FrequencyResponse(Tabular):
     coherence: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_fields(self, f"response {told(self.name)}")
         frequency = _frozen(self.frequency_hz, np.float64)
         if frequency.ndim != 1 or frequency.size == 0:
             raise InputError(
@@ -170,6 +172,7 @@ class FrequencyResponse(Tabular):
         given: dict[str, Any] = {"name": "response", **facts, **groups}
         return cls(frequency_hz=values[index], **given)
 
+    @checked
     def select(self, keep: npt.ArrayLike, *, name: str | None = None) -> FrequencyResponse:
         """Return the points where the boolean mask `keep`, shape (F,), is true."""
         mask = np.asarray(keep, dtype=bool)
@@ -189,6 +192,7 @@ class FrequencyResponse(Tabular):
         )
 
 
+@checked
 def sine_response(
     output: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
     set_point: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],

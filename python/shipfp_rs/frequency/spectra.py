@@ -11,6 +11,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response, whole_signal
 from shipfp_rs.frequency.response import FrequencyResponse
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import ComplexArray
 
 Estimator = Literal["H1", "H2"]
@@ -20,6 +21,7 @@ _KEPT = 2
 """Every second bin: those of a Hann window two apart are as good as independent (correlation 1/36)."""
 
 
+@checked
 def spectral_response(
     experiments: Experiment | Sequence[Experiment],
     segment_s: float,

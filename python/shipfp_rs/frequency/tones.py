@@ -13,6 +13,7 @@ from shipfp_rs.frequency.channels import chosen_signals, to_response
 from shipfp_rs.frequency.lines import Lines, fit_lines, fit_sine
 from shipfp_rs.frequency.response import FrequencyResponse
 from shipfp_rs.signals.excitation import Segment
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 _LEAST_PERIODS = 2
@@ -21,6 +22,7 @@ _EXCITED = 0.05
 """Lines of the set point above this part of its highest are taken for excited."""
 
 
+@checked
 def stepped_sine_response(
     experiments: Experiment | Sequence[Experiment],
     segments: Sequence[Segment] = (),
@@ -101,6 +103,7 @@ def stepped_sine_response(
     return to_response("stepped sines", frequency, points, given[0].operating_point, provenance)
 
 
+@checked
 def multisine_response(
     experiment: Experiment,
     period_s: float,

@@ -10,20 +10,26 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.choose import Choice, Chooser, Fitted, State
+from shipfp_rs.identification.choose import Choice, State
+from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
 from shipfp_rs.identification.estimates import estimates
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.residual_tests import INPUT_LAGS
-from shipfp_rs.identification.verdict import ALARM, shown
-from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
+from shipfp_rs.identification.promise import Neglect
+from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
+from shipfp_rs.identification.verdict import shown
+from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
 from shipfp_rs.structures.structure import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 LARGE_MISS_PCT = 10.0
 """Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
-SMALL_MISS_PCT = 0.5
-"""Part of an output's spread that a model may miss and still stand: torque gauges are calibrated no better."""
+SMALL_MISS_PCT = 1.6
+"""Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
+(static torque check of the thesis, eq. 6.3)."""
+SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
+"""What is small for a ship's parameter of that unit: an interval is not measured by less."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -68,6 +74,22 @@ def chooser_of(
     )
 
 
+def with_limits(fingerprint: Fingerprint) -> Fingerprint:
+    """Return the fingerprint in which a parameter that ended on a bound of the search has a limit in place of a value."""
+    parameters = dict(fingerprint.parameters)
+    for name, estimate in parameters.items():
+        if estimate.status != "at_bound" or estimate.value is None:
+            continue
+        if estimate.ci95 is None:
+            reason = f"the fit wants it beyond {estimate.value:.3g}, where no ship is"
+        elif estimate.value <= estimate.ci95[0]:
+            reason = f"the data only say that it is below {estimate.ci95[1]:.3g} (95 %)"
+        else:
+            reason = f"the data only say that it is above {estimate.ci95[0]:.3g} (95 %)"
+        parameters[name] = Estimate(None, None, None, estimate.unit, "unidentifiable", reason)
+    return replace(fingerprint, parameters=parameters)
+
+
 def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """Return the fingerprint with the union of the intervals of all structures that the data do not reject.
 
@@ -76,8 +98,10 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     for rival in choice.rivals:
-        # A rival's own profile would cost as much as the choice's, to move an end of a union by little.
-        found = estimates(replace(rival.search, intervals="symmetric"), rival.minimum)
+        slow = set(rival.elements) & set(SLOW)
+        # Where a pass takes long, a rival's own profile would cost as much as the choice's, to move an end by little.
+        search = replace(rival.search, intervals="symmetric") if slow else rival.search
+        found = estimates(search, rival.minimum)
         others = {**found.parameters, **found.derived}
         words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
         for group in (parameters, derived):
@@ -108,6 +132,74 @@ def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool
     widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
     std = None if estimate.std is None else estimate.std * widened
     return replace(estimate, ci95=(low, high), std=std)
+
+
+def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
+    """Return the fingerprint with intervals that also hold where an element acts that was left out.
+
+    With the strength s of the element the estimate is at theta + c s, to first order, and the deviance rises by
+    ((s - s_hat) / sigma)^2 from the best s that is not negative; what is left of the quantile's square is for theta
+    itself. The ends are those over all s, and what several elements add to a side is added in quadrature.
+    """
+    groups = {"parameters": dict(fingerprint.parameters), "derived": dict(fingerprint.derived)}
+    values = {name: estimate.value for name, estimate in fingerprint.parameters.items()}
+    for group in groups.values():
+        for name, estimate in group.items():
+            if estimate.status not in KNOWN or estimate.ci95 is None or estimate.value is None:
+                continue
+            more = np.zeros(2)
+            for ways in choice.neglected.values():
+                # The ways in which an element may act exclude each other: the widest of them counts.
+                each = [(0.0, 0.0)]
+                for neglect in ways:
+                    slope = (
+                        neglect.shift.get(name, 0.0)
+                        if group is groups["parameters"]
+                        else _slope_of(name, values, neglect.shift)
+                    )
+                    each.append(_beyond(estimate, slope, neglect))
+                more += np.square(np.max(each, axis=0))
+            low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
+            if group is groups["parameters"]:
+                parameter = choice.best.search.structure[name]
+                least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
+                low = min(max(low, least), estimate.ci95[0])
+                high = max(min(high, parameter.upper), estimate.ci95[1])
+            widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
+            std = None if estimate.std is None else estimate.std * widened
+            group[name] = replace(estimate, ci95=(float(low), float(high)), std=std)
+    return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])
+
+
+def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, float]:
+    """How far below and above an interval the estimate may be with the element."""
+    if slope == 0.0 or not np.isfinite([slope, neglect.estimate, neglect.deviation]).all():
+        return 0.0, 0.0
+    best = max(neglect.estimate, 0.0)
+    seen = best + np.linspace(0.0, 1.0, 41) * 1.96 * neglect.deviation
+    seen = np.concatenate([np.linspace(0.0, best, 21), seen])
+    rise = np.square((seen - neglect.estimate) / neglect.deviation)
+    rise -= np.square((best - neglect.estimate) / neglect.deviation)
+    left = np.sqrt(np.maximum(1.0 - rise / 1.96**2, 0.0))
+    moved = slope * seen ** (1.0 / neglect.power)
+    assert estimate.ci95 is not None
+    assert estimate.value is not None
+    low, high = estimate.ci95[0] - estimate.value, estimate.ci95[1] - estimate.value
+    inside = rise <= 1.96**2 * (1.0 + 1e-9)
+    lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
+    return max(low - lowest, 0.0), max(highest - high, 0.0)
+
+
+def _slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
+    """Change of a combination for a unit of the element's strength."""
+    _, function = COMBINATIONS[name]
+    known = {key: value for key, value in values.items() if value is not None}
+    try:
+        step = 1e-6
+        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
+        return (function(moved) - function(known)) / step
+    except (KeyError, ZeroDivisionError):
+        return 0.0
 
 
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
@@ -152,24 +244,27 @@ def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
         share = float(row.get("input_explained_pct") or 0.0) / 100.0
         rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
         misses[name] = 100.0 * float(np.sqrt(max(share - freedom / samples, 0.0))) * rest
-        dispersion = max(dispersion, share * samples / freedom)
+        dispersion = max(dispersion, input_dispersion(row, samples))
     p = fingerprint.fit.get("overall", {}).get("structure_p")
     unchallenged = p is None or p >= ALARM
     dispersion = 1.0 if unchallenged else dispersion
+    stands = unchallenged or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
+    # A miss that counts need not be spread evenly over what the set point drives: all of it may lie along one estimate.
+    beyond = (dispersion - 1.0) * (1.0 if stands else freedom)
     bias = {
-        name: estimate.std * float(np.sqrt(dispersion - 1.0))
-        for name, estimate in fingerprint.parameters.items()
+        name: estimate.std * float(np.sqrt(beyond))
+        for name, estimate in {**fingerprint.parameters, **fingerprint.derived}.items()
         if estimate.status in KNOWN and estimate.std is not None
     }
-    stands = unchallenged or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
     return {"stands": bool(stands), "misses_pct": misses, "bias": bias, "dispersion": dispersion}
 
 
 def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fingerprint:
     """Return the fingerprint with what a misfit can do added to the intervals, in quadrature with their halves."""
-    parameters = dict(fingerprint.parameters)
+    groups = {"parameters": dict(fingerprint.parameters), "derived": dict(fingerprint.derived)}
     for name, bound in bias.items():
-        estimate = parameters[name]
+        group = groups["parameters" if name in fingerprint.parameters else "derived"]
+        estimate = group[name]
         if bound == 0.0 or estimate.ci95 is None or estimate.value is None:
             continue
         low, high = (
@@ -177,8 +272,8 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
-        parameters[name] = replace(estimate, ci95=(low, high), std=std)
-    return replace(fingerprint, parameters=parameters)
+        group[name] = replace(estimate, ci95=(low, high), std=std)
+    return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])
 
 
 def reworded(fingerprint: Fingerprint) -> Fingerprint:
@@ -198,7 +293,9 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
             f"Usable for simulation and comparison, except where {_listed(open_ones)} must be known alone."
         )
     else:
-        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter."
+        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter"
+        roughly = [name for name in known if _is_rough(fingerprint.parameters[name])]
+        usable += f", but {_listed(roughly, 'and')} only roughly." if roughly else "."
     rest = [
         line for line in fingerprint.verdict if not line.startswith(("Known:", "The residuals contradict"))
     ]
@@ -231,5 +328,13 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
     return replace(fingerprint, usable=usable, verdict=(*lines, *rest))
 
 
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " or " + names[-1]
+def _is_rough(estimate: Estimate) -> bool:
+    """Whether half the interval is more than half of the value, or of what is small for a ship."""
+    assert estimate.ci95 is not None
+    assert estimate.value is not None
+    size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0))
+    return estimate.ci95[1] - estimate.ci95[0] > size
+
+
+def _listed(names: Sequence[str], word: str = "or") -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + f" {word} " + names[-1]

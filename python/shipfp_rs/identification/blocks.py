@@ -219,11 +219,16 @@ class Block:
         return equations if equations.has_products else None
 
     def products(
-        self, values: dict[str, float], names: Sequence[str] | None, models: Sequence[Array] | None
+        self,
+        values: dict[str, float],
+        names: Sequence[str] | None,
+        models: Sequence[Array] | None,
+        *,
+        sharp: bool = True,
     ) -> Products:
         """Sum up the products of what `filtered` returns, in one pass of the equations' own where they have one.
 
-        Without names (None) those of the residuals alone.
+        Without names (None) those of the residuals alone; not `sharp`, with an error far below the noise.
         """
         kernel = self._kernel
         if kernel is None or isinstance(self.data, FrequencyResponse):
@@ -241,7 +246,7 @@ class Block:
         filters = np.ascontiguousarray(np.array(models)[:, : order_of(models) + 1])
         known = {name: value for name, value in values.items() if not name.startswith("offset ")}
         sums, count = kernel.products(
-            known, self.data, [*names, *own], Against(self.measured, offsets, filters)
+            known, self.data, [*names, *own], Against(self.measured, offsets, filters, sharp)
         )
         padded = np.zeros((len(outputs), sums.shape[1] + 1) * 2)
         padded[:, :-1, :, :-1] = sums

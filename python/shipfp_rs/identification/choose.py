@@ -2,47 +2,28 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
 
-from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
-from shipfp_rs.identification.search import Minimum, Search
-from shipfp_rs.identification.starts import starts
+from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, SLOW, Chooser, Fitted, cost
+from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
+from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.structure import Structure, Torque
-from shipfp_rs.structures.ties import bare
-from shipfp_rs.support.arrays import Array
 
 State = Literal["on", "off", "open"]
 
-LOGGER = logging.getLogger("shipfp_rs")
-
-FALSE_ALARM = 0.01
-"""Probability that any element is taken on that does not act, if the model is right otherwise."""
-REJECTED = 0.05
-"""Probability below which an alternative structure is rejected: its intervals then do not count."""
-CANDIDATES = (
-    "dead_time_loop",
-    "dead_time_set_point",
-    "actuator_lag",
-    "torque_limit",
-    "twist",
-    "late_torque",
-)
-"""Elements that are tried, in the order of a report."""
-FIRST = ("dead_time_loop", "dead_time_set_point")
-"""Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
-PART_BEHIND = 0.9
-"""Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
+UNSEEN = ("sampling",)
+"""Elements that records at the rate of an experiment hardly show, and no search can find: a period has a minimum of its own
+beside every multiple of the record's length. What they may do to the estimates widens the intervals."""
+TAKEN_S = 0.02
+"""What a delay on its bound takes from another one, to see whether it acts all the same [s]."""
 ALIKE = ("dead_time_loop", "actuator_lag")
 """Elements that look alike below the loop's bandwidth: each is tried in the other's place."""
+HOPELESS = 0.5
+"""Part of the deviance that takes an element on below which what it promises is not worth a fit."""
 
 
 @dataclass(frozen=True)
@@ -59,24 +40,6 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A structure fitted to the data."""
-
-    elements: tuple[str, ...]
-    search: Search
-    minimum: Minimum
-
-
-@dataclass(frozen=True)
-class Promise:
-    """What an element promises: the fall of the deviance, from which start, and how strongly it may act at 95 %."""
-
-    fall: float
-    start: Mapping[str, float]
-    limit: float | None
-
-
-@dataclass(frozen=True)
 class Choice:
     """The structure that the data chose, those that they do not reject, and the ladder that led there."""
 
@@ -89,260 +52,95 @@ class Choice:
     limits: Mapping[str, float]
     """Element that is not taken on to the strength above which the data reject it, in its parameter's unit."""
     ladder: tuple[Rung, ...] = ()
-
-
-def threshold(candidates: int, probability: float = FALSE_ALARM) -> float:
-    """Return the fall of the deviance that takes an element on.
-
-    An element that is off stands on a bound, so half of its chance is at zero (Chernoff 1954, Self and Liang 1987); the
-    probability is shared among the candidates (Bonferroni).
-    """
-    return float(chi2.isf(2.0 * probability / candidates, 1))
-
-
-class Chooser:
-    """Fits structures of one set of experiments, warm-started from each other."""
-
-    def __init__(
-        self,
-        experiments: Sequence[Experiment],
-        *,
-        torque: Torque,
-        outputs: Sequence[str],
-        forced: Sequence[str] = (),
-        excluded: Sequence[str] = (),
-        narrow: Mapping[str, Mapping[str, object]] | None = None,
-        search: Mapping[str, object] | None = None,
-    ) -> None:
-        self.experiments, self.torque, self.outputs = experiments, torque, tuple(outputs)
-        self.forced = tuple(forced)
-        gauge = torque == "gauge" and "dM" in outputs
-        self.candidates = tuple(
-            name
-            for name in CANDIDATES
-            if name not in excluded and name not in forced and (ELEMENTS[name].needs != "gauge" or gauge)
-        )
-        self.narrow = narrow or {}
-        self.options = {"weighting": "determinant", "noise": "ar", "max_evaluations": 200, "tolerance": 1e-10}
-        self.options |= dict(search or {})
-
-    def structure(self, elements: Sequence[str]) -> Structure:
-        """Return the ship with these elements, narrowed as the user asks."""
-        made = Structure.ship(
-            elements, torque=self.torque, outputs=self.outputs, products="dX" not in self.outputs
-        )
-        for verb, given in self.narrow.items():
-            known = {name: value for name, value in given.items() if name in made.names}
-            made = getattr(made, f"with_{verb}")(**known)
-        return made
-
-    def search(self, elements: Sequence[str]) -> Search:
-        """Return the search of a structure over all experiments."""
-        structure = self.structure(elements)
-        blocks = tuple(
-            Block.build(one, structure, offsets=False, initial_state=True, weigh=False)
-            for one in self.experiments
-        )
-        return Search(structure, blocks, **self.options)  # type: ignore[arg-type]
-
-    def first(self) -> Fitted:
-        """Fit the first structure from the data's own starts."""
-        elements = self.ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
-        search = self.search(elements)
-        ends: list[Minimum] = []
-        begins = starts(search.structure, self.experiments)
-        if "tau_prop" in begins[0] and "tau_n" not in {
-            **self.narrow.get("fixed", {}),
-            **self.narrow.get("prior", {}),
-        }:
-            # The inertia behind the gauge is part of the whole.
-            least = PART_BEHIND * min(values["tau_prop"] for values in begins)
-            upper = search.structure["tau_n"].upper
-            self.narrow = {**self.narrow, "bounds": {"tau_n": (least, max(2.0 * least, 1.2), upper)}}
-            search = self.search(elements)
-        for values in begins:
-            try:
-                ends.append(search.minimise(self._vector(search, values)))
-            except (IdentificationError, SimulationError) as error:
-                LOGGER.debug("identify: a start failed: %s", error)
-        if not ends:
-            raise IdentificationError(
-                "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
-            )
-        best = min(ends, key=lambda end: end.criterion)
-        return Fitted(elements, search, search.refine(best))
-
-    def with_elements(
-        self, origin: Fitted, elements: Sequence[str], begin: Mapping[str, float] | None = None
-    ) -> Fitted | None:
-        """Fit other elements with the weights of a fit, from its end; None where that can't be simulated.
-
-        `begin` holds the start of a new element's parameter; otherwise all of `STARTS` are tried.
-        """
-        ordered = self.ordered(elements)
-        search = replace(self.search(ordered), weights=origin.minimum.noise)
-        values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
-            begin or {}
-        )
-        ends = []
-        for start in self._from(search, values):
-            try:
-                ends.append(search.minimise(start))
-            except (IdentificationError, SimulationError) as error:
-                LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
-        return Fitted(ordered, search, min(ends, key=cost)) if ends else None
-
-    def promise(self, origin: Fitted, name: str) -> Promise:
-        """Return what an element promises beside a fit.
-
-        Rao's score test, with the change of the outputs that a start makes in place of the derivative, which a torque
-        limit does not have: of the change D, cleared of what the fit's own unknowns explain, the residual e explains
-        (D'e)^2 / D'D. Elements that would have to act the other way promise nothing.
-        """
-        search, minimum = origin.search, origin.minimum
-        parameter = ELEMENTS[name].parameters[0]
-        with_it = self.structure((*origin.elements, name)).equations
-        starts = STARTS.get(parameter.name, (parameter.start,))
-        if name == "torque_limit":
-            starts = self._levels(origin)
-        evaluations = search.filtered(minimum.vector, minimum.noise)
-        gram = np.zeros((search.size + 1 + len(starts),) * 2)
-        parts = search.parts(evaluations, minimum.noise)
-        for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
-            still = search.structure.equations.simulate(values, block.data)  # type: ignore[arg-type]
-            changes = np.zeros((len(starts), *still.shape))
-            for place, start in enumerate(starts):
-                try:
-                    moved = with_it.simulate({**values, parameter.name: start}, block.data)  # type: ignore[arg-type]
-                except SimulationError:
-                    continue
-                changes[place] = moved - still
-            changes *= block.valid
-            made = Evaluation(np.zeros_like(still), changes, block.valid)
-            if minimum.noise.models is not None:
-                made = prewhiten(made, minimum.noise.models)
-            rows = np.concatenate([part, minimum.noise.root @ made.jacobian])
-            flat = rows.reshape(len(rows), -1)
-            gram += flat @ flat.T
-        return _best_promise(gram, search.size, parameter.name, starts, falling=name == "torque_limit")
-
-    def _levels(self, origin: Fitted) -> tuple[float, ...]:
-        """Levels of a torque limit near the top of what the engine gives in the fit without one."""
-        search = origin.search
-        top = -np.inf
-        for block, values in search.each(origin.minimum.vector):
-            equations = replace(bare(search.structure.equations), outputs=("dM",), gauge=False)  # type: ignore[type-var]
-            torque = equations.simulate(values, block.data)
-            top = max(top, float(np.max(torque)))
-        return tuple(1.0 + share * top for share in LEVELS)
-
-    def refined(self, fitted: Fitted) -> Fitted:
-        """Fit weights and noise models of its own to a structure."""
-        search = replace(fitted.search, weights=None)
-        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
-
-    def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
-        """Start vectors of a structure from another one's end, one for each start that a new element has."""
-        new = [name for name in search.names if name not in values]
-        first = self._vector(search, values)
-        vectors = [first]
-        for name in new:
-            parameter = search.structure[name]
-            for start in STARTS.get(name, (parameter.start,)):
-                vector = first.copy()
-                vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
-                vectors.append(vector)
-        return vectors[1:] if new else vectors
-
-    def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
-        starts = {parameter.name: parameter.start for parameter in search.free}
-        vector = np.array([values.get(name, starts.get(name, 0.0)) for name in search.unknowns])
-        lower, upper = search.bounds()
-        return np.asarray(np.clip(vector, lower, upper))
-
-    def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
-        """Return elements in the table's order."""
-        return tuple(name for name in ELEMENTS if name in elements)
-
-
-STARTS: Mapping[str, tuple[float, ...]] = {
-    "T_d": (0.02,),
-    "T_set": (0.05,),
-    "tau_act": (0.03, 0.12),
-    "tau_twist": (1e-3,),
-    "T_M": (2e-3,),
-    "T_n": (2e-3,),
-}
-"""Where the search for a new element's parameter starts."""
-
-
-LEVELS = (0.95, 0.85, 0.7)
-"""Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
-HOPELESS = 0.5
-"""Part of the deviance that takes an element on below which what it promises is not worth a fit."""
-
-
-def _best_promise(
-    gram: Array, unknowns: int, name: str, starts: Sequence[float], *, falling: bool
-) -> Promise:
-    """Judge each start from the products of [-J, e, D1, D2, ...].
-
-    A limit of an effect in proportion to its parameter follows from its estimate and deviation; of one that acts the
-    more, the lower it is, it is the highest level that the residual contradicts.
-    """
-    own, residual = slice(0, unknowns), unknowns
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    unit = gram / np.outer(size, size)
-    inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
-    best, begin, limit = 0.0, starts[0], None
-    for place, start in enumerate(starts, start=unknowns + 1):
-        along = unit[own, place]
-        across = (
-            (unit[place, residual] - along @ inverse @ unit[own, residual]) * size[place] * size[residual]
-        )
-        left = (1.0 - along @ inverse @ along) * size[place] ** 2
-        if left < 1e-9 * size[place] ** 2 or left <= 0.0:
-            continue
-        share, deviation = across / left, left**-0.5
-        if falling:
-            if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
-                limit = start if limit is None else max(limit, start)
-        elif limit is None:
-            limit = float(start * (max(share, 0.0) + 1.645 * deviation))
-        if share > 0.0 and share * across > best:
-            best, begin = float(share * across), start
-    return Promise(best, {name: float(begin)}, limit)
-
-
-def cost(fitted: Fitted | Minimum) -> float:
-    """Return the weighted sum of squares of a minimum with given weights."""
-    return (fitted.minimum if isinstance(fitted, Fitted) else fitted).criterion
+    neglected: Mapping[str, tuple[Neglect, ...]] = field(default_factory=dict)
+    """What elements that are off may do to the estimates all the same."""
 
 
 def choose(chooser: Chooser) -> Choice:
     """Take elements on while the deviance falls enough, drop those that it does not miss, and keep what is not rejected."""
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
-    # Without what does not act, every later fit is cheaper.
-    current, _, _ = _backward(chooser, chooser.first(), level, ladder)
+    current = _without_least(chooser, chooser.first(), level, ladder)
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
         if best is None:
             break
-        current = chooser.refined(best)
+        grown = chooser.refined(best)
+        if _fall(gains, grown) < level * dispersion(grown):
+            # Beside what the set point still explains of the residuals, that is nothing.
+            break
+        current = grown
     kept, rises, poorer = _backward(chooser, current, level, ladder)
     if kept is not current:
         # Weights and base are those of the structure that is left.
         current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
-    rivals = (*poorer, *_rivals(chooser, current, gains, level, ladder))
-    evidence = rises | {name: gain.fall for name, gain in gains.items()}
+    rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
+    better = min(rivals, key=cost, default=None)
+    if better is not None and cost(better) < cost(current.base) - SAME:
+        # What fits best stands for all; the others stay its rivals.
+        rivals = [one for one in rivals if one is not better] + [current]
+        current = chooser.refined(better)
+    evidence = rises | {name: gain.fall for name, gain in gains.items() if name not in rises}
     states: dict[str, State] = {}
     for name in chooser.candidates:
         held = {name in fitted.elements for fitted in (current, *rivals)}
-        states[name] = "open" if len(held) == 2 else "on" if True in held else "off"
+        seen = name in UNSEEN and evidence.get(name, 0.0) > level
+        # An element that is let act although the data do not ask for it keeps the others' intervals honest.
+        asked = name in current.elements and rises.get(name, np.inf) <= level
+        # Limits and a twisting shaft at once are not tried: a pass takes a thousand times as long.
+        untried = name not in current.elements and name not in gains
+        states[name] = (
+            "open" if len(held) == 2 or seen or asked or untried else "on" if True in held else "off"
+        )
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
-    return Choice(current, rivals, evidence, states, limits, tuple(ladder))
+    neglected = {name: gain.neglect for name, gain in gains.items()}
+    return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
+
+
+def _without_least(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> Fitted:
+    """Return a fit without the dead time in the loop if the least of it is too much already."""
+    name = FIRST[0]
+    if name not in chooser.candidates or not _is_off(current, name):
+        return current
+    trial = chooser.with_elements(current, [other for other in current.elements if other != name])
+    if trial is None or cost(trial) > cost(current.base) - level:
+        return current
+    ladder.append(Rung(trial.elements, cost(trial) - cost(current.base), "better"))
+    return chooser.refined(trial)
+
+
+def dispersion(fitted: Fitted) -> float:
+    """Return the residual's power along what the set point drives over that of noise, one where noise is all that is left.
+
+    The law of a deviance holds for what is left of it after division by that (McCullagh and Nelder 1989, section 4.5).
+    """
+    tests = residual_tests(fitted.search, fitted.minimum)
+    samples = sum(block.count for block in fitted.search.blocks)
+    return max(input_dispersion(test.figures(), samples) for test in tests.values())
+
+
+def _fall(gains: Gains, grown: Fitted) -> float:
+    """Fall of the deviance that took the grown structure's last element on."""
+    return max(
+        (
+            gain.fall
+            for gain in gains.values()
+            if gain.trial is not None and gain.trial.elements == grown.elements
+        ),
+        default=0.0,
+    )
+
+
+def _elsewhere(chooser: Chooser, current: Fitted) -> list[Fitted]:
+    """Fits of the same structure that ended elsewhere and are not rejected: the data do not say which it is."""
+    least, found = cost(current.base), []
+    for values in chooser.elsewhere:
+        begin = {name: value for name, value in values.items() if name in current.search.unknowns}
+        trial = chooser.with_elements(current, current.elements, begin, worth=least + threshold(1, REJECTED))
+        if trial is not None and cost(trial) < least + threshold(1, REJECTED):
+            found.append(trial)
+    return found
 
 
 @dataclass(frozen=True)
@@ -352,6 +150,7 @@ class Gain:
     fall: float
     limit: float | None
     trial: Fitted | None = None
+    neglect: tuple[Neglect, ...] = ()
 
 
 Gains = dict[str, Gain]
@@ -362,18 +161,18 @@ def _gains(
 ) -> tuple[Fitted | None, Gains]:
     """Return the best structure with one element more if it is worth it, and each element's fall of the deviance."""
     gains: Gains = {}
-    base = chooser.with_elements(current, current.elements)
+    still = current.base
     for name in chooser.candidates:
-        if base is None or name in current.elements:
+        if name in current.elements or (name == "twist" and set(SLOW) & set(current.elements)):
             continue
-        promise = chooser.promise(base, name)
-        gains[name] = Gain(promise.fall, promise.limit)
-        if promise.fall < HOPELESS * level:
+        promise = chooser.promise(still, name)
+        gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
+        if name in UNSEEN or promise.fall < HOPELESS * level:
             ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
             continue
         trial = chooser.with_elements(current, (*current.elements, name), promise.start)
         if trial is not None:
-            gains[name] = Gain(cost(base) - cost(trial), promise.limit, trial)
+            gains[name] = Gain(cost(still) - cost(trial), promise.limit, trial, promise.neglect)
             said = "better" if gains[name].fall > level else "no better"
             ladder.append(Rung(trial.elements, -gains[name].fall, said))
     fitted = [gain for gain in gains.values() if gain.trial is not None and gain.fall > level]
@@ -390,40 +189,64 @@ def _backward(
     """
     limit = threshold(1, REJECTED)
     while True:
-        base = chooser.with_elements(current, current.elements)
+        still = current.base
         rises: dict[str, float] = {}
         trials: dict[str, Fitted] = {}
         for name in current.elements:
-            if name not in chooser.candidates or base is None:
+            if name not in chooser.candidates:
                 continue
-            trial = chooser.with_elements(current, [other for other in current.elements if other != name])
-            rises[name] = np.inf if trial is None else cost(trial) - cost(base)
+            without = [other for other in current.elements if other != name]
+            trial = chooser.with_elements(current, without, worth=cost(still) + 2.0 * level)
+            rises[name] = np.inf if trial is None else cost(trial) - cost(still)
             if trial is not None:
                 trials[name] = trial
                 said = "too poor" if rises[name] > level else "poorer" if rises[name] > limit else "as good"
                 ladder.append(Rung(trial.elements, rises[name], said))
-        least = min(trials, key=lambda name: rises[name], default=None)
-        if least is None or rises[least] > limit:
+        idle = [
+            name for name in trials if rises[name] <= limit and (name not in FIRST or _is_off(current, name))
+        ]
+        least = min(idle, key=lambda name: rises[name], default=None)
+        if least is None:
             return current, rises, [trials[name] for name in trials if rises[name] <= level]
-        current = chooser.refined(trials[least])
+        inside = _inside(chooser, current, least) if least in FIRST else None
+        current = chooser.refined(trials[least] if inside is None else inside)
+
+
+def _inside(chooser: Chooser, current: Fitted, name: str) -> Fitted | None:
+    """Return a fit in which a delay that stands on its bound acts, if there is one as good: from others some is taken."""
+    own = ELEMENTS[name].parameters[0].name
+    values = dict(zip(current.search.unknowns, map(float, current.minimum.vector), strict=True))
+    for other in DELAYS:
+        if other == own or values.get(other, 0.0) < 1.5 * TAKEN_S:
+            continue
+        begin = {**values, own: TAKEN_S, other: values[other] - TAKEN_S}
+        trial = chooser.with_elements(current, current.elements, begin)
+        if trial is not None and cost(trial) < cost(current.base) - SAME and not _is_off(trial, name):
+            return trial
+    return None
+
+
+def _is_off(fitted: Fitted, name: str) -> bool:
+    """Whether an element's parameter stands on the bound at which it does as good as nothing."""
+    parameter = fitted.search.structure[ELEMENTS[name].parameters[0].name]
+    values = dict(zip(fitted.search.names, fitted.minimum.vector, strict=False))
+    return bool(values.get(parameter.name, np.inf) <= parameter.lower * (1.0 + 1e-6) + 1e-9)
 
 
 def _rivals(
     chooser: Chooser, current: Fitted, gains: Gains, level: float, ladder: list[Rung]
 ) -> tuple[Fitted, ...]:
-    """Fit neighbours in which an element is swapped for another, and keep them and additions that are not rejected."""
-    base = chooser.with_elements(current, current.elements)
-    if base is None:
-        return ()
+    """Fit neighbours in which an element is swapped for another, and keep those that are not rejected."""
+    still = current.base
     limit = threshold(1, REJECTED)
-    kept = [gain.trial for gain in gains.values() if gain.trial is not None and limit < gain.fall <= level]
+    kept = []
     for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):
         for name in (name for name in gains if name in ALIKE):
             swapped = [*(other for other in current.elements if other != out), name]
-            trial = chooser.with_elements(current, swapped)
+            trial = chooser.with_elements(current, swapped, worth=cost(still) + 2.0 * level)
             if trial is None:
                 continue
-            rise = cost(trial) - cost(base)
+            rise = cost(trial) - cost(still)
             ladder.append(Rung(trial.elements, rise, "as good" if rise < limit else "too poor"))
             if rise < limit:
                 kept.append(trial)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from shipfp_rs.identification.blocks import Evaluation
-from shipfp_rs.identification.fingerprint import Estimate, Identifiability, Status
+from shipfp_rs.identification.estimate import Estimate, Identifiability, Status
 from shipfp_rs.identification.identifiability import (
     NULL_PART,
     Sensitivity,
@@ -40,6 +40,8 @@ EDGE = 1e-6
 """Part of a parameter's size that is as good as nothing to be left open over."""
 EXACT = 1e-7
 """Part of a parameter's size below which an interval is too narrow for its cost to be told from rounding."""
+SHARPER = 1.0 / 3.0
+"""Part of its widest member's relative deviation below which a combination is worth a line of its own."""
 NOTHING: Mapping[str, Any] = {"names": [], "matrix": []}
 """Covariance of no parameter."""
 
@@ -137,10 +139,11 @@ def estimates(search: Search, best: Minimum) -> Estimates:
             reason = "too few samples for an uncertainty"
         if not reason:
             variance_told = float(covariance[place, place]), float(told[place, place])
+            about = _along_valley(search, best, inner.names, covariance[place], place, quantile)
             if search.intervals == "profile":
-                low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index])
+                low, high = _ends(profile, values[name], index, quantile, *variance_told, scale[index], about)
             else:
-                low, high = _symmetric(parameter, values[name], quantile * float(np.sqrt(variance_told[0])))
+                low, high = _within(parameter, *about)
             std = _std(values[name], low, high, quantile)
             width = parameter.upper - parameter.lower
             if std is None:
@@ -165,7 +168,16 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     parameters = with_tied(parameters, search.structure)
     return Estimates(
         parameters,
-        _derived(parameters, values, everything, inner, covariance, quantile, search.structure.ties),
+        _derived(
+            parameters,
+            values,
+            everything,
+            inner,
+            covariance,
+            quantile,
+            search.structure.ties,
+            curved=search.structure.settings["kind"] == "ship",
+        ),
         {"names": list(inner.names), "matrix": covariance.tolist()}
         if np.isfinite(covariance).all()
         else NOTHING,
@@ -265,10 +277,34 @@ def _scores(search: Search, best: Minimum) -> Array:
     return score_covariance(rows, records) + known @ known.T
 
 
+def _along_valley(
+    search: Search, best: Minimum, names: Sequence[str], row: Array, place: int, quantile: float
+) -> tuple[float, float]:
+    """Both ends of a parameter's interval by its row (P,) of the covariance, along the structure's valley.
+
+    Without one they are as far from the value as its deviation says.
+    """
+    kept = best.vector[~search.linear]
+    index = search.names.index(names[place])
+    if not row[place] > 0.0:
+        return float(kept[index]), float(kept[index])
+    step = np.zeros(len(kept))
+    step[[search.names.index(name) for name in names]] = row * (quantile / np.sqrt(row[place]))
+    low, high = sorted(float(search.curved(kept, sign * step)[index]) for sign in (-1.0, 1.0))
+    return low, high
+
+
 def _ends(
-    profile: Profile, value: float, index: int, quantile: float, variance: float, told: float, scale: float
+    profile: Profile,
+    value: float,
+    index: int,
+    quantile: float,
+    variance: float,
+    told: float,
+    scale: float,
+    about: tuple[float, float],
 ) -> tuple[End, End]:
-    """Both ends of a parameter's interval.
+    """Both ends of a parameter's interval, which are looked for first `about` where they should be.
 
     The rise of the cost at an end is the quantile's square, made larger by what the variance of the estimate is beyond
     that for residuals of unit variance.
@@ -277,12 +313,12 @@ def _ends(
     if half < EXACT * scale:
         return End(value - half, "data"), End(value + half, "data")
     threshold = quantile**2 * variance / told
-    return profile.end(index, -half, threshold), profile.end(index, half, threshold)
+    down, up = (min(about[0] - value, -1e-3 * half), max(about[1] - value, 1e-3 * half))
+    return profile.end(index, down, threshold), profile.end(index, up, threshold)
 
 
-def _symmetric(parameter: Parameter, value: float, half: float) -> tuple[End, End]:
-    """Both ends as far from the value as the covariance says, where no bound is nearer."""
-    low, high = value - half, value + half
+def _within(parameter: Parameter, low: float, high: float) -> tuple[End, End]:
+    """Both ends, cut by the bounds."""
     return (
         End(low, "data") if low > parameter.lower else End(parameter.lower, "bound"),
         End(high, "data") if high < parameter.upper else End(parameter.upper, "bound"),
@@ -316,6 +352,12 @@ def why_unknown(everything: Sensitivity, index: int) -> str:
     return "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
 
 
+def _relative(estimate: Estimate) -> float:
+    if estimate.std is None or not estimate.value:
+        return 0.0
+    return estimate.std / abs(estimate.value)
+
+
 def _derived(
     parameters: Mapping[str, Estimate],
     values: Mapping[str, float],
@@ -324,8 +366,13 @@ def _derived(
     covariance: Array,
     quantile: float,
     ties: Ties,
+    *,
+    curved: bool,
 ) -> dict[str, Estimate]:
-    """Combinations that the data tell although a member is not known by itself."""
+    """Combinations that the data tell although a member is not known by itself.
+
+    Of a `curved` model, whose curvature tells each member a little, also those that are told far better than a member.
+    """
     derived: dict[str, Estimate] = {}
     if not np.isfinite(covariance).all():
         return derived
@@ -336,7 +383,8 @@ def _derived(
         except (KeyError, ZeroDivisionError):
             continue
         members = [n for n, slope in zip(everything.names, gradient, strict=True) if slope != 0.0]
-        if all(parameters[member].status in ("free", "prior", "fixed") for member in members):
+        each = all(parameters[member].status in ("free", "prior", "fixed") for member in members)
+        if each and not curved:
             continue
         if not everything.tells(gradient):
             continue
@@ -345,6 +393,9 @@ def _derived(
             continue
         std = float(np.sqrt(part @ covariance @ part))
         if not np.isfinite(std) or std > abs(value):
+            continue
+        widest = max((_relative(parameters[member]) for member in members), default=0.0)
+        if each and std / abs(value) > SHARPER * widest:
             continue
         derived[name] = Estimate(value, std, (value - quantile * std, value + quantile * std), unit)
     return derived

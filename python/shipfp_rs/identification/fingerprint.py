@@ -2,86 +2,32 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.identification.estimate import Estimate as Estimate
+from shipfp_rs.identification.estimate import Identifiability as Identifiability
+from shipfp_rs.identification.estimate import estimate_of
+from shipfp_rs.identification.fingerprint_file import require_layout
+from shipfp_rs.identification.modelled import Modelled
+from shipfp_rs.identification.told import Told
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.files import write_text_atomically
-from shipfp_rs.support.html import shown
-
-Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
+from shipfp_rs.support.json_files import json_text, read_json
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
+WRITTEN = "a fingerprint, as `shipfp run` writes it"
 ALARM = 0.01
 """Probability of a false alarm of each residual test, all outputs together."""
 
-STATUS: Mapping[str, str] = {
-    "free": "estimated",
-    "fixed": "given",
-    "prior": "estimated, with prior",
-    "at_bound": "on its bound",
-    "unidentifiable": "not identifiable",
-}
 
-
-@dataclass(frozen=True)
-class Estimate:
-    """One parameter or combination: value, standard deviation, 95 % interval, unit, status.
-
-    `value`, `std` and `ci95` are None where the data do not determine them; `reason` then says why.
-    """
-
-    value: float | None
-    std: float | None = None
-    ci95: tuple[float, float] | None = None
-    unit: str = "-"
-    status: Status = "free"
-    reason: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "value": self.value,
-            "std": self.std,
-            "ci95": None if self.ci95 is None else list(self.ci95),
-            "unit": self.unit,
-            "status": self.status,
-            "reason": self.reason,
-        }
-
-
-@dataclass(frozen=True)
-class Identifiability:
-    """Numerical rank of the sensitivities at the estimate, and the directions that the data leave open.
-
-    `null_space` holds one entry a direction: {"combination": text, "direction": {parameter: relative change}};
-    `closes_gap` the parameters any of which, once known, makes the rest identifiable.
-    """
-
-    rank: int
-    free: int
-    condition: float
-    null_space: tuple[Mapping[str, Any], ...] = ()
-    closes_gap: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "rank": self.rank,
-            "free": self.free,
-            "condition": self.condition if math.isfinite(self.condition) else None,
-            "null_space": [dict(entry) for entry in self.null_space],
-            "closes_gap": list(self.closes_gap),
-        }
-
-
-@dataclass(frozen=True)
-class Fingerprint:
+@dataclass(frozen=True, repr=False)
+class Fingerprint(Told, Modelled):
     """The result of an identification.
 
     Parameters
@@ -136,14 +82,6 @@ class Fingerprint:
     usable: str = ""
     si: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> Estimate:
-        """Return a parameter or derived combination by name."""
-        for group in (self.parameters, self.derived):
-            if name in group:
-                return group[name]
-        known = ", ".join([*self.parameters, *self.derived])
-        raise InputError(f"no parameter {name!r} in the fingerprint; it holds {known}")
-
     @property
     def model_adequate(self) -> bool | None:
         """Whether the residuals leave the structure unchallenged, `verdict.structure_test`; None where nothing tests it.
@@ -152,27 +90,6 @@ class Fingerprint:
         """
         p = self.fit.get("overall", {}).get("structure_p")
         return None if p is None else p >= ALARM
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return [*self.parameters, *self.derived]
-
-    def __repr__(self) -> str:
-        found = ", ".join(
-            f"{name}={estimate.value:.4g}" if estimate.value is not None else f"{name}=?"
-            for name, estimate in self.parameters.items()
-        )
-        return f"Fingerprint({found}; rank {self.identifiability.rank}/{self.identifiability.free})"
-
-    def _repr_html_(self) -> str:
-        return shown(
-            f"Fingerprint of {self.vessel or 'a ship not named'}",
-            ["parameter", "estimate", "std", "95 % from", "to", "unit", "status"],
-            [
-                [row.name, row.value, row.std, row.low, row.high, row.unit, row.status]
-                for row in rounded_rows({**self.parameters, **self.derived})
-            ],
-            self.verdict,
-        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form, the contract of `fingerprint.json`."""
@@ -197,11 +114,13 @@ class Fingerprint:
             "si": {name: dict(row) for name, row in self.si.items()},
         }
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write `fingerprint.json`; the file appears whole or not at all."""
-        return write_text_atomically(Path(path), json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n")
+        return write_text_atomically(Path(path), json_text(self.to_dict()))
 
     @classmethod
+    @checked
     def load(cls, path: str | Path) -> Fingerprint:
         """Read a fingerprint written by `save`.
 
@@ -211,27 +130,25 @@ class Fingerprint:
             Where the file is missing, is not JSON, or lacks a key.
         """
         path = Path(path)
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror or error}") from error
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise InputError(
-                f"{path}: not a JSON file ({error}); expected one written by Fingerprint.save"
-            ) from error
+        content = read_json(path, WRITTEN)
+        if not isinstance(content, dict) or "format" not in content:
+            raise InputError(f"{path}: found no key 'format', expected {WRITTEN}")
         try:
             return cls._from_dict(content)
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise InputError(f"{path}: not a fingerprint, {type(error).__name__} at {error}") from error
+        except KeyError as error:
+            raise InputError(f"{path}: found no key {error}, expected {WRITTEN}") from error
+        except (TypeError, AttributeError, ValueError, IndexError) as error:
+            raise InputError(f"{path}: {error}; expected {WRITTEN}") from error
 
     @classmethod
     def _from_dict(cls, content: dict[str, Any]) -> Fingerprint:
         if content["format"] != FORMAT:
             raise ValueError(f"format {content['format']}, expected {FORMAT}")
+        require_layout(content)
         rank = content["identifiability"]
         return cls(
-            parameters={name: _estimate(entry) for name, entry in content["parameters"].items()},
-            derived={name: _estimate(entry) for name, entry in content["derived"].items()},
+            parameters={name: estimate_of(entry) for name, entry in content["parameters"].items()},
+            derived={name: estimate_of(entry) for name, entry in content["derived"].items()},
             identifiability=Identifiability(
                 rank=int(rank["rank"]),
                 free=int(rank["free"]),
@@ -254,70 +171,3 @@ class Fingerprint:
             usable=content.get("usable", ""),
             si=content.get("si", {}),
         )
-
-
-def _estimate(entry: dict[str, Any]) -> Estimate:
-    status = entry["status"]
-    if status not in get_args(Status):
-        raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
-    interval = entry["ci95"]
-    return Estimate(
-        value=entry["value"],
-        std=entry["std"],
-        ci95=None if interval is None else (float(interval[0]), float(interval[1])),
-        unit=entry["unit"],
-        status=status,
-        reason=entry["reason"],
-    )
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
-
-    name: str
-    value: str
-    std: str
-    low: str
-    high: str
-    unit: str
-    status: str
-    reason: str
-    truth: str = ""
-    holds_truth: bool | None = None
-
-
-def rounded_rows(
-    estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
-) -> Iterator[Row]:
-    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
-    for name, estimate in estimates.items():
-        places = decimals(estimate.std)
-        real = (truth or {}).get(name)
-        low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
-        yield Row(
-            name=name,
-            value=rounded(estimate.value, places),
-            std=rounded(estimate.std, places),
-            low=rounded(low, places),
-            high=rounded(high, places),
-            unit=estimate.unit,
-            status=STATUS[estimate.status],
-            reason=estimate.reason,
-            truth=rounded(real, places),
-            holds_truth=None if real is None or low is None or high is None else low <= real <= high,
-        )
-
-
-def decimals(std: float | None) -> int | None:
-    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
-    if not std or not math.isfinite(std):
-        return None
-    return min(max(1 - math.floor(math.log10(std)), 0), 9)
-
-
-def rounded(value: float | None, places: int | None) -> str:
-    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
-    if value is None:
-        return ""
-    return f"{value:.4g}" if places is None else f"{value:.{places}f}"

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linprog
 
-from shipfp_rs.identification.fingerprint import Identifiability
+from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.optimise.gauss_newton import sparse_basis
 from shipfp_rs.structures.ties import Ties, followed
 from shipfp_rs.support.arrays import Array

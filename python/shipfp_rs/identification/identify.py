@@ -22,6 +22,8 @@ from shipfp_rs.identification.automatic import (
     element_rows,
     reworded,
     widened_by_bias,
+    widened_by_neglect,
+    with_limits,
     with_rivals,
 )
 from shipfp_rs.identification.blocks import Block, Data, Offsets
@@ -37,6 +39,7 @@ from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatt
 from shipfp_rs.structures.innovations import with_innovations
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 
 Array = npt.NDArray[np.float64]
 Weighting = Literal["determinant", "variance", "std", "none"]
@@ -46,10 +49,13 @@ Intervals = Literal["profile", "symmetric"]
 
 LOGGER = logging.getLogger("shipfp_rs")
 
+OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
+"""Arguments of `identify` that are no options of a search."""
 AS_LOW = 1e-6
 """Minima whose criteria differ by less are the same."""
 
 
+@checked
 def identify(
     data: Data | Sequence[Data],
     structure: Structure | None = None,
@@ -61,18 +67,18 @@ def identify(
     priors: Mapping[str, tuple[float, float]] | None = None,
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
-    covariance: Covariance = "model",
+    covariance: Covariance | None = None,
     intervals: Intervals = "profile",
-    huber: float | None = None,
+    huber: Positive | None = None,
     ridge: Mapping[str, tuple[float, float]] | None = None,
     offsets: Offsets | None = None,
     initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
-    random_search: int = 0,
-    starts: int | None = None,
-    seed: int | None = 0,
-    max_evaluations: int = 500,
-    tolerance: float = 1e-12,
-    time_limit_s: float | None = None,
+    random_search: Whole = 0,
+    starts: Count | None = None,
+    seed: Whole | None = 0,
+    max_evaluations: Count = 500,
+    tolerance: Positive = 1e-12,
+    time_limit_s: Positive | None = None,
     vessel: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fingerprint:
@@ -98,7 +104,8 @@ def identify(
         dead time in the loop). Default: "ar" for experiments, "white" for responses.
     covariance
         "model": as if the noise models were right; "sandwich": from the spectral matrix of what they leave over, for noise
-        of one source that reaches several outputs, each in its own way; experiments only.
+        of one source that reaches several outputs, each in its own way, as moving water does; experiments only. Default:
+        "sandwich" where the data choose, "model" with a structure.
     intervals
         "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
@@ -160,11 +167,20 @@ def identify(
         time_limit_s=time_limit_s,
         progress=progress,
     )
-    narrow = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
     if structure is None:
-        return _chosen(data, options, vessel=vessel, **narrow)
-    for name, given in narrow.items():
-        if given is not None:
+        return _chosen(
+            data,
+            options,
+            vessel=vessel,
+            elements=elements,
+            torque=torque,
+            outputs=outputs,
+            fixed=fixed,
+            priors=priors,
+        )
+    narrow = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
+    for name, value in narrow.items():
+        if value is not None:
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
@@ -183,18 +199,19 @@ def _chosen(
     priors: Mapping[str, tuple[float, float]] | None,
 ) -> Fingerprint:
     """Let the data choose the elements, and say what holds after the choice."""
-    experiments = [data] if isinstance(data, Experiment) else list(data)  # type: ignore[arg-type]
-    for item in experiments:
+    given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    for item in given:
         if not isinstance(item, Experiment):
             raise InputError(
                 f"identify: data of type {type(item).__name__} without a structure, expected an Experiment; "
                 "give a structure for a FrequencyResponse"
             )
+    experiments = [item for item in given if isinstance(item, Experiment)]
     if not experiments:
         raise InputError("identify: no data given, expected an Experiment")
     require_excited(experiments)
     limits = {
-        "covariance": options.covariance,
+        "covariance": options.covariance or "sandwich",
         "intervals": options.intervals,
         "time_limit_s": options.time_limit_s,
     }
@@ -203,11 +220,16 @@ def _chosen(
         experiments, torque=torque, outputs=outputs, elements=elements or {}, narrow=narrow, search=limits
     )
     choice = choose(chooser)
-    settings = {"structure": "chosen by the data", "ladder": [rung.to_dict() for rung in choice.ladder]}
+    settings = {
+        "structure": "chosen by the data",
+        "ladder": [rung.to_dict() for rung in choice.ladder],
+        "set_point": "band-limited" if chooser.band_limited else "straight lines",
+    }
     found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
-    fingerprint = with_rivals(fingerprint_of(found, vessel=vessel), choice)
+    fingerprint = with_limits(fingerprint_of(found, vessel=vessel))
     adequate = adequacy(fingerprint, choice.best)
-    fingerprint = widened_by_bias(fingerprint, adequate["bias"])
+    fingerprint = with_rivals(fingerprint, choice)
+    fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
 
@@ -218,7 +240,7 @@ class Options:
 
     weighting: Weighting
     noise: NoiseModel | None
-    covariance: Covariance
+    covariance: Covariance | None
     intervals: Intervals
     huber: float | None
     ridge: Mapping[str, tuple[float, float]] | None
@@ -241,7 +263,9 @@ class Options:
         InputError
             For an option that it has not.
         """
-        usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name != "vessel"}
+        usual = {
+            name: value for name, value in (identify.__kwdefaults__ or {}).items() if name not in OF_A_CALL
+        }
         for name in given:
             if name not in usual:
                 raise InputError(
@@ -298,13 +322,10 @@ def search_minima(
     )
     if noise is None:
         noise = "ar" if any(isinstance(block.data, Experiment) for block in blocks) else "white"
-    if options.covariance not in get_args(Covariance):
-        raise InputError(
-            f"covariance {options.covariance!r}, expected one of {', '.join(get_args(Covariance))}"
-        )
-    if options.covariance == "sandwich" and any(
-        isinstance(block.data, FrequencyResponse) for block in blocks
-    ):
+    covariance = options.covariance or "model"
+    if covariance not in get_args(Covariance):
+        raise InputError(f"covariance {covariance!r}, expected one of {', '.join(get_args(Covariance))}")
+    if covariance == "sandwich" and any(isinstance(block.data, FrequencyResponse) for block in blocks):
         raise InputError(
             "covariance 'sandwich' is for experiments, a frequency response has no order in time"
         )
@@ -321,7 +342,7 @@ def search_minima(
         ridge=ridge,
         initial=given,
         time_limit_s=options.time_limit_s,
-        covariance=options.covariance,
+        covariance=covariance,
         intervals=options.intervals,
         weights=weights,
     )
@@ -343,7 +364,7 @@ def search_minima(
     settings = {
         "weighting": weighting,
         "noise": noise,
-        "covariance": options.covariance,
+        "covariance": covariance,
         "intervals": options.intervals,
         "offsets": offsets,
         "initial_state": initial_state if isinstance(initial_state, str) else given,

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.descent import damped_step, next_damping
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.variable_projection import Elimination
 from shipfp_rs.identification.weighted_problem import Minimum
-from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
+from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-CLOSE = 0.01
+CLOSE = 0.02
 """Deviations between the level wanted and that of a point from which the end is interpolated."""
-SETTLED = 1e-3
+SETTLED = 1e-2
 """Part of the threshold below which a promised fall of the cost is not worth a step."""
-STEPS = 30
+STEPS = 12
 """Steps (Levenberg and Marquardt's where plain Gauss-Newton ones fail) of the other parameters at one value of this one."""
-LEAST_DAMPING = 1e-6
 TRIALS = 40
 """Values tried on the way to one end; with growth by four at most that is farther than any unit."""
 GROWTH = 4.0
@@ -55,11 +55,14 @@ class Profile:
     """
 
     def __init__(self, search: Search, best: Minimum) -> None:
-        self._search, self._noise = search, best.noise
+        # Only changes of the cost count, which an error far below the noise leaves as they are.
+        self._search, self._noise = search, replace(best.noise, sharp=best.noise.models is None)
         self._problem = Elimination(search, best.vector, best)
         kept = ~search.linear
         lower, upper = search.bounds()
         self._bounds = Bounds(lower[kept], upper[kept])
+        # What the last value's steps needed, the next one's will.
+        self._damping = 0.0
         self._origin = self._point(self._bounds.clip(best.vector[kept]))
 
     def end(self, index: int, step: float, threshold: float) -> End:
@@ -81,6 +84,7 @@ class Profile:
             return End(bound, "bound")
         near, inner, outer = self._origin, (0.0, 0.0), (np.inf, np.inf)
         beyond = near
+        self._damping = 0.0
         deviation, doubts = step, DOUBTS
         for _ in range(TRIALS):
             cut = abs(deviation) >= abs(room)
@@ -151,17 +155,15 @@ class Profile:
         bounds = Bounds(self._bounds.lower[others], self._bounds.upper[others])
 
         def moved(point: Point, by: Array) -> Point:
-            vector = point.vector.copy()
+            step = np.empty(len(point.vector))
+            step[index], step[others] = value - point.vector[index], by
+            vector = self._bounds.clip(self._search.curved(point.vector, step, index))
             vector[index] = value
-            vector[others] = bounds.clip(point.vector[others] + by)
             return self._point(vector)
 
         def step_from(point: Point, residual: Array, damping: float) -> Step:
-            columns = point.jacobian[:, others]
-            norm = np.linalg.norm(columns, axis=0)
-            damped = np.vstack([columns, np.diag(np.sqrt(damping) * np.where(norm > 0.0, norm, 1.0))])
-            held = np.concatenate([residual, np.zeros(len(norm))])
-            return gauss_newton_step(Point(point.vector[others], held, damped, point.cost), bounds)
+            rest = Point(point.vector[others], residual, point.jacobian[:, others], point.cost)
+            return damped_step(rest, bounds, damping)
 
         ahead = near.residual + near.jacobian[:, index] * (value - near.vector[index])
         lead = step_from(near, ahead, 0.0)
@@ -173,16 +175,15 @@ class Profile:
         if not point.cost < enough:
             # Along a valley the linear lead goes too far; from where the others stand they find their own way.
             point = min(point, moved(near, np.zeros_like(lead.step)), key=lambda one: one.cost)
-        damping = 0.0
+        damping = self._damping
         for _ in range(STEPS if np.isfinite(point.cost) else 0):
             step = step_from(point, point.residual, damping)
             if step.promise < SETTLED * threshold:
                 break
             trial = moved(point, step.step)
-            if trial.cost < point.cost:
-                point, damping = trial, damping / 10.0 if damping > LEAST_DAMPING else 0.0
-            else:
-                damping = max(10.0 * damping, LEAST_DAMPING)
+            damping = next_damping(damping, (point.cost - trial.cost) / step.promise)
+            point = min(point, trial, key=lambda one: one.cost)
+        self._damping = damping
         return point
 
     def _point(self, vector: Array) -> Point:

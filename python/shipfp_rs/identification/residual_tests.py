@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -331,6 +332,16 @@ def _of_constants(block: Block, models: Sequence[Array] | None) -> Products:
     level = np.where(block.valid, block.measured - mean[:, None], 0.0)
     left = prewhiten(Evaluation(level, np.zeros((0, *level.shape)), block.valid), models)
     return Products.of(left.residual, left.jacobian, int(left.valid.sum()))
+
+
+def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
+    """Return an output's residual power along what the set point drives over that of noise, one at least.
+
+    `figures` are those of `OutputTests.figures`: the share that the set point explains, of so many samples, over the
+    degrees of freedom of the test.
+    """
+    share = float(figures.get("input_explained_pct") or 0.0) / 100.0
+    return max(share * samples / (INPUT_LAGS + 1.0), 1.0)
 
 
 def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,9 +13,11 @@ import numpy.typing as npt
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import autoregressive_model
+from shipfp_rs.identification.descent import descend
 from shipfp_rs.identification.variable_projection import Elimination
 from shipfp_rs.identification.weighted_problem import Minimum, Noise, WeightedProblem, mean_scatter
 from shipfp_rs.optimise.least_squares import STOPPED, Solution, approach, minimise
+from shipfp_rs.optimise.normal_equations import Products
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support.arrays import Array
 
@@ -27,6 +29,10 @@ CRITERION_TOLERANCE = 1e-8
 """Change of N ln det(E'E/N) that ends the iteration of the weights: parameters then move by 1e-4 of their deviation."""
 ROUGH = 1e-2
 """The same where noise models are still to be fitted."""
+LITTLE = 0.1
+"""Fall of the deviance that ends a descent whose noise models are still to be fitted."""
+NOTHING = 1e-6
+"""The same that ends the last one: a thousandth of a standard deviation."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends it where there is no noise to measure the change by."""
 
@@ -38,17 +44,21 @@ class Search(WeightedProblem):
     max_evaluations: int
     tolerance: float
     time_limit_s: float | None = None
+    enough: float | None = None
+    """Fall of the deviance that is not worth a step; None: as little as the estimates' last digits ask for."""
+    worth: float = np.inf
+    """Deviance that a descent gives up on when it can't get below."""
 
     def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
         """Search from `start`; the weights are refitted until they agree with the residuals."""
-        return self._weighted(
-            start, self.initial_noise(), tick, ROUGH if self._refines else CRITERION_TOLERANCE
-        )
+        noise = replace(self.initial_noise(), sharp=not self._refines and self.enough is None)
+        return self._weighted(start, noise, tick, ROUGH if self._refines else CRITERION_TOLERANCE)
 
     def refine(self, minimum: Minimum, tick: Callable[[], None] | None = None) -> Minimum:
         """Go on from a minimum with AR noise models fitted to its residuals, until these agree too."""
         for tolerance in (ROUGH, CRITERION_TOLERANCE) if self._refines else ():
-            minimum = self._weighted(minimum.vector, self._with_models(minimum), tick, tolerance)
+            noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH and self.enough is None)
+            minimum = self._weighted(minimum.vector, noise, tick, tolerance)
         return minimum
 
     @property
@@ -90,11 +100,29 @@ class Search(WeightedProblem):
         self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
     ) -> Minimum:
         problem, linear = Elimination(self, start), self.linear
-        kept, used, criterion = start[~linear], 0, np.inf
+        kept, used, criterion, limit = start[~linear], 0, np.inf, ""
+        if self._descends:
+            reached = descend(
+                self,
+                problem,
+                kept,
+                noise,
+                reweighs=self._reweighs,
+                near=self.weights is not None or noise.models is not None,
+                enough=(LITTLE if tolerance >= ROUGH else NOTHING) if self.enough is None else self.enough,
+                worth=self.worth,
+                max_evaluations=self.max_evaluations,
+                time_limit_s=self.time_limit_s,
+                tick=tick,
+            )
+            kept, noise, used, limit = reached.kept, reached.noise, reached.passes, reached.limit
+        if limit or (self._descends and (tolerance >= ROUGH or self.enough is not None)):
+            vector, sums = problem.complete(kept, noise)
+            message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
+            criterion = self._criterion(vector, noise, sums)
+            return Minimum(vector, criterion, reached.settled, message, used, noise, sums)
         # While the weights still change much, a minimum for the present ones is worth no more than a few steps.
-        rough = self._reweighs and noise.models is None
-        if noise.models is not None and self._reweighs:
-            noise, _ = self.noise_at(start, noise, *mean_scatter(problem.complete(kept, noise)[1]))
+        rough = self._reweighs and noise.models is None and not self._descends
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
             solution = self._solve(problem, kept, noise, tick, rough=rough)
             used += solution.evaluations
@@ -120,6 +148,17 @@ class Search(WeightedProblem):
             sums=sums,
         )
 
+    @property
+    def _descends(self) -> bool:
+        """Whether steps of our own go down: whitened residuals, none of them bent, along a known valley."""
+        return self._whitens and self.huber is None and self.structure.equations.has_valley
+
+    def _criterion(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> float:
+        """What the minima are ranked by."""
+        if self._reweighs:
+            return self.noise_at(vector, noise, *mean_scatter(sums))[1]
+        return float(self.gram(vector, noise, sums)[-1, -1])
+
     def _solve(
         self,
         problem: Elimination,
@@ -137,7 +176,14 @@ class Search(WeightedProblem):
             return problem(kept, noise)
 
         search = (
-            approach if rough else partial(minimise, tolerance=self.tolerance, near=samples * self._whitens)
+            approach
+            if rough
+            else partial(
+                minimise,
+                tolerance=self.tolerance,
+                near=samples * self._whitens,
+                deviations=NOTHING**0.5 if self._descends else None,
+            )
         )
         return search(
             both,

@@ -20,6 +20,8 @@ EDGE_S = 2.0
 """What is left out at both ends of a record, where the low-pass has no neighbours [s]."""
 LOOP_S = np.append(np.arange(0.0, 0.2, 0.02), np.arange(0.2, 0.41, 0.05))
 """Delays of the loop that are tried [s]."""
+BANDS_S = ((0.0, 0.07), (0.07, 0.19), (0.19, 1.0))
+"""Dead times in the loop of which each band gives a start: the data may tell only their sum with the set point's [s]."""
 SET_POINT_S = np.append(np.arange(0.0, 0.5, 0.05), np.arange(0.5, 1.6, 0.1))
 """Delays of the set point beyond the loop's that are tried [s]."""
 ROWS = 6000
@@ -48,7 +50,7 @@ def starts(structure: Structure, experiments: Sequence[Experiment], count: int =
 
     The torque gives p and the inertia behind the gauge (or all of it, at the brake) from M = N^p + tau dN/dt. Then
     dN/dt = -a (N - 1) + b e + c int e dt, with e = u(t - T_1) - N(t - T_d), is linear in a, b and c for each pair of
-    delays: the pair that leaves least is the start, and the next ones that are local minima of the grid follow.
+    delays: the best pair of each band of delays in the loop is a start.
 
     Parameters
     ----------
@@ -151,14 +153,13 @@ def _loops(
             costs[i, j], rates[i, j] = _regression(records, integrals, loop, loop + late, limits)
     # A loop that runs away, or with gains of the wrong sign, is no ship's.
     costs[(rates[..., 1] <= 0.0) | (rates[..., 2] <= 0.0)] = np.inf
-    padded = np.pad(costs, 1, constant_values=np.inf)
-    around = [
-        padded[1 + a : padded.shape[0] - 1 + a, 1 + b : padded.shape[1] - 1 + b]
-        for a in (-1, 0, 1)
-        for b in (-1, 0, 1)
-    ]
-    lowest = np.isfinite(costs) & (costs <= np.min(around, axis=0))
-    places = sorted(zip(*np.nonzero(lowest), strict=True), key=lambda place: costs[place])[:count]
+    places = []
+    for first, last in BANDS_S:
+        band = costs[(first <= LOOP_S) & (last > LOOP_S)]
+        if len(band) and np.isfinite(band).any():
+            row, column = np.unravel_index(int(np.argmin(band)), band.shape)
+            places.append((int(row) + int(np.argmax(first <= LOOP_S)), int(column)))
+    places = sorted(places, key=lambda place: costs[place])[:count]
     return [
         (float(costs[i, j]), _values(rates[i, j], LOOP_S[i], SET_POINT_S[j], torque, gauge))
         for i, j in places
@@ -201,9 +202,9 @@ def _solved(gram: Array, held: float | None = None) -> Array:
     size = np.diag(gram)[:3] + 1e-300
     ridge = 1e-10 * np.diag(size)
     if held is None:
-        return np.linalg.solve(gram[:3, :3] + ridge, gram[:3, 3])
+        return np.asarray(np.linalg.solve(gram[:3, :3] + ridge, gram[:3, 3]))
     rest = np.linalg.solve((gram[:3, :3] + ridge)[1:, 1:], gram[1:3, 3] - held * gram[1:3, 0])
-    return np.append(held, rest)
+    return np.asarray(np.append(held, rest))
 
 
 def _values(

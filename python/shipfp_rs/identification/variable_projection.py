@@ -25,7 +25,7 @@ class _Pass:
     """Sums of one pass over the data, at a full vector (Q,)."""
 
     vector: Array
-    models: tuple[Array, ...] | None
+    noise: Noise
     sums: Sequence[Products]
 
 
@@ -46,7 +46,7 @@ class Elimination:
         kept, best = start[~self._linear], start[self._linear]
         # Where it was last, the best values there, and their slopes by the kept unknowns.
         self._lead = kept, best, np.zeros((len(best), len(kept)))
-        self._known = [] if known is None else [_Pass(known.vector, known.noise.models, known.sums)]
+        self._known = [] if known is None else [_Pass(known.vector, known.noise, known.sums)]
 
     def __call__(self, kept: Array, noise: Noise) -> tuple[Array, Array]:
         """Return a residual (K + 1,) and Jacobian (K + 1, K) with the cost, gradient and J'J of the whole problem.
@@ -77,7 +77,7 @@ class Elimination:
         vector = self._led_to(kept) if done is None else done.vector
         for again in reversed(range(PASSES)):
             if done is None:
-                done = _Pass(vector, noise.models, problem.sums(vector, noise))
+                done = _Pass(vector, noise, problem.sums(vector, noise))
                 self._known = [*self._known[1 - REMEMBERED :], done]
             gram = problem.gram(done.vector, noise, done.sums)
             if not np.isfinite(gram).all():
@@ -95,7 +95,8 @@ class Elimination:
         return done, gram, coefficients
 
     def _is(self, one: _Pass, kept: Array, noise: Noise) -> bool:
-        return one.models is noise.models and np.array_equal(one.vector[~self._linear], kept)
+        same = one.noise.models is noise.models and one.noise.sharp == noise.sharp
+        return same and np.array_equal(one.vector[~self._linear], kept)
 
     def _led_to(self, kept: Array) -> Array:
         vector = np.empty(self._problem.size)

@@ -25,6 +25,8 @@ class Noise:
 
     root: Array
     models: tuple[Array, ...] | None = None
+    sharp: bool = True
+    """Whether a pass over the records must be exact beyond what noise lets see; on the way to a minimum it need not."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,10 @@ class WeightedProblem:
     def sums(self, vector: Array, noise: Noise) -> list[Products]:
         """Pass over the data once: every block's sums of products, filtered by the noise's models."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return [block.products(values, self.names, noise.models) for block, values in self.each(vector)]
+            return [
+                block.products(values, self.names, noise.models, sharp=noise.sharp)
+                for block, values in self.each(vector)
+            ]
 
     def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
         """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.
@@ -196,6 +201,17 @@ class WeightedProblem:
             table[row, index] = -factor
             table[row, -1] = (nominal - vector[index]) * factor
         return table
+
+    def curved(self, kept: Array, step: Array, held: int | None = None) -> Array:
+        """Return where a step of the unknowns in which the model is not linear leads along the structure's valley."""
+        return self.structure.equations.curved(self.kept_names, kept, step, held)
+
+    @cached_property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of the unknowns in which the model is not linear, a block's own ones without its name."""
+        own = [name for block in self.blocks for name in block.nuisance]
+        names = [*self.names, *own]
+        return tuple(name for name, linear in zip(names, self.linear, strict=True) if not linear)
 
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of the full vector; a block's own unknowns have none."""

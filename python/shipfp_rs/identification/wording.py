@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from shipfp_rs.identification.fingerprint import Identifiability
+from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.logs.faults.record import KINDS
 
 OUTPUTS: Mapping[str, str] = {

@@ -15,13 +15,15 @@ from shipfp_rs.inspection.checks import (
     SETTLE_S,
     SteadyPoint,
     found_experiments,
+    found_or_named,
     linearity,
     static_check,
     static_torque,
     steady_points,
     trains,
 )
-from shipfp_rs.inspection.spectrum import Peak, amplitude_spectrum, find_peaks, rates_of
+from shipfp_rs.inspection.looked_for import looked_for
+from shipfp_rs.inspection.spectrum import LEAST_SAMPLES, Peak, amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.faults.scan import scan
@@ -157,7 +159,7 @@ def inspect_log(
     spectra = {
         report.channel.name: _spectrum(log, report, rest, abs(scale.get(report.channel.name, 1.0)))
         for report in reports
-        if report.pulses_hz is None and np.isfinite(report.noise)
+        if report.pulses_hz is None and np.isfinite(report.noise) and report.channel.samples >= LEAST_SAMPLES
     }
     peaks = {key: tuple(find_peaks(*spectrum, rates)) for key, spectrum in spectra.items()}
     checks["spectra"] = {
@@ -167,6 +169,7 @@ def inspect_log(
         }
         for key, found in peaks.items()
     }
+    checks["looked_for"] = looked_for(reports, trial)
     if rates:
         checks["rates_hz"] = rates
     if windows:
@@ -179,7 +182,7 @@ def inspect_log(
 def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
     """Find the set point's windows; none where a log that stands alone has no such channel, or too little of it."""
     if trial is not None:
-        return find_windows(log, trial.channels.set_point.column)
+        return found_or_named(log, trial)
     try:
         return find_windows(log, set_point_of(log))
     except InputError:
@@ -192,7 +195,8 @@ def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: 
     start_s, stop_s = (channel.start_s, channel.stop_s) if rest is None else (rest.start_s, rest.stop_s)
     if rest is not None and stop_s - start_s > 3.0 * SETTLE_S:
         start_s += SETTLE_S
-    start_s, stop_s = max(start_s, channel.start_s), min(stop_s, start_s + LONGEST_SPECTRUM_S, channel.stop_s)
+    longest_s = max(LONGEST_SPECTRUM_S, LEAST_SAMPLES / channel.rate_hz)
+    start_s, stop_s = max(start_s, channel.start_s), min(stop_s, start_s + longest_s, channel.stop_s)
     frequency, amplitude = amplitude_spectrum(log.read(channel.name, start_s, stop_s), channel.rate_hz)
     return frequency, scale * amplitude
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.inspection.pulse_channels import pulse_rate
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.log import Log
@@ -18,15 +18,6 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, joined, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.support.threads import side_by_side
-from shipfp_rs.tacho import pulse_times
-
-PROBE_S = 120.0
-"""Stretch from which it is told whether a channel is a pulse train."""
-NEAR_A_LEVEL = 0.15
-"""Share of a train's height within which a sample is at one of its two levels."""
-AT_LEVELS = 0.75
-"""Share of samples at a level from which on a channel is a pulse train; a sine has half of them there."""
-LEAST_PULSES = 10
 
 
 @dataclass(frozen=True)
@@ -106,26 +97,6 @@ def _noise(samples: Array) -> float:
     if len(samples) < 3:
         return math.nan
     return float(ROBUST_SIGMA * np.median(np.abs(np.diff(samples, 2))) / math.sqrt(6.0))
-
-
-def pulse_rate(rows: Rows) -> float | None:
-    """Return the pulses per second of a pulse train over its first two minutes, None for anything else."""
-    channel = rows.channel
-    probe = rows.read(0, min(round(PROBE_S * channel.rate_hz), channel.samples)).astype(np.float64)
-    probe = probe[np.isfinite(probe)]
-    if len(probe) < LEAST_PULSES:
-        return None
-    try:
-        pulses = pulse_times(probe, channel.rate_hz)
-    except InputError:
-        return None
-    # The thresholds stand at 0.3 and 0.7 of the height.
-    height = (pulses.high - pulses.low) / 0.4
-    ends = pulses.middle + 0.5 * height * np.array([-1.0, 1.0])
-    near = np.minimum(np.abs(probe - ends[0]), np.abs(probe - ends[1])) < NEAR_A_LEVEL * height
-    if near.mean() < AT_LEVELS or len(pulses.times_s) < LEAST_PULSES:
-        return None
-    return len(pulses.times_s) / (len(probe) / channel.rate_hz)
 
 
 def _or_none(value: float) -> float | None:

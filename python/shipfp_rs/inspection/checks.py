@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_tables import OperatingPoint, Window
-from shipfp_rs.processing.windows import FoundWindow
+from shipfp_rs.processing.windows import FoundWindow, Kind, find_windows
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -100,6 +100,40 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
     return result
 
 
+def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
+    """Return the windows found in a log; those that its trial names where it is too short, or nothing in it rests."""
+    channel = log.channel(trial.channels.set_point.column)
+    named = [
+        (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
+    ]
+    if trial.operating_point.steady_s is not None:
+        named.append(("R1", "steady", *trial.operating_point.steady_s))
+    try:
+        found = find_windows(log, channel.name)
+    except InputError:
+        if not named:
+            raise
+        found = []
+    if any(_lasts(window) for window in found):
+        return found
+    kinds: Mapping[str, Kind] = {kind: kind for kind in get_args(Kind)}
+    return [
+        FoundWindow(
+            name,
+            kinds.get(kind, "other"),
+            start_s,
+            stop_s,
+            float(np.nanmedian(log.read(channel.name, start_s, stop_s))),
+        )
+        for name, kind, start_s, stop_s in named
+    ] or found
+
+
+def _lasts(window: FoundWindow) -> bool:
+    """Whether something is left of a rest once it has settled."""
+    return window.kind == "steady" and window.stop_s - window.start_s > 2.0 * SETTLE_S
+
+
 def found_experiments(
     log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
 ) -> list[Experiment]:
@@ -112,10 +146,13 @@ def found_experiments(
             stop_s=window.stop_s,
         )
         for window in found
-        if window.kind != "steady" or window.stop_s - window.start_s > 2.0 * SETTLE_S
+        if window.kind != "steady" or _lasts(window)
     )
     if not any(window.kind == "steady" for window in windows):
-        raise InputError(f"{log.name}: no steady stretch found; the checks need one of {2.0 * SETTLE_S:g} s")
+        raise InputError(
+            f"{log.name}: no steady stretch found; the checks need one of {2.0 * SETTLE_S:g} s, which "
+            "operating_point.steady_s may name"
+        )
     # The signals are wanted as they are: any operating point will do.
     plain = trial.model_copy(
         update={

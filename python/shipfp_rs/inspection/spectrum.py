@@ -16,6 +16,8 @@ from shipfp_rs.vessel.vessel import Vessel
 
 SEGMENT_S = 20.0
 """Length of a segment of the averaged spectrum: lines 0.25 Hz apart are told from one another."""
+LEAST_SAMPLES = 64
+"""Of a segment, and of a channel that has a spectrum."""
 ABOVE_FLOOR = 4.0
 """Height of a line over the median about it."""
 FLOOR_HZ = 4.0
@@ -49,7 +51,7 @@ def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, A
     spikes = np.zeros(len(values), dtype=np.bool_)
     for start, stop in find_spikes(values, rate_hz, longest_s=0.05, threshold=6.0, least=0.05):
         spikes[max(start - 1, 0) : stop + 1] = True
-    size = min(round(SEGMENT_S * rate_hz), len(values))
+    size = min(max(round(SEGMENT_S * rate_hz), LEAST_SAMPLES), len(values))
     frequency, power = signal.welch(
         bridge(values, spikes), rate_hz, window="flattop", nperseg=size, detrend="linear", scaling="spectrum"
     )
@@ -86,7 +88,7 @@ def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | 
         Name to rate [Hz], for the lines' names.
     """
     step = float(frequency[1] - frequency[0])
-    half = max(round(0.5 * FLOOR_HZ / step), 1)
+    half = int(np.clip(0.5 * FLOOR_HZ / step, 1, len(amplitude) - 1))
     padded = np.pad(amplitude, half, mode="reflect")
     floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
     # The flat top of a line is some bins wide: the highest within half a hertz counts.

@@ -71,6 +71,8 @@ class Rows:
     def read(self, first: int, stop: int) -> Samples:
         """Return rows as recorded, shape (stop - first,)."""
         parts = list(self.pieces(first, stop))
+        if not parts:
+            return np.empty(0)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def pieces(self, first: int, stop: int) -> Iterator[Samples]:

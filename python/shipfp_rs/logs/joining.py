@@ -189,8 +189,8 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     zero = min((log.start_utc for log in logs if log.start_utc), default=None)
     counts: dict[str, int] = {}
     for log in logs:
-        for channel in log.channels:
-            counts[channel] = counts.get(channel, 0) + 1
+        for label in log.channels:
+            counts[label] = counts.get(label, 0) + 1
     channels: list[Channel] = []
     source: dict[str, tuple[Log, str]] = {}
     spans: list[tuple[float, float]] = []

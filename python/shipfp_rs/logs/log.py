@@ -19,6 +19,7 @@ from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text
 from shipfp_rs.support import hints, units
+from shipfp_rs.support.arguments import checked
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -74,6 +75,7 @@ class Log:
         return f"Log({self.name!r}: {shown})"
 
     @classmethod
+    @checked
     def open(
         cls,
         path: str | Path,
@@ -107,10 +109,11 @@ class Log:
         path = Path(path)
         if any(mark in path.name for mark in "*?") and not path.exists():
             return _joiner("pattern")(path, rate_hz=rate_hz, time=time, names=names)
-        _require_known(path)
+        if not path.is_dir():
+            _require_known(path)
         if not path.is_file():
-            what = "a folder, expected a log file" if path.is_dir() else "no such log file"
-            raise InputError(f"{path}: {what}")
+            kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
+            raise InputError(f"{path}: {kind}, expected a log file")
         if not path.stat().st_size:
             raise InputError(f"{path}: the file is empty")
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
@@ -130,6 +133,7 @@ class Log:
         return log
 
     @classmethod
+    @checked
     def from_arrays(
         cls,
         arrays: Mapping[str, npt.ArrayLike],
@@ -156,6 +160,7 @@ class Log:
         return cls(name, channels, blocks)
 
     @staticmethod
+    @checked
     def merge(*logs: Log, name: str = "") -> Log:
         """Merge logs that share one clock, by their time stamps; see `shipfp_rs.logs.joining.merge`.
 
@@ -168,6 +173,7 @@ class Log:
         """
         return _joiner("merge")(logs, name)
 
+    @checked
     def channel(self, name: str) -> Channel:
         """Return what is known of a channel; `InputError` with the nearest name where there is none."""
         if name not in self.channels:
@@ -209,6 +215,7 @@ class Log:
         """Yield a channel from a row on with its gaps masked, all blocks of one type; what `write` stores."""
         return self._blocks(name, first, size or BLOCK)
 
+    @checked
     def read(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> Samples:
         """Return a channel from `start_s` up to, not including, `stop_s` on the log's clock, as recorded.
 
@@ -222,6 +229,7 @@ class Log:
             raise InputError(f"{self.name}: channel {name!r} holds no sample there; read a longer stretch")
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    @checked
     def write(self, path: str | Path) -> Path:
         """Write all channels to Parquet, block by block; the file appears whole or not at all.
 
@@ -297,6 +305,7 @@ def _reader_of(path: Path) -> Reader:
     return _READERS[suffix]
 
 
+@checked
 def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Reader], Reader]:
     """Make `Log.open` use the decorated function (path, rate_hz) for files of these suffixes.
 

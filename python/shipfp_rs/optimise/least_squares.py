@@ -74,6 +74,7 @@ def minimise(
     *,
     tolerance: float = 1e-12,
     near: int = 0,
+    deviations: float | None = None,
     max_evaluations: int = 500,
     time_limit_s: float | None = None,
     tick: Callable[[], None] | None = None,
@@ -94,6 +95,8 @@ def minimise(
     near
         Where the start is close to the minimum, the number of samples whose noise the residual sums up: then Gauss-Newton
         steps go first, and end where the noise would hide them.
+    deviations
+        Standard deviations of the estimates below which such a step is hidden; None: `DEVIATIONS`.
     max_evaluations, time_limit_s
         Limits of calls and of seconds.
     tick
@@ -124,7 +127,7 @@ def minimise(
     """
     vector, bounds = _checked(start, lower, upper)
     recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
-    return _minimise(recorder, vector, bounds, tolerance, near=near)
+    return _minimise(recorder, vector, bounds, tolerance, near=near, deviations=deviations)
 
 
 @np.errstate(all="ignore")  # as in `_minimise`
@@ -240,6 +243,7 @@ def _minimise(
     tolerance: float,
     *,
     near: int = 0,
+    deviations: float | None = None,
 ) -> Solution:
     first = point = recorder.begin(start)
     run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance)
@@ -249,7 +253,14 @@ def _minimise(
             before = point.cost
             if turn or not near:
                 run(point)
-            enough = {"worthwhile": WORTHWHILE, "promising": DEVIATIONS**2 / near} if near else {}
+            enough = (
+                {
+                    "worthwhile": WORTHWHILE,
+                    "promising": (DEVIATIONS if deviations is None else deviations) ** 2 / near,
+                }
+                if near
+                else {}
+            )
             point = polish(recorder, recorder.best, bounds, **enough)
             message = doubt(point, first, bounds, tolerance, HIDDEN**2 / near if near else 0.0)
             lower = None if message else _way_down(recorder, run, point, first, bounds)

@@ -10,6 +10,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, RED, dress, panels_of
+from shipfp_rs.support.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,12 +18,16 @@ if TYPE_CHECKING:
     from shipfp_rs.assessment.profile_likelihood import Likelihood
 
 
+@checked
 def intervals(
-    fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, ax: Axes | None = None
+    fingerprint: Fingerprint,
+    truth: Mapping[str, float] | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Draw the 95 % intervals of parameters and combinations relative to the truth, or else to the estimate.
 
-    What the data leave open has no interval and is left out; an interval that misses the truth is red.
+    What the data leave open has no interval and is left out; an interval that misses the truth is red. Where
+    most intervals are narrow, one that is not, such as that of a parameter near zero, ends in an arrow at the edge.
 
     Parameters
     ----------
@@ -43,32 +48,34 @@ def intervals(
         for name, estimate in {**fingerprint.parameters, **fingerprint.derived}.items()
         if estimate.ci95 is not None and estimate.value and (truth is None or truth.get(name))
     }
-    reach = 0.0
-    for row, (name, estimate) in enumerate(reversed(shown.items())):
+    rows = []
+    for name, estimate in reversed(shown.items()):
         reference = truth[name] if truth is not None else estimate.value
         assert reference is not None
         assert estimate.ci95 is not None
-        middle, low, high = (
-            100.0 * (value - reference) / abs(reference) for value in (estimate.value or 0.0, *estimate.ci95)
-        )
+        ends = (estimate.value or 0.0, *estimate.ci95)
+        rows.append([100.0 * (value - reference) / abs(reference) for value in ends])
+    edge = _edge([(low, high) for _, low, high in rows])
+    for place, (middle, low, high) in enumerate(rows):
         color = BLUE if low <= 0.0 <= high else RED
-        ax.plot([low, high], [row, row], color=color, lw=2.0, solid_capstyle="butt")
-        ax.plot(middle, row, "o", color=color, ms=5)
-        reach = max(reach, abs(low), abs(high))
+        ax.plot(np.clip([low, high], -edge, edge), [place, place], color=color, lw=2.0, solid_capstyle="butt")
+        for end, mark in ((low, "<"), (high, ">")):
+            if (end > edge) if mark == ">" else (end < -edge):
+                ax.plot(np.sign(end) * edge, place, mark, color=color, ms=7, clip_on=False)
+        if abs(middle) <= edge:
+            ax.plot(middle, place, "o", color=color, ms=5)
     ax.axvline(0.0, color=GREY, lw=1.0)
-    ax.set_yticks(range(len(shown)), [_row_label(name, shown[name]) for name in reversed(shown)])
+    labels = [_row_label(name, shown[name]) for name in reversed(shown)]
+    ax.set_yticks(range(len(shown)), labels)
     ax.set_ylim(-0.6, max(len(shown), 1) - 0.4)
-    # A hopeless interval must not squeeze the good ones into dots; it runs out of the picture.
-    edge = min(max(1.1 * reach, 0.1), 100.0)
     ax.set_xlim(-edge, edge)
-    ax.set_xlabel(
-        "estimate and 95 % interval, from " + ("the truth" if truth is not None else "the estimate") + " [%]"
-    )
+    ax.set_xlabel(f"distance from the {'truth' if truth is not None else 'estimate'} [%]")
     dress(ax, "", legend=False)
     ax.grid(visible=False, axis="y")
     return ax
 
 
+@checked
 def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     """Draw a profile likelihood with the level at which the 95 % interval ends.
 
@@ -99,6 +106,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
     """Draw the correlations of an output's whitened residuals with their own past and with the set point, by lag.
 
@@ -150,6 +158,16 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     panels[1].xaxis.set_major_formatter("{x:g}")
     panels[1].set_xlabel(f"residual after the set point [{unit}]")
     return panels
+
+
+def _edge(ends: Sequence[tuple[float, float]]) -> float:
+    """Return how far the axis goes [%]: past all intervals but those three times as wide as the usual one."""
+    known = np.array([pair for pair in ends if np.isfinite(pair).all()]).reshape(-1, 2)
+    if not len(known):
+        return 1.0
+    widths = known[:, 1] - known[:, 0]
+    near = known[widths <= 3.0 * np.median(widths)]
+    return min(max(1.15 * float(np.abs(near).max()), 0.1), 100.0)
 
 
 def _row_label(name: str, estimate: Estimate) -> str:

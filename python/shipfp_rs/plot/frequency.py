@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shipfp_rs.plot.style import COLOURS, COMPARED, GREY, LABELS, dress, panels_of
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from shipfp_rs.frequency import FrequencyResponse
 
 
+@checked
 def bode(
     measured: FrequencyResponse,
     model: FrequencyResponse | None = None,
@@ -60,6 +62,7 @@ def bode(
     return panels
 
 
+@checked
 def responses(
     curves: Mapping[str, FrequencyResponse], signal: str, axes: Sequence[Axes] | None = None
 ) -> Sequence[Axes]:

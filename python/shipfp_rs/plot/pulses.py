@@ -8,6 +8,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.plot.style import RED, REFLECTORS, dress, panels_of
+from shipfp_rs.support.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
 
+@checked
 def pulse_intervals(
     pulses: PulseTimes, pulses_per_rev: int, angles: ReflectorAngles | None = None, ax: Axes | None = None
 ) -> Axes:

@@ -10,12 +10,14 @@ import numpy.typing as npt
 
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+@checked
 def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
     """Draw the signals of an experiment against time, one panel a unit, masked samples marked at the bottom.
 
@@ -51,8 +53,13 @@ def units(experiment: Experiment) -> tuple[str, ...]:
     return tuple(dict.fromkeys(UNITS[name] for name in experiment.signals))
 
 
+@checked
 def fit(
-    experiment: Experiment, simulated: Mapping[str, npt.ArrayLike], axes: Sequence[Axes] | None = None
+    experiment: Experiment,
+    simulated: Mapping[str, npt.ArrayLike],
+    axes: Sequence[Axes] | None = None,
+    *,
+    stretch_s: tuple[float, float] | None = None,
 ) -> Sequence[Axes]:
     """Draw measured signals and what the fitted model makes of them, one panel a signal.
 
@@ -64,16 +71,29 @@ def fit(
         Signal name to the model's normalised deviation (as `Experiment.normalised`), shape (N,).
     axes
         One a signal; made where None.
+    stretch_s
+        From when to when to draw [s], with the band in which 95 % of the measured samples are to be expected about the
+        model: 1.96 standard deviations of what it leaves over in the whole record. None: all of it, without a band.
 
     Returns
     -------
     sequence of Axes
     """
     panels = panels_of(axes, len(simulated), sharex=True)
+    rows = (
+        slice(None) if stretch_s is None else slice(*(round(end * experiment.rate_hz) for end in stretch_s))
+    )
+    time = experiment.time[rows]
     for ax, (name, deviation) in zip(panels, simulated.items(), strict=True):
         model = experiment.operating_point[name] * (1.0 + np.asarray(deviation, dtype=np.float64))
-        ax.plot(*envelope(experiment.time, experiment.signals[name]), color=GREY, lw=1.0, label="measured")
-        ax.plot(*envelope(experiment.time, model), color=COLOURS[name], lw=1.0, label="model")
+        measured, color = experiment.signals[name], COLOURS[name]
+        if stretch_s is not None:
+            half = 1.96 * float(np.nanstd(measured - model))
+            times, low = envelope(time, model[rows] - half)
+            _, high = envelope(time, model[rows] + half)
+            ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % band")
+        ax.plot(*envelope(time, measured[rows]), color=GREY, lw=1.0, label="measured")
+        ax.plot(*envelope(time, model[rows]), color=color, lw=1.2, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")

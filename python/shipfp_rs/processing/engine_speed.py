@@ -123,7 +123,7 @@ class EngineSpeed:
         if not len(self.speeds[self.train.name].time_s):
             raise InputError(f"{label}: no pulses in {', '.join(self.speeds)}")
         self.median_rpm = {
-            train.name: float(np.median(self.speeds[train.name].speed_rps)) * train.rpm_per_rps
+            train.name: self.speeds[train.name].typical_rps() * train.rpm_per_rps
             for train in trains
             if len(self.speeds[train.name].time_s)
         }
@@ -166,8 +166,8 @@ class EngineSpeed:
         ]
         if not useful:
             source, account = self.best()
-            std_rps = float(np.median(self.speeds[own.name].std_rps))
-            return source, {**account, "std_rpm": std_rps * own.rpm_per_rps}
+            level_std = float(np.median(self.speeds[own.name].std_rps))
+            return source, {**account, "std_rpm": level_std * own.rpm_per_rps}
         try:
             fit, bandwidth_hz = fused_angle(
                 [
@@ -193,11 +193,13 @@ class EngineSpeed:
 
         start_s, stop_s = self.stretch_s
         grid = np.arange(start_s, stop_s, 1.0 / self.rate_hz)
-        rps, std_rps = fit.at(grid)
+        speed_rps, deviation_rps = fit.at(grid)
         reports = {train.name: fit.report(train.name) for train in useful}
-        std_rpm = float(np.sqrt(np.nanmean(std_rps**2))) * own.rpm_per_rps
+        std_rpm = float(np.sqrt(np.nanmean(deviation_rps**2))) * own.rpm_per_rps
         found = (
-            _Level.beside(train, self.speeds[train.name], grid, rps * own.rpm_per_rps, std_rpm, self.rate_hz)
+            _Level.beside(
+                train, self.speeds[train.name], grid, speed_rps * own.rpm_per_rps, std_rpm, self.rate_hz
+            )
             for train in self.trains
             if isinstance(train, SpeedLevel)
         )

@@ -32,6 +32,7 @@ from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Tacho, Torque
 from shipfp_rs.processing.trial_tables import Window
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
@@ -44,6 +45,7 @@ STEADY = 0.02
 """Relative standard deviation of the set point above which a stretch is not steady."""
 
 
+@checked
 def process(
     log: Log, trial: Trial, vessel: Vessel | None = None, *, chunk: int | None = None
 ) -> list[Experiment]:

@@ -68,9 +68,9 @@ class PulseTrain:
         """Angles of the reflectors, from the pulses of the longest stretch."""
         return reflector_angles(longest.times_s, self.tacho.pulses_per_rev, gaps=longest.gaps_s)
 
-    def _time_std_s(self, label: str) -> float:
-        """Standard deviation of a pulse's time in a stretch [s]."""
-        return self.pulses[label].time_std_s
+    def _time_std_s(self, label: str) -> float | None:
+        """Standard deviation of a pulse's time in a stretch [s]; None: as the pulses tell."""
+        return None
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         """Pulses of a stretch and a margin on either side, on the log's clock."""
@@ -88,15 +88,19 @@ class PulseTrain:
         except InputError as error:
             raise InputError(f"channels.{self.name}, {start_s:g} to {stop_s:g} s: {error}") from error
         offset = channel.start_s + first / channel.rate_hz
-        return replace(pulses, times_s=pulses.times_s + offset, gaps_s=pulses.gaps_s + offset)
+        return replace(
+            pulses,
+            times_s=pulses.times_s + offset,
+            gaps_s=pulses.gaps_s + offset,
+            faint_s=pulses.faint_s + offset,
+        )
 
     def speed(self, label: str) -> IntervalSpeed:
         """Interval speeds [rev/s] of the train's shaft in a stretch."""
         pulses = self.pulses[label]
         return speed_from_pulses(
-            pulses.times_s,
+            pulses,
             self.tacho.pulses_per_rev,
-            gaps=pulses.gaps_s,
             angles=self.angles if self.angles.ok else None,
             time_std_s=self._time_std_s(label),
         )
@@ -105,15 +109,7 @@ class PulseTrain:
     def around(speed: IntervalSpeed, start_s: float, stop_s: float) -> IntervalSpeed:
         """Return the intervals of a stretch and so many on either side that a spline feels none beyond."""
         first, last = np.searchsorted(speed.time_s, [start_s, stop_s])
-        part = slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH)
-        return replace(
-            speed,
-            time_s=speed.time_s[part],
-            speed_rps=speed.speed_rps[part],
-            std_rps=speed.std_rps[part],
-            duration_s=speed.duration_s[part],
-            flags=speed.flags[part],
-        )
+        return speed.part(slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH))
 
     def score(self, speed: IntervalSpeed) -> float:
         """Good intervals; where the reflectors' angles are unknown only one a turn says anything about speed."""
@@ -122,7 +118,7 @@ class PulseTrain:
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
         """What was wrong in a stretch, and what was done."""
-        gaps = self.pulses[label].gaps_s
+        gaps, faint = self.pulses[label].gaps_s, self.pulses[label].faint_s
         begins, ends = speed.time_s - 0.5 * speed.duration_s, speed.time_s + 0.5 * speed.duration_s
 
         def fault(kind: str, method: str, begins: Array, ends: Array) -> Fault:
@@ -138,13 +134,16 @@ class PulseTrain:
             fault("A", "second crossings removed", begins[extra[:, 0]], ends[extra[:, 1] - 1]),
             fault("B", "lost pulses put in at equal shares", begins[missed[:, 0]], ends[missed[:, 1] - 1]),
             fault("B", "masked: no pulses to count", *_silent(begins, ends, gaps, start_s, stop_s).T),
-            fault("gap", "masked", *gaps.T),
+            fault(
+                "faint", f"masked: lower than {self.pulses[label].limit:.3g} and uneven, or none", *faint.T
+            ),
+            fault("gap", "masked", *self.pulses[label].missing_s.T),
         ]
         return [fault for fault in found if len(fault.spans)]
 
 
 def _silent(begins: Array, ends: Array, gaps: Array, start_s: float, stop_s: float) -> Array:
-    """Return stretches [s] without usable intervals that no missing samples explain, shape (K, 2)."""
+    """Return stretches [s] without usable intervals that no gaps explain, shape (K, 2)."""
     from_s, to_s = np.append(start_s, ends), np.append(begins, stop_s)
     apart = to_s - from_s > 1e-3 * np.median(ends - begins) if len(ends) else np.array([True])
     silent = np.column_stack([from_s, to_s])[apart]

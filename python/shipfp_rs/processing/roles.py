@@ -116,8 +116,8 @@ def _leader(
     """Return the channel whose changes come before those of all others that follow it."""
     if named["set_point"]:
         return None
-    coarse = {name: _coarse(log, name) for name in log.channels if name not in trains}
-    coarse = {name: values for name, values in coarse.items() if values is not None}
+    found = {name: _coarse(log, name) for name in log.channels if name not in trains}
+    coarse = {name: values for name, values in found.items() if values is not None}
     count = min((len(values) for values in coarse.values()), default=0)
     if len(coarse) < 2 or count < 10 * LAG_RATE_HZ:
         return None
@@ -142,13 +142,13 @@ def _lag(one: Array, two: Array) -> int | None:
     scale = float(np.linalg.norm(one) * np.linalg.norm(two))
     if not scale > 0.0:
         return None
-    lags = np.arange(-most, most + 1)
+    lags = list(range(-most, most + 1))
     found = [
         float(np.dot(one[max(-k, 0) : len(one) - max(k, 0)], two[max(k, 0) : len(two) - max(-k, 0)]))
         for k in lags
     ]
     place = int(np.argmax(np.abs(found)))
-    return int(lags[place]) if abs(found[place]) > LEAST_CORRELATION * scale else None
+    return lags[place] if abs(found[place]) > LEAST_CORRELATION * scale else None
 
 
 def _coarse(log: Log, name: str) -> Array | None:

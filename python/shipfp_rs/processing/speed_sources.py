@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,9 +36,7 @@ class MarkedWheel(PulseTrain):
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         pulses = super()._pulses(rows, start_s, stop_s)
-        return replace(
-            pulses, times_s=with_missing(pulses.times_s, self.tacho.pulses_per_rev, self.tacho.missing)
-        )
+        return pulses.at(with_missing(pulses.times_s, self.tacho.pulses_per_rev, self.tacho.missing))
 
 
 def with_missing(times_s: Array, teeth: int, missing: int) -> Array:

@@ -17,8 +17,10 @@ from shipfp_rs.processing.trial_tables import (
     Identify,
     OperatingPoint,
     Processing,
+    Report,
     Window,
 )
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.toml import Section, read_toml, unexpected
 
 
@@ -41,6 +43,7 @@ class Trial(Section):
     structure: GreyBox | None = None
     """None: the structure that the data choose, or the linear one that [identify] describes."""
     identify: Identify = Identify()
+    report: Report = Report()
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -52,6 +55,7 @@ class Trial(Section):
             raise unexpected(
                 f"identify.{linear[0]}", "a key of the linear structure", "none beside the table [structure]"
             )
+        self._require_one_place_of_torque()
         point = self.operating_point
         given = {
             "n_e": point.n_e_rpm,
@@ -84,12 +88,36 @@ class Trial(Section):
                 )
         return self
 
+    def _require_one_place_of_torque(self) -> None:
+        """Refuse tables that say otherwise than the torque channel where the torque was measured, or whether it was."""
+        measured = self.channels.torque
+        for table, options in (("identify", self.identify), ("structure", self.structure)):
+            if options is None:
+                continue
+            asked = options.torque
+            if measured is None and (
+                asked is not None or ("dM" in options.outputs and "outputs" in options.model_fields_set)
+            ):
+                key, found = ("torque", f"{asked!r}") if asked is not None else ("outputs", "'dM'")
+                raise unexpected(
+                    f"{table}.{key}",
+                    f"{found} without a torque channel",
+                    "a table [channels.torque], or this key left out",
+                )
+            if measured is not None and asked is not None and asked != measured.place:
+                raise unexpected(
+                    f"{table}.torque",
+                    f"{asked!r} beside channels.torque.location = {measured.location!r}",
+                    f"{measured.place!r}, or this key left out: the location says it",
+                )
+
     @property
     def chooses(self) -> bool:
         """Whether the data choose the structure, within what [identify] leaves open."""
         return self.structure is None and self.identify.chooses
 
     @classmethod
+    @checked
     def load(cls, path: str | Path) -> Self:
         """Read a TRIAL.toml; relative paths of logs and of a vessel file are taken from its folder.
 
@@ -128,6 +156,8 @@ class Trial(Section):
         name = Path(self.align.reference).name
         (reference,) = [log for log in logs if Path(log.name).name == name]
         others = [log for log in logs if log is not reference]
+        if self.align.common is None:
+            return [Log.merge(reference, *others, name=reference.name)]
         return [merged(reference, others, self.align.common, pulses=self.align.pulses)]
 
     def windows_of(self, log: str) -> tuple[Window, ...]:

@@ -7,10 +7,14 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.toml import Section, unexpected
+from shipfp_rs.support.toml import FilePath, Name, Section, unexpected
 from shipfp_rs.support.units import TO_REV, TO_RPM, told
 
 Positive = Annotated[float, Field(gt=0.0)]
+Rate = Annotated[float, Field(gt=0.0, le=1e8)]
+"""Samples a second of any logger there is."""
+Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
+"""Of a channel [s]; what comes later than a minute is a clock of its own."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
@@ -44,23 +48,28 @@ class Line(Section):
 class SetPoint(Section):
     """The channel of the engine-speed set point, calibrated to rpm of the engine."""
 
-    column: str
+    column: Name
     unit: str
     calibration: Line
-    delay_s: float = 0.0
+    delay_s: Delay = 0.0
     """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
 
 
 class Torque(Section):
     """The torque channel, calibrated to Nm."""
 
-    column: str
+    column: Name
     unit: str
     calibration: Line
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
-    delay_s: float = 0.0
+    delay_s: Delay = 0.0
     """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+
+    @property
+    def place(self) -> Literal["gauge", "brake"]:
+        """Side of the inertias that the equations have it on."""
+        return "gauge" if self.location == "gauge" else "brake"
 
 
 class Rack(Section):
@@ -69,10 +78,10 @@ class Rack(Section):
     Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm.
     """
 
-    column: str
+    column: Name
     unit: str
     calibration: Line
-    delay_s: float = 0.0
+    delay_s: Delay = 0.0
     """How late the channel tells what happened, half the period at which a bus repeats it included [s]; taken off."""
 
 
@@ -83,12 +92,12 @@ LOADS = {"torque": "M_load", "power": "P_load"}
 class Load(Section):
     """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm or W."""
 
-    column: str
+    column: Name
     unit: str
     calibration: Line
     quantity: Literal["torque", "power"]
     """Torque [Nm] of the load, or its power [W]."""
-    delay_s: float = 0.0
+    delay_s: Delay = 0.0
     """How late the channel tells what happened [s]; taken off."""
 
 
@@ -102,22 +111,22 @@ class Tacho(Section):
     kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
     column: str = ""
     """Of the log; in a list of edges that of the times, the first one by default."""
-    pulses_per_rev: Annotated[int, Field(ge=1)] = 1
+    pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
     """Of a wheel with missing teeth as many as it would have: 60 for 60-2."""
     missing: Annotated[int, Field(ge=0, le=4)] = 0
     """Teeth that a wheel lacks side by side, for its mark: 2 for 60-2."""
-    quadrature: str | None = None
+    quadrature: Name | None = None
     """Column of the second train of a pair that is a quarter of a pulse apart."""
     shaft: Literal["engine", "propeller"] = "engine"
     threshold: float | None = None
     """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
     hysteresis: Positive | None = None
     """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
-    delay_s: float = 0.0
+    delay_s: Delay = 0.0
     """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
-    file: str | None = None
+    file: FilePath | None = None
     """A list of edges: a file with a column of times on the log's clock [s]."""
-    level: str | None = None
+    level: Name | None = None
     """Its column of levels: of such a list only edges up to a level above the middle count."""
     time_std_s: Positive | None = None
     """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""

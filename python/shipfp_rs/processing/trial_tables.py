@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
-from shipfp_rs.processing.trial_channels import Pair, Positive
-from shipfp_rs.support.toml import Section, unexpected
+from shipfp_rs.processing.trial_channels import Pair, Positive, Rate
+from shipfp_rs.support.hints import nearest
+from shipfp_rs.support.toml import FilePath, Name, Section, Seed, Starts, unexpected
 
 Relation = Annotated[
     tuple[str, float, float],
@@ -18,36 +20,39 @@ Relation = Annotated[
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
 
+KINDS = ("steady", "sine", "sines", "chirp", "steps", "multisine", "squares", "prbs", "noise", "other")
+"""Usual kinds of windows."""
 ELEMENTS = ("actuator_lag", "derivative", "sampling", "misreading", "twist", "curvature")
 
 
 class Header(Section):
     """The trial: its name, the ship, the recordings."""
 
-    name: str
-    vessel: str
+    name: Name
+    vessel: FilePath
     """A built-in ship's name or the path of a vessel file."""
     log: Annotated[
-        tuple[str, ...],
-        Field(strict=False, min_length=1),
+        tuple[FilePath, ...],
+        Field(strict=False, min_length=1, max_length=1000),
         BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
     ]
     """One path or several; relative ones count from the folder of TRIAL.toml."""
-    rate_hz: Positive | None = None
+    rate_hz: Rate | None = None
     """Sample rate of logs that tell none [Hz]."""
     time_column: str | None = None
     """Column of time of a table, where it is not found by itself: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
-    names: str | None = None
+    names: FilePath | None = None
     """File that names the channels: a DBC for a CAN log, a channel list for ISO 19848."""
 
 
 class Align(Section):
     """Several loggers that recorded one trial, each with a clock of its own: brought to one of them."""
 
-    reference: str
+    reference: FilePath
     """File name of the log whose clock counts; all windows are on it."""
-    common: str
-    """Channel that every log holds, such as the set point's voltage or a pulse train."""
+    common: Name | None = None
+    """Channel that every log holds, such as the set point's voltage or a pulse train; without one the logs share a
+    clock, and their time stamps count."""
     pulses: bool = False
     """Whether the common channel is a pulse train."""
 
@@ -90,7 +95,7 @@ class Faults(Section):
     """Shortest stretch at zero of a channel that stays away from it [s]."""
     longest_bridge_s: Positive = 0.25
     """Longest stretch over which a lost set point is guessed, by a straight line [s]; the answers are masked there."""
-    mains_hz: Positive = 50.0
+    mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Frequency of the mains, whose hum is taken out of the set point [Hz]."""
     least_hum: Positive = 1e-3
     """Amplitude that counts as hum, as a share of the set point."""
@@ -99,7 +104,7 @@ class Faults(Section):
 class Processing(Section):
     """How raw channels become signals."""
 
-    rate_hz: Positive = 50.0
+    rate_hz: Rate = 50.0
     """Common rate of the signals [Hz]. Above what the tachometer tells there is only interpolation, which a fit that
     whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s tell 10 Hz."""
     normalise: Literal["global", "local"] = "global"
@@ -116,14 +121,24 @@ class Processing(Section):
     faults: Faults = Faults()
 
 
+def _no_slip(word: str) -> str:
+    """Refuse what is all but one of the usual kinds; any other word is the user's own."""
+    if word not in KINDS and (near := nearest(word, KINDS, 0.75)):
+        raise PydanticCustomError(
+            "kind", "one of {known}, or a word of your own{near}", {"known": ", ".join(KINDS), "near": near}
+        )
+    return word
+
+
 class Window(Section):
     """One stretch of a log, one experiment."""
 
-    name: str
-    kind: str = ""
+    name: Name
+    kind: Annotated[str, Field(max_length=40), AfterValidator(_no_slip)] = ""
+    """What the set point does; any word, which the report repeats."""
     start_s: float
     stop_s: float
-    log: str | None = None
+    log: FilePath | None = None
     """File name of the log it is cut from; the first one where none is named."""
 
     @model_validator(mode="after")
@@ -154,6 +169,12 @@ OF_ANY_STRUCTURE = frozenset(("elements", "fixed", "priors", "tied", *HOW, "star
 
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
 """Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
+
+
+class Report(Section):
+    """What report.html is like."""
+
+    language: Literal["en", "de"] = "en"
 
 
 class Identify(Section):
@@ -195,9 +216,9 @@ class Identify(Section):
     """These five as in `identify`."""
     lead_back: bool = False
     """Simulate the vessel and take off the estimates what the structure lacks beside it (`indirect_inference`)."""
-    starts: Annotated[int, Field(ge=1)] = 8
-    """Of a grey box, which starts at the vessel's own values, what `identify` takes where none are given."""
-    seed: Annotated[int, Field(ge=0)] = 0
+    starts: Starts | None = None
+    """None: what `identify` takes where none are given."""
+    seed: Seed = 0
 
     @property
     def options(self) -> dict[str, Any]:

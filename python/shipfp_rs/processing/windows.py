@@ -153,10 +153,10 @@ class _Trace:
         ratio = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
         rate = channel.rate_hz / ratio
         block = round(BLOCK_S * rate)
-        if block < 8 or channel.samples < 4 * LEAST_REST_S * channel.rate_hz:
+        if block < 8 or channel.samples < LEAST_REST_S * channel.rate_hz:
             raise InputError(
                 f"{log.name}: channel {name!r} has {channel.samples} samples at {channel.rate_hz:g} Hz, expected "
-                f"{4 * LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
+                f"{LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
             )
         parts, held = [], np.empty(0)
         for chunk in log.chunks(name):

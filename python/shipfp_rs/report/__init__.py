@@ -17,10 +17,13 @@ from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.report import fate, findings, markup
+from shipfp_rs.report import answer, elements, fate, findings, loop, markup
 from shipfp_rs.report.bode import compared_responses
 from shipfp_rs.report.charts import charts
+from shipfp_rs.report.language import Say
 from shipfp_rs.report.pictures import Pictures
+from shipfp_rs.structures.names import Language
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import environment
 
@@ -41,6 +44,8 @@ def write_report(
     responses: Responses = (),
     truth: Mapping[str, float] | None = None,
     title: str = "Fingerprint",
+    language: Language = "en",
+    structure: Structure | None = None,
 ) -> Path:
     """Write the report of a fingerprint; the file appears whole or not at all.
 
@@ -63,6 +68,10 @@ def write_report(
         Name to true value, for simulated logs.
     title
         Headline.
+    language
+        "en" or "de".
+    structure
+        The fingerprint's, where its equations are a user's own; None rebuilds it.
 
     Returns
     -------
@@ -71,7 +80,16 @@ def write_report(
     """
     return write_text_atomically(
         Path(path),
-        render(fingerprint, experiments, simulated=simulated, responses=responses, truth=truth, title=title),
+        render(
+            fingerprint,
+            experiments,
+            simulated=simulated,
+            responses=responses,
+            truth=truth,
+            title=title,
+            language=language,
+            structure=structure,
+        ),
     )
 
 
@@ -83,23 +101,42 @@ def render(
     responses: Responses = (),
     truth: Mapping[str, float] | None = None,
     title: str = "Fingerprint",
+    language: Language = "en",
+    structure: Structure | None = None,
 ) -> str:
     """Return the page of `write_report` as a string."""
-    pictures = Pictures()
+    say = Say(language)
+    pictures = Pictures(say)
+    figures = loop.figures(fingerprint, structure)
     contents: list[tuple[str, str, Iterable[str]]] = [
-        ("verdict", "Verdict", findings.verdict(fingerprint)),
-        ("samples", "The fate of every sample", fate.of_every_sample(fingerprint, experiments)),
-        ("parameters", "Parameters", findings.parameters(fingerprint, truth, pictures)),
-        ("identifiability", "What the data can tell", findings.identifiability(fingerprint)),
-        ("fit", "Fit", [*findings.fits(fingerprint), *_signals(experiments, simulated, pictures)]),
-        ("responses", "Frequency responses", _responses(responses, pictures)),
-        ("residuals", "Residual tests", findings.residual_tests(fingerprint, pictures)),
-        ("quality", "Log quality", fate.log_quality(experiments)),
-        ("settings", "Settings and versions", _settings(fingerprint)),
+        ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, pictures, say)),
+        ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
+        ("elements", say("What acts"), elements.choice(fingerprint, pictures, say)),
+        ("loop", say("The speed loop"), loop.section(fingerprint, structure, figures, pictures, say)),
+        ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
+        ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
+        ("samples", say("The fate of every sample"), fate.of_every_sample(fingerprint, experiments, say)),
+        (
+            "quality",
+            say("Log quality"),
+            _folded(say("Sensors and how the signals were made"), fate.log_quality(experiments, say)),
+        ),
+        (
+            "statistics",
+            say("Statistics"),
+            _folded(
+                say("Verdict in full, fits, residual tests"), findings.statistics(fingerprint, pictures, say)
+            ),
+        ),
+        ("settings", say("Settings and versions"), _settings(fingerprint, say)),
     ]
     made = [(anchor, name, [part for part in parts if part]) for anchor, name, parts in contents]
     sections = [section for section in made if section[2]]
-    ship = f"{fingerprint.vessel or 'ship not named'}, structure “{fingerprint.structure.get('name', '')}”"
+    ship = say(
+        "{vessel}, structure “{name}”",
+        vessel=fingerprint.vessel or say("ship not named"),
+        name=fingerprint.structure.get("name", ""),
+    )
     scripts = [_resource("sort.js"), _resource("zoom.js")]
     # Whatever slipped through the escaping could neither run nor call anyone.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
@@ -108,14 +145,24 @@ def render(
         environment()
         .get_template("report.html")
         .render(
+            language=language,
             title=title,
             ship=ship,
+            skip=say("Skip to the parameters"),
+            contents=say("Contents"),
             policy=Markup(policy),
             style=Markup(_resource("page.css")),
             scripts=[Markup(script) for script in scripts],
             sections=sections,
         )
     )
+
+
+def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:
+    """Yield parts behind a fold; nothing where there are none."""
+    content = Markup("\n").join(part for part in parts if part)
+    if content:
+        yield markup.details(summary, content)
 
 
 def _resource(name: str) -> str:
@@ -127,10 +174,10 @@ def _digest(script: str) -> str:
 
 
 def _signals(
-    experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], pictures: Pictures
+    experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], pictures: Pictures, say: Say
 ) -> Iterable[str]:
     for index, (experiment, chart) in enumerate(
-        zip(experiments, charts(experiments, simulated), strict=True)
+        zip(experiments, charts(experiments, simulated, say), strict=True)
     ):
         yield markup.piece("heading", experiment.name)
         yield chart
@@ -140,32 +187,43 @@ def _signals(
             still = pictures.draw(
                 len(simulated[index]),
                 partial(plot.fit, experiment, simulated[index]),
-                f"{experiment.name}: measured signals and what the fitted model makes of the same set point.",
+                say(
+                    "{name}: measured signals and what the fitted model makes of the same set point.",
+                    name=experiment.name,
+                ),
+                saved=False,
             )
         else:
             still = pictures.draw(
                 len(plot.signals.units(experiment)),
                 partial(plot.time_series, experiment),
-                f"{experiment.name}: signals; masked samples, marked at the bottom, are not fitted.",
+                say(
+                    "{name}: signals; masked samples, marked at the bottom, are not fitted.",
+                    name=experiment.name,
+                ),
+                saved=False,
             )
         yield markup.piece("unscripted", still)
 
 
-def _responses(responses: Responses, pictures: Pictures) -> Iterable[str]:
+def _responses(responses: Responses, pictures: Pictures, say: Say) -> Iterable[str]:
     for measured, model in responses:
         yield pictures.draw(
             2,
             partial(plot.bode, measured, model),
-            f"{measured.name}: measured response to the set point with bars of two standard deviations, and the "
-            "fitted model's.",
+            say(
+                "{name}: measured response to the set point with bars of two standard deviations, and the fitted "
+                "model's.",
+                name=measured.name,
+            ),
             height=2.2,
         )
 
 
-def _settings(fingerprint: Fingerprint) -> Iterable[str]:
+def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     yield markup.table(
-        "versions of the software that made this page",
-        ["software", "version"],
+        say("versions of the software that made this page"),
+        [say("software"), say("version")],
         [[markup.Cell(name), markup.Cell(version)] for name, version in fingerprint.versions.items()],
     )
     content = {
@@ -173,7 +231,7 @@ def _settings(fingerprint: Fingerprint) -> Iterable[str]:
         "settings": fingerprint.settings,
         "seed": fingerprint.seed,
     }
-    yield markup.details("Structure, settings and seed", markup.piece("preformatted", _outline(content)))
+    yield markup.details(say("Structure, settings and seed"), markup.piece("preformatted", _outline(content)))
 
 
 def _outline(content: Mapping[str, Any], indent: str = "") -> str:

@@ -86,9 +86,11 @@ def _measured(experiment: Experiment, structure: Structure) -> FrequencyResponse
 
 
 def _band(experiment: Experiment) -> tuple[float, float]:
-    """Return lowest and highest frequency that the set point excites [Hz]."""
+    """Return lowest and highest frequency that the set point excites [Hz]; `InputError` where it never moves."""
     power = np.abs(np.fft.rfft(experiment.dn_set - experiment.dn_set.mean())) ** 2
     smooth = uniform_filter1d(power, SMOOTHED, mode="constant")
     excited = np.flatnonzero(smooth > EXCITED * smooth.max())
+    if not excited.size:
+        raise InputError(f"{experiment.name}: the set point is constant, expected one that moves")
     resolution = experiment.rate_hz / len(experiment)
     return max(float(excited[0]), 1.0) * resolution, float(excited[-1]) * resolution

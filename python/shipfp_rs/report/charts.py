@@ -13,6 +13,7 @@ from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.plot import style
 from shipfp_rs.report.fate import Fault, faults
+from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
@@ -30,8 +31,31 @@ HELP = (
     "n and p go from fault to fault."
 )
 
+BUTTONS = (
+    "zoom of",
+    "zoom in",
+    "zoom out",
+    "earlier",
+    "later",
+    "all",
+    "show all",
+    "fault",
+    "previous fault",
+    "next fault",
+    "save as CSV",
+    "show or hide",
+    "zoomable plot",
+    "to",
+    "of",
+    "at",
+    "time [s]",
+    "time [h:min:s]",
+    "masked",
+)
+"""What zoom.js says."""
 
-def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]]) -> list[str]:
+
+def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], say: Say) -> list[str]:
     """Return a figure for each experiment.
 
     Samples are kept one by one where the page has room for all, else as smallest and largest of equal stretches, so
@@ -47,10 +71,10 @@ def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, A
     models = [*simulated] or [{}] * len(experiments)
     total = sum(len(e) * (len(e.signals) + 2 * len(m)) for e, m in zip(experiments, models, strict=True))
     width = 1 if total <= VALUES else -(-2 * total // VALUES)
-    return [_chart(e, m, width) for e, m in zip(experiments, models, strict=True)]
+    return [_chart(e, m, width, say) for e, m in zip(experiments, models, strict=True)]
 
 
-def _chart(experiment: Experiment, model: Mapping[str, Any], width: int) -> str:
+def _chart(experiment: Experiment, model: Mapping[str, Any], width: int, say: Say) -> str:
     marked = [fault for fault in faults(experiment) if not fault.kept]
     panels = []
     for unit in plot.signals.units(experiment):
@@ -58,29 +82,39 @@ def _chart(experiment: Experiment, model: Mapping[str, Any], width: int) -> str:
         for name, samples in experiment.signals.items():
             if UNITS[name] != unit:
                 continue
-            label = _label(name)
+            label = say.label(_label(name))
             series.append(_series(label, style.COLOURS[name], samples, width))
             if name in model:
                 fitted = experiment.operating_point[name] * (1.0 + np.asarray(model[name], dtype=np.float64))
-                series.append(_series(f"model of {name}", MODEL, fitted, width))
+                series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
                 left.append(
                     _panel(
-                        f"{name} − model [{unit}]",
-                        [_series(f"{name} less the model", style.COLOURS[name], samples - fitted, width)],
+                        say("{name} − model [{unit}]", name=name, unit=unit),
+                        [
+                            _series(
+                                say("{name} less the model", name=name),
+                                style.COLOURS[name],
+                                samples - fitted,
+                                width,
+                            )
+                        ],
                     )
                 )
-        marks = [_mark(fault, experiment) for fault in marked if UNITS.get(fault.signal) == unit]
+        marks = [_mark(fault, experiment, say) for fault in marked if UNITS.get(fault.signal) == unit]
         if not marks:
-            marks = [_mark(fault, experiment) for fault in _masked(experiment, unit)]
-        panels += [_panel(style.QUANTITIES[unit], series, marks), *left]
+            marks = [_mark(fault, experiment, say) for fault in _masked(experiment, unit)]
+        panels += [_panel(say.label(style.QUANTITIES[unit]), series, marks), *left]
     content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
-    about = f"{experiment.name}: signals, model, and what the model leaves over, against time"
-    detail = (
-        "every sample is in the page"
-        if width == 1
-        else f"smallest and largest of every {width} samples ({1e3 * width / experiment.rate_hz:.3g} ms) are in the page"
-    )
-    return piece("chart", about, content, detail, HELP)
+    content["words"] = {} if say.language == "en" else {text: say(text) for text in BUTTONS}
+    about = say("{name}: signals, model, and what the model leaves over, against time", name=experiment.name)
+    detail = say("every sample is in the page")
+    if width > 1:
+        detail = say(
+            "smallest and largest of every {width} samples ({time} ms) are in the page",
+            width=width,
+            time=f"{1e3 * width / experiment.rate_hz:.3g}",
+        )
+    return piece("chart", about, content, detail, say(HELP))
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
@@ -123,7 +157,7 @@ def thin(samples: Array, width: int) -> Array:
     return np.column_stack(ends).ravel()
 
 
-def _mark(fault: Fault, experiment: Experiment) -> dict[str, Any]:
+def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
     """Return places of a fault [s], those that no screen tells apart as one."""
     spans = fault.spans_s[np.argsort(fault.spans_s[:, 0], kind="stable")]
     ends = np.maximum.accumulate(spans[:, 1])
@@ -131,9 +165,9 @@ def _mark(fault: Fault, experiment: Experiment) -> dict[str, Any]:
     begins = np.flatnonzero(apart)
     last = np.append(begins[1:], len(spans)) - 1
     places = np.round(np.column_stack([spans[begins, 0], ends[last]]), 4)
-    what = wording.FAULTS.get(fault.kind, fault.kind)
+    what = say.word(wording.FAULTS.get(fault.kind, fault.kind))
     return {
-        "label": f"{what}, {fault.channel}: {fault.method}",
+        "label": f"{what}, {fault.channel}: {say.word(fault.method)}",
         "cut": fault.cut,
         "count": len(spans),
         "spans": places.tolist(),

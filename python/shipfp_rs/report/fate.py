@@ -12,6 +12,7 @@ import numpy.typing as npt
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
 from shipfp_rs.support.arrays import Array
 
@@ -53,11 +54,6 @@ class Fault:
         return not self.cut and self.method.startswith("kept")
 
     @property
-    def done(self) -> str:
-        """What was done."""
-        return self.method if self.kept else f"{'cut' if self.cut else 'repaired'}: {self.method}"
-
-    @property
     def samples(self) -> int:
         """Samples concerned."""
         return int((self.spans[:, 1] - self.spans[:, 0]).sum())
@@ -81,14 +77,14 @@ def faults(experiment: Experiment) -> list[Fault]:
     return found
 
 
-def of_every_sample(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -> Iterable[str]:
+def of_every_sample(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
     """Yield what became of the logs' samples, of the experiments' and of each fault."""
-    yield _recorded(experiments)
-    yield _fitted(fingerprint, experiments)
-    yield _faults(experiments)
+    yield _recorded(experiments, say)
+    yield _fitted(fingerprint, experiments, say)
+    yield _faults(experiments, say)
 
 
-def _recorded(experiments: Sequence[Experiment]) -> str:
+def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
     """Count the samples of each channel as recorded; each is in exactly one column."""
     rows = []
     for log, group in groupby(experiments, key=lambda e: str(e.provenance.get("log", ""))):
@@ -105,11 +101,13 @@ def _recorded(experiments: Sequence[Experiment]) -> str:
             )
     if not rows:
         return ""
-    head = ["channel", "log", "recorded", *_FATES.values()]
+    head = [say(text) for text in ("channel", "log", "recorded", *_FATES.values())]
     return paragraph(
-        "Samples as the logger recorded them; each is counted once. Repaired ones are fitted; cut ones are not, "
-        "even where something was put in their place so that the filter passes over them."
-    ) + table("fate of the recorded samples of each channel", head, rows)
+        say(
+            "Samples as the logger recorded them; each is counted once. Repaired ones are fitted; cut ones are not, "
+            "even where something was put in their place so that the filter passes over them."
+        )
+    ) + table(say("fate of the recorded samples of each channel"), head, rows)
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
@@ -132,14 +130,16 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
     return fate
 
 
-def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -> str:
+def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> str:
     """Count the samples that the fit saw; a masked one takes its neighbours within the filter with it."""
     records = {str(record.get("name", "")): record for record in fingerprint.data}
     rows = []
     for experiment in experiments:
         masked = {name: np.isnan(samples) for name, samples in experiment.signals.items()}
         why = ", ".join(
-            f"{name} masked in {100.0 * mask.mean():.2g} %" for name, mask in masked.items() if mask.any()
+            say("{name} masked in {share} %", name=name, share=f"{100.0 * mask.mean():.2g}")
+            for name, mask in masked.items()
+            if mask.any()
         )
         samples = len(experiment)
         left_out = samples - int(records.get(experiment.name, {}).get("used", samples))
@@ -158,23 +158,23 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -> str:
     if not rows:
         return ""
     head = ["experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why"]
-    return paragraph("Samples of the experiments that were cut from the logs, after filtering.") + table(
-        "samples of each experiment in the fit", head, rows
+    return paragraph(say("Samples of the experiments that were cut from the logs, after filtering.")) + table(
+        say("samples of each experiment in the fit"), [say(text) for text in head], rows
     )
 
 
-def _faults(experiments: Sequence[Experiment]) -> str:
+def _faults(experiments: Sequence[Experiment], say: Say) -> str:
     rows, places = [], []
     for experiment in experiments:
         for fault in faults(experiment):
-            kind = wording.FAULTS.get(fault.kind, fault.kind)
+            kind = say.word(wording.FAULTS.get(fault.kind, fault.kind))
             per_minute = 60.0 * len(fault.spans) / experiment.duration
             rows.append(
                 [
                     Cell(kind),
                     Cell(experiment.name),
                     Cell(fault.channel, code=True),
-                    Cell(fault.done),
+                    Cell(_done(fault, say)),
                     number(str(len(fault.spans))),
                     number(f"{per_minute:.3g}"),
                     number(str(fault.samples)),
@@ -182,17 +182,23 @@ def _faults(experiments: Sequence[Experiment]) -> str:
             )
             shown = ", ".join(f"{first}–{stop - 1}" for first, stop in fault.spans[:SPANS_SHOWN])
             rest = len(fault.spans) - SPANS_SHOWN
-            more = f" and {rest} more" if rest > 0 else ""
+            more = say(" and {rest} more", rest=rest) if rest > 0 else ""
             places.append(f"{experiment.name}, {kind}, {fault.channel}: {shown}{more}")
     if not rows:
-        return paragraph("No fault is on record.")
+        return paragraph(say("No fault is on record."))
     head = ["fault", "experiment", "channel", "what was done", "count", "a minute", "samples"]
-    return table("faults by experiment and channel", head, rows) + details(
-        "Which samples, counted from each channel's first", bullets(places), printed=False
+    return table(say("faults by experiment and channel"), [say(text) for text in head], rows) + details(
+        say("Which samples, counted from each channel's first"), bullets(places), printed=False
     )
 
 
-def log_quality(experiments: Sequence[Experiment]) -> Iterable[str]:
+def _done(fault: Fault, say: Say) -> str:
+    """Say what was done about a fault."""
+    method = say.word(fault.method)
+    return method if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: {method}"
+
+
+def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
     """Yield what the log's sensors were worth: pulse trains, calibrations, filter, operating points."""
     rows = []
     for experiment in experiments:
@@ -225,10 +231,14 @@ def log_quality(experiments: Sequence[Experiment]) -> Iterable[str]:
             "reflectors off even places by [%]",
             "",
         ]
-        yield table("pulse trains that the speed was taken from", head, rows)
+        yield table(
+            say("pulse trains that the speed was taken from"),
+            [say(text) if text else "" for text in head],
+            rows,
+        )
     for experiment in experiments:
         about = ", ".join(f"{name} = {value:.6g}" for name, value in experiment.operating_point.items())
-        yield paragraph(f"{experiment.name}: operating point {about}.")
+        yield paragraph(say("{name}: operating point {point}.", name=experiment.name, point=about))
         account = [
             [Cell(str(key)), Cell(plain(value))]
             for key, value in experiment.provenance.items()
@@ -236,6 +246,10 @@ def log_quality(experiments: Sequence[Experiment]) -> Iterable[str]:
         ]
         if account:
             yield details(
-                f"How the signals of {experiment.name} were made",
-                table(f"how the signals of {experiment.name} were made", ["part", "account"], account),
+                say("How the signals of {name} were made", name=experiment.name),
+                table(
+                    say("how the signals of {name} were made", name=experiment.name),
+                    [say("part"), say("account")],
+                    account,
+                ),
             )

@@ -1,4 +1,4 @@
-"""What was found: verdict, parameters, what the data can tell, fits and residual tests."""
+"""What was found in figures: parameters and combinations, and the statistics behind them."""
 
 from __future__ import annotations
 
@@ -8,186 +8,210 @@ from typing import Any
 
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
-from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint, Row, rounded_rows
-from shipfp_rs.report.markup import Cell, bullets, number, paragraph, piece, table
-from shipfp_rs.report.pictures import Pictures
-from shipfp_rs.structures.glossary import meaning
+from shipfp_rs.identification.estimate import Estimate, rounded_rows
+from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
+from shipfp_rs.report.answer import interval, unit_shown
+from shipfp_rs.report.language import Say
+from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
+from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.structures import glossary
 
 TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 
 
-def verdict(fingerprint: Fingerprint) -> Iterable[str]:
-    """Yield the figures at a glance and the sentences of the verdict."""
-    yield _glance(fingerprint)
-    yield piece("verdict", [_led(line) for line in fingerprint.verdict or ("No verdict was given.",)])
-
-
-def _led(line: str) -> tuple[str, str]:
-    """Return what a sentence is about, its words before the colon, and the rest."""
-    lead, colon, rest = line.partition(": ")
-    return ("", line) if not colon or "'" in lead else (lead, rest)  # a colon may be part of a name
-
-
-def _glance(fingerprint: Fingerprint) -> str:
-    status = [estimate.status for estimate in fingerprint.parameters.values()]
-    known = sum(
-        e.status in ("free", "prior") and e.value is not None for e in fingerprint.parameters.values()
-    )
-    tiles = [
-        ("known", str(known), "good"),
-        ("known only together", str(len(fingerprint.derived)), ""),
-        ("on a bound", str(status.count("at_bound")), "warn"),
-        ("not identifiable", str(status.count("unidentifiable")), "bad"),
-    ]
-    for output, row in fingerprint.fit.items():
-        value = row.get("nrmse_pct")
-        if value is not None and output != "overall":
-            tiles.append((f"fit of {wording.OUTPUTS.get(output, output)}", f"{value:.1f} %", ""))
-    used = sum(int(record.get("used", 0)) for record in fingerprint.data)
-    samples = sum(int(record.get("samples", 0)) for record in fingerprint.data)
-    if samples:
-        tiles.append(("samples fitted", f"{100.0 * used / samples:.3g} %", ""))
-    return piece("glance", tiles)
-
-
 def parameters(
-    fingerprint: Fingerprint, truth: Mapping[str, float] | None, pictures: Pictures
+    fingerprint: Fingerprint, truth: Mapping[str, float] | None, pictures: Pictures, say: Say
 ) -> Iterable[str]:
     """Yield the tables of parameters and combinations and the picture of their intervals."""
-    yield _estimates("parameters with their 95 % intervals", fingerprint.parameters, truth)
+    yield _estimates(
+        say("parameters with their 95 % intervals"), fingerprint.parameters, truth, say, formula=True
+    )
     if fingerprint.derived:
-        yield piece("heading", "Combinations")
-        yield paragraph("Known together, though their members are not known one by one.")
-        yield _estimates("combinations with their 95 % intervals", fingerprint.derived, truth)
-    caption = "Estimates with their 95 % intervals, in per cent of the " + (
-        "true values that the log was simulated with; red where the interval does not hold the truth."
+        yield piece("heading", say("Combinations"))
+        yield paragraph(say("Told better than their members, or though these are not told one by one."))
+        yield _estimates(say("combinations with their 95 % intervals"), fingerprint.derived, truth, say)
+    text = fingerprint.to_csv()
+    assert isinstance(text, str)
+    yield link(say("All estimates as CSV"), "fingerprint.csv", "text/csv", text.encode())
+    reference = say("the truth that the log was simulated with") if truth else say("the estimate")
+    caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
+    caption += " " + (
+        say("Red where the interval does not hold the truth.")
         if truth
-        else "estimate."
+        else say("An arrow: it reaches further.")
     )
     drawn = [e for e in (*fingerprint.parameters.values(), *fingerprint.derived.values()) if e.ci95]
     if drawn:
-        height = 0.4 + 0.25 * len(drawn)
+        height = 0.3 + 0.3 * len(drawn)
         yield pictures.draw(
-            1, lambda axes: plot.intervals(fingerprint, truth, axes[0]), caption, height=height
+            1, lambda axes: plot.intervals(fingerprint, truth, axes[0]), caption, height=height, width=NARROW
         )
 
 
-def _estimates(about: str, estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None) -> str:
+def _estimates(
+    about: str,
+    estimates: Mapping[str, Estimate],
+    truth: Mapping[str, float] | None,
+    say: Say,
+    *,
+    formula: bool = False,
+) -> str:
     truths = ["truth"] if truth else []
-    head = ["parameter", "status", "estimate", "std", "95 % interval", "unit", *truths, "meaning or reason"]
+    formulas = ["formula"] if formula else []
+    head = ["symbol", "name", "estimate", "std", "95 % interval", "unit", *truths, *formulas, "status"]
     rows = []
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
         cells = [
             Cell(row.name, code=True),
-            Cell(row.status, tone=TONES.get(row.status, "")),
+            Cell(say.name(row.name)),
             number(row.value, key=estimate.value),
             number(row.std, key=estimate.std),
-            number(_interval(row, estimate), key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0]),
-            Cell(row.unit),
+            number(interval(row, estimate, say), key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0]),
+            Cell(unit_shown(row.unit)),
         ]
         if truth:
             cells.append(
                 number(row.truth, "bad" if row.holds_truth is False else "", key=truth.get(row.name))
             )
-        rows.append([*cells, Cell(row.reason or meaning(row.name), tone="note")])
-    return table(about, head, rows)
+        if formula:
+            cells.append(Cell(glossary.term(row.name).formula, tone="note"))
+        reason = f": {row.reason}" if row.reason and row.reason != "given" else ""
+        cells.append(Cell(say.word(row.status) + say.sentence(reason), tone=TONES.get(row.status, "")))
+        rows.append(cells)
+    return table(about, [say(text) for text in head], rows)
 
 
-def _interval(row: Row, estimate: Estimate) -> str:
-    """Write an interval; one that begins on a bound has one end only."""
-    if estimate.ci95 is None:
-        return ""
-    if estimate.status == "at_bound" and estimate.value is not None:
-        below, above = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
-        return f"≤ {row.high}" if above >= below else f"≥ {row.low}"
-    return f"{row.low} … {row.high}"
+def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
+    """Yield what is behind a fold: the verdict in full, rank, fits and residual tests."""
+    if fingerprint.verdict:
+        yield piece("heading", say("The verdict in full"))
+        yield bullets(say.sentence(line) for line in fingerprint.verdict)
+    yield piece("heading", say("How well the model follows"))
+    yield from _fits(fingerprint, say)
+    yield piece("heading", say("What the data tell apart"))
+    yield from _rank(fingerprint, say)
+    yield piece("heading", say("What the residuals say"))
+    yield from _residual_tests(fingerprint, pictures, say)
 
 
-def identifiability(fingerprint: Fingerprint) -> Iterable[str]:
-    """Yield what the data tell apart, what they leave open, and what would settle it."""
+def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     found = fingerprint.identifiability
-    yield paragraph(wording.rank(found))
+    if found.rank == found.free:
+        yield paragraph(
+            say(
+                "The data tell all {free} free parameters apart (condition number of the scaled sensitivities "
+                "{condition}).",
+                free=found.free,
+                condition=f"{found.condition:.3g}",
+            )
+        )
+    else:
+        yield paragraph(
+            say("The data tell {rank} of {free} free parameters apart.", rank=found.rank, free=found.free)
+        )
     if found.null_space:
         yield paragraph(
-            "The model's outputs stay the same when these change together, in the proportion given:"
+            say("The model's outputs stay the same when these change together, in the proportion given:")
         )
         yield bullets(str(entry["combination"]) for entry in found.null_space)
     if found.closes_gap:
-        yield paragraph("Any one of these, known from elsewhere, would settle the rest:")
+        yield paragraph(say("Any one of these, known from elsewhere, would settle the rest:"))
         yield bullets(found.closes_gap)
 
 
-def fits(fingerprint: Fingerprint) -> Iterable[str]:
-    """Yield the table of fits."""
+def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     lines = [
         (str(record.get("name", "")), output, row)
         for record in fingerprint.data
         for output, row in record.get("fit", {}).items()
     ]
-    lines += [("all data", output, row) for output, row in fingerprint.fit.items() if "nrmse_pct" in row]
+    lines += [(say("all data"), output, row) for output, row in fingerprint.fit.items() if "nrmse_pct" in row]
     if not lines:
         return
-    yield paragraph(
-        "100 % is a perfect fit, 0 % one no better than the mean (normalised root mean square error)."
-    )
+    for output, row in fingerprint.fit.items():
+        if output != "overall" and row.get("nrmse_pct") is not None:
+            yield paragraph(
+                say(
+                    "The model explains {share} % of the variation of the {output} (root mean square), noise included.",
+                    share=f"{row['nrmse_pct']:.1f}",
+                    output=say.word(wording.OUTPUTS.get(output, output)),
+                )
+            )
     rows = [
-        [Cell(name), Cell(wording.OUTPUTS.get(output, output)), number(_two(row["nrmse_pct"]))]
+        [Cell(name), Cell(say.word(wording.OUTPUTS.get(output, output))), number(_two(row["nrmse_pct"]))]
         for name, output, row in lines
     ]
-    yield table("fit of each output in each experiment", ["experiment", "output", "fit [%]"], rows)
+    yield table(
+        say("fit of each output in each experiment"),
+        [say("experiment"), say("output"), say("explained [%]")],
+        rows,
+    )
     overall = {key: value for key, value in fingerprint.fit.get("overall", {}).items() if value is not None}
     if overall:
-        told = ", ".join(
-            f"{key.replace('_', ' ')} {value:.6g}" for key, value in overall.items() if key != "nrmse_pct"
-        )
-        yield paragraph(f"All outputs together: {told}.", "lead")
+        rows = [
+            [Cell(say.word(key)), number(f"{value:.6g}", key=value)]
+            for key, value in overall.items()
+            if key != "nrmse_pct"
+        ]
+        yield table(say("figures of all outputs together"), [say("figure"), say("value")], rows)
 
 
-def residual_tests(fingerprint: Fingerprint, pictures: Pictures) -> Iterable[str]:
-    """Yield what the residuals say of structure and noise model, and their correlations by lag."""
+def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
     tested = {
         output: row
         for output, row in fingerprint.fit.items()
         if "whiteness_p" in row or "input_correlation_p" in row
     }
     if not tested:
-        yield paragraph("No residual test: what was fitted has no order in time.")
+        yield paragraph(say("No residual test: what was fitted has no order in time."))
         return
     threshold = ALARM / len(tested)
     yield paragraph(
-        "What a right model leaves over is noise: unlike the set point, or a dynamic part is missing, and, once "
-        "whitened, unlike its own past, or the intervals may be too narrow (Ljung 1999, section 16.6). A test fails "
-        f"below p = {threshold:.2g}; on long records it finds parts that do not matter: the last column says how much."
+        say(
+            "What a right model leaves over is noise: unlike the set point, or a dynamic part is missing, and, once "
+            "whitened, unlike its own past, or the intervals may be too narrow (Ljung 1999, section 16.6). A test fails "
+            "below p = {threshold}; on long records it finds parts that do not matter: the column of what is explained "
+            "says how much.",
+            threshold=f"{threshold:.2g}",
+        )
     )
     rows = [
         [
-            Cell(wording.OUTPUTS.get(output, output)),
+            Cell(say.word(wording.OUTPUTS.get(output, output))),
             *_tested(
-                row.get("input_correlation_p"), threshold, "free of the set point", "follows the set point"
+                row.get("input_correlation_p"),
+                threshold,
+                say("free of the set point"),
+                say("follows the set point"),
             ),
             number(_two(row.get("input_explained_pct"))),
-            *_tested(row.get("whiteness_p"), threshold, "white", "coloured"),
+            *_tested(row.get("whiteness_p"), threshold, say("white"), say("coloured")),
         ]
         for output, row in tested.items()
     ]
     head = ["output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"]
-    yield table("residual tests of each output", head, rows)
+    yield table(say("residual tests of each output"), [say(text) for text in head], rows)
     for output, correlations in fingerprint.residuals.items():
-        own, by_set_point = (_outside(correlations[kind]) for kind in ("autocorrelation", "set_point"))
+        own, by_set_point = (_outside(correlations[kind], say) for kind in ("autocorrelation", "set_point"))
         yield pictures.draw(
             2,
             partial(plot.correlogram, fingerprint, output),
-            f"Whitened residuals of {wording.OUTPUTS.get(output, output)}: correlation with their own past, {own}, and "
-            f"with the set point, {by_set_point}. Of noise one lag in twenty is outside.",
+            say(
+                "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
+                "{by_set_point}. Of noise one lag in twenty is outside.",
+                output=say.word(wording.OUTPUTS.get(output, output)),
+                own=own,
+                by_set_point=by_set_point,
+            ),
             height=1.7,
             sharex=False,
         )
 
 
-def _outside(test: Mapping[str, Sequence[float]]) -> str:
+def _outside(test: Mapping[str, Sequence[float]], say: Say) -> str:
     count = sum(abs(size) > band for size, band in zip(test["correlation"], test["band"], strict=True))
-    return f"{count or 'none'} of {len(test['lags'])} lags outside the band"
+    return say("{count} of {lags} lags outside the band", count=count or say("none"), lags=len(test["lags"]))
 
 
 def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,9 @@ from typing import Any
 from markupsafe import Markup
 
 from shipfp_rs.support.html import environment
+
+LONGEST_WORD = 24
+"""Letters of a word that stays whole in a column."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +41,10 @@ class Cell:
 
     @property
     def classes(self) -> str:
-        """Classes of the element."""
-        return " ".join(part for part in ("number" if self.number else "", self.tone) if part)
+        """Classes of the element; one with a word that no column has room for may break within words."""
+        words = [self.text] if self.code else self.text.split()
+        long = any(len(word) > LONGEST_WORD for word in words)
+        return " ".join(filter(None, ["number" if self.number else "", self.tone, "long" if long else ""]))
 
     @property
     def sorted_by(self) -> str:
@@ -84,6 +90,16 @@ def bullets(lines: Iterable[str]) -> Markup:
 def paragraph(text: str, tone: str = "") -> Markup:
     """Return a paragraph."""
     return piece("paragraph", text, tone)
+
+
+def link(text: str, name: str, kind: str, content: bytes) -> Markup:
+    """Return a link that saves content, which stands in the page itself, as a file of this name and media type."""
+    return piece("link", text, name, link_to(kind, content))
+
+
+def link_to(kind: str, content: bytes) -> str:
+    """Return the address of content that stands in the page itself."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def details(summary: str, content: Markup, *, printed: bool = True) -> Markup:

@@ -54,6 +54,7 @@
     constructor(figure) {
       const data = JSON.parse(figure.querySelector("script").textContent);
       this.figure = figure;
+      this.say = (text) => data.words[text] ?? text;
       this.seconds = data.seconds;
       this.step = data.step;
       this.panels = data.panels;
@@ -78,27 +79,28 @@
       const bar = document.createElement("div");
       bar.className = "toolbar";
       bar.setAttribute("role", "toolbar");
-      bar.setAttribute("aria-label", `zoom of ${about}`);
+      bar.setAttribute("aria-label", `${this.say("zoom of")} ${about}`);
       const button = (text, label, act) => {
         const made = make(bar, "button", { type: "button", "aria-label": label, title: label }, text);
         made.addEventListener("click", act);
         return made;
       };
-      button("+", "zoom in", () => this.zoom(0.5));
-      button("−", "zoom out", () => this.zoom(2));
-      button("◀", "earlier", () => this.shift(-0.5));
-      button("▶", "later", () => this.shift(0.5));
-      button("all", "show all", () => this.show(0, this.seconds));
+      button("+", this.say("zoom in"), () => this.zoom(0.5));
+      button("−", this.say("zoom out"), () => this.zoom(2));
+      button("◀", this.say("earlier"), () => this.shift(-0.5));
+      button("▶", this.say("later"), () => this.shift(0.5));
+      button(this.say("all"), this.say("show all"), () => this.show(0, this.seconds));
       if (this.faults.length) {
-        button("‹ fault", "previous fault", () => this.fault(-1));
-        button("fault ›", "next fault", () => this.fault(1));
+        button(`‹ ${this.say("fault")}`, this.say("previous fault"), () => this.fault(-1));
+        button(`${this.say("fault")} ›`, this.say("next fault"), () => this.fault(1));
       }
+      button("CSV", this.say("save as CSV"), () => this.save(about));
       this.status = make(bar, "span", { role: "status", class: "status" });
       this.plot = document.createElement("div");
       this.plot.className = "plot";
       this.plot.tabIndex = 0;
       this.plot.setAttribute("role", "group");
-      this.plot.setAttribute("aria-roledescription", "zoomable plot");
+      this.plot.setAttribute("aria-roledescription", this.say("zoomable plot"));
       this.plot.setAttribute("aria-label", `${about}. ${this.figure.querySelector(".help").textContent}`);
       const legend = document.createElement("div");
       legend.className = "legend";
@@ -117,7 +119,7 @@
     }
 
     entry(legend, label, colour, series) {
-      const made = make(legend, "button", { type: "button", "aria-pressed": "true", title: `show or hide ${label}` });
+      const made = make(legend, "button", { type: "button", "aria-pressed": "true", title: `${this.say("show or hide")} ${label}` });
       make(made, "i").style.background = colour;
       made.append(label);
       made.addEventListener("click", () => {
@@ -190,7 +192,7 @@
       this.from = Math.min(Math.max(middle - 0.5 * width, 0), this.seconds - least);
       this.to = Math.max(Math.min(middle + 0.5 * width, this.seconds), this.from + least);
       this.draw();
-      this.status.textContent = this.to - this.from < this.seconds ? `${this.told(this.from)} to ${this.told(this.to)} of ${this.told(this.seconds)}` : "";
+      this.status.textContent = this.to - this.from < this.seconds ? `${this.told(this.from)} ${this.say("to")} ${this.told(this.to)} ${this.say("of")} ${this.told(this.seconds)}` : "";
     }
 
     told(seconds) { return this.long ? clock(seconds, 0.1) : `${seconds.toFixed(2)} s`; }
@@ -207,7 +209,7 @@
       this.to = centre(next) + half;
       // Kept in the middle, even at an end, so that the next fault is found from here.
       this.draw();
-      this.status.textContent = `${next[2]}, at ${this.told(next[0])}`;
+      this.status.textContent = `${next[2]}, ${this.say("at")} ${this.told(next[0])}`;
     }
 
     resize(width = this.plot.clientWidth) {
@@ -230,7 +232,7 @@
       });
       this.selection = make(svg, "rect", { class: "selection", y: TOP, height: top - TOP - GAP, width: 0 });
       this.cursor = make(svg, "line", { class: "cursor", y1: TOP, y2: top - GAP, visibility: "hidden" });
-      make(svg, "text", { x: LEFT + this.wide, y: top - GAP + 15, "text-anchor": "end" }, this.long ? "time [h:min:s]" : "time [s]");
+      make(svg, "text", { x: LEFT + this.wide, y: top - GAP + 15, "text-anchor": "end" }, this.say(this.long ? "time [h:min:s]" : "time [s]"));
       this.plot.replaceChildren(svg);
     }
 
@@ -311,6 +313,27 @@
       return path.join("");
     }
 
+    // What the zoom shows, a row a sample, or a smallest and a largest of each stretch.
+    save(about) {
+      const all = this.panels.flatMap((panel) => panel.series);
+      const quoted = (text) => `"${text.replaceAll('"', '""')}"`;
+      const head = all.flatMap(({ label, pairs }) => pairs ? [`${label} min`, `${label} max`] : [label]);
+      const lines = [["time [s]", ...head].map(quoted).join(",")];
+      const [first, last] = [Math.floor(this.from / this.step), Math.ceil(this.to / this.step)];
+      for (let row = first; row < last; row++) {
+        const cells = all.flatMap((series) => Array.from({ length: series.per }, (_, place) => {
+          const step = series.steps[row * series.per + place];
+          return step === undefined || step === MASKED ? "" : (series.low + step * (series.high - series.low) / STEPS).toPrecision(7);
+        }));
+        lines.push([(row * this.step).toPrecision(9), ...cells].join(","));
+      }
+      const link = document.createElement("a");
+      link.download = `${about.split(":")[0]}.csv`;
+      link.href = URL.createObjectURL(new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
+      link.click();
+      URL.revokeObjectURL(link.href);
+    }
+
     select(x, width) {
       this.selection.setAttribute("x", LEFT + x);
       this.selection.setAttribute("width", width);
@@ -326,7 +349,7 @@
       const told = this.panels.flatMap((panel) => panel.series).filter((series) => !this.hidden.has(series)).map((series) => {
         const found = extremes(series, index(series), index(series) + 1);
         const value = (step) => Number((series.low + step * (series.high - series.low) / STEPS).toPrecision(5));
-        const text = !found ? "masked" : found[0] === found[1] ? value(found[0]) : `${value(found[0])} to ${value(found[1])}`;
+        const text = !found ? this.say("masked") : found[0] === found[1] ? value(found[0]) : `${value(found[0])} ${this.say("to")} ${value(found[1])}`;
         return `${series.label} ${text}`;
       });
       this.readout.textContent = `${this.told(this.time(x))}: ${told.join("; ")}`;

@@ -10,7 +10,7 @@ import numpy as np
 
 from shipfp_rs import plot, published
 from shipfp_rs.assessment.ladder import climb
-from shipfp_rs.assessment.prediction import predict_response, simulated_about, structure_of
+from shipfp_rs.assessment.prediction import predict_response, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
@@ -28,6 +28,7 @@ from shipfp_rs.reproduce.pictures import Stretch, legend_above, stretches_of
 from shipfp_rs.signals import sine_sequence
 from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.vessel import Vessel

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from shipfp_rs import published
-from shipfp_rs.assessment.prediction import simulated_about, structure_of
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.reproduce import Row
 from shipfp_rs.reproduce.fullscale_trial import simulated
 from shipfp_rs.reproduce.virtual_data import model_of
+from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 
 COLUMNS = ("sines", "short chirp", "long chirp", "steps")

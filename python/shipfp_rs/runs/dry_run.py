@@ -163,8 +163,6 @@ def _missing(trial: Trial, structure: Structure, experiments: Sequence[Experimen
         lines.append(
             "no torque channel: the speed alone is fitted, and tau_n, g and the gains are known as ratios only"
         )
-        if trial.identify.torque is not None:
-            lines.append(f'identify.torque = "{trial.identify.torque}" says nothing without a torque channel')
     if len(channels.tachos) == 1:
         lines.append("one pulse train only: nothing to check the speed against")
     if channels.rack is None:

@@ -34,7 +34,7 @@ def chosen(
 ) -> Fingerprint:
     """Let the data choose the structure within what a trial's [identify] table leaves open."""
     torque, options = trial.channels.torque, trial.identify
-    located: Torque | None = None if torque is None else "gauge" if torque.location == "gauge" else "brake"
+    located: Torque | None = None if torque is None else torque.place
     outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
     return identify(
         experiments,
@@ -57,7 +57,7 @@ def structure_of(trial: Trial, vessel: Vessel) -> Structure:
         Where it names an unknown parameter or output, or an element that the vessel has not.
     """
     torque, box, options = trial.channels.torque, trial.structure, trial.identify
-    located: Torque | None = None if torque is None else "gauge" if torque.location == "gauge" else "brake"
+    located: Torque | None = None if torque is None else torque.place
     if box is None:
         return structure_from(options, located)
     structure = Structure.grey_box(

@@ -17,12 +17,18 @@ from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses, write_report
 from shipfp_rs.runs.fit import chosen, identified, structure_of
+from shipfp_rs.structures.names import Language
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.vessel.vessel import Vessel
 
 MARKER = "fingerprint.json"
 RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")
 """Names of the files in the folder of a run."""
+
+NO_TORQUE = (
+    "No torque was fitted, since the trial has no table [channels.torque]: the speed alone tells tau_n, g and the "
+    "gains as ratios only."
+)
 
 Notify = Callable[[str], None]
 
@@ -41,6 +47,7 @@ def run(
     *,
     seed: int | None = None,
     force: bool = False,
+    language: Language | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
     """Process and identify a trial and write `RESULTS` into a folder, which appears whole or not at all.
@@ -55,6 +62,8 @@ def run(
         Seed of the random starts; None: the trial's own.
     force
         Write into a folder that holds other files, too; these stay.
+    language
+        Of the report; None: the trial's own.
     notify
         Called with what is being done.
 
@@ -68,7 +77,7 @@ def run(
     trial = Trial.load(path)
     with replacing_folder(Path(out), marker=MARKER, others=RESULTS, force=force) as folder:
         shutil.copyfile(path, folder / "TRIAL.toml")
-        return evaluate(trial, folder, seed=seed, notify=notify)
+        return evaluate(trial, folder, seed=seed, language=language, notify=notify)
 
 
 def evaluate(
@@ -77,6 +86,7 @@ def evaluate(
     *,
     seed: int | None = None,
     truth: Mapping[str, float] | None = None,
+    language: Language | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
     """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
@@ -101,12 +111,12 @@ def evaluate(
             experiments,
             structure,
             vessel,
-            starts=options.starts
-            if trial.structure is None or "starts" in options.model_fields_set
-            else None,
+            starts=options.starts,
             seed=options.seed if seed is None else seed,
             progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
         )
+    if trial.channels.torque is None:
+        fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
     if fingerprint.si == {}:
         fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")
@@ -120,5 +130,7 @@ def evaluate(
         responses=compared_responses(fingerprint, experiments, structure),
         truth=truth,
         title=trial.trial.name,
+        language=language or trial.report.language,
+        structure=structure,
     )
     return Run(fingerprint, tuple(experiments))

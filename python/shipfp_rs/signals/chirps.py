@@ -10,12 +10,14 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
 from shipfp_rs.signals.excitation import Excitation
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import one_of, positive
 
 Law = Literal["linear", "logarithmic"]
 
 
+@checked
 def chirp(
     start_hz: float,
     stop_hz: float,

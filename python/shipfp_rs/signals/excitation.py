@@ -5,14 +5,15 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Hold
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arguments import check_fields, checked, told
+from shipfp_rs.support.arrays import Array, same
 from shipfp_rs.support.checks import positive
 from shipfp_rs.support.files import write_text_atomically
 
@@ -53,6 +54,7 @@ class Excitation:
     segments: tuple[Segment, ...] = ()
 
     def __post_init__(self) -> None:
+        check_fields(self, f"excitation {told(self.name)}")
         positive("rate_hz", self.rate_hz)
         samples = np.array(self.samples, dtype=np.float64)
         if samples.ndim != 1 or samples.size < 2:
@@ -66,6 +68,14 @@ class Excitation:
             )
         samples.flags.writeable = False
         object.__setattr__(self, "samples", samples)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Excitation):
+            return NotImplemented
+        return all(same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.kind, self.rate_hz, len(self), self.hold, self.segments))
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -106,6 +116,7 @@ class Excitation:
             lines[-1] /= 2.0
         return np.asarray(np.fft.rfftfreq(len(self), 1.0 / self.rate_hz), dtype=np.float64), lines
 
+    @checked
     def power_in(self, low_hz: float, high_hz: float) -> float:
         """Return the part of the mean square that lies from `low_hz` to `high_hz` [-], the mean left out."""
         frequency, amplitude = self.spectrum()
@@ -113,6 +124,7 @@ class Excitation:
         power[0] = 0.0
         return float(power[(frequency >= low_hz) & (frequency <= high_hz)].sum() / power.sum())
 
+    @checked
     def ramped(self, ramp_s: float) -> Excitation:
         """Return a copy that swells from zero and dies away to zero, each over `ramp_s` as half a cosine.
 
@@ -130,6 +142,7 @@ class Excitation:
         window[len(self) - count :] *= rise[::-1]
         return replace(self, samples=self.samples * window)
 
+    @checked
     def settled(self, before_s: float, after_s: float = 0.0) -> Excitation:
         """Return a copy with the operating point held before and after, for the ship to settle."""
         for name, value in (("before_s", before_s), ("after_s", after_s)):
@@ -140,6 +153,7 @@ class Excitation:
         moved = tuple(replace(s, start_s=s.start_s + shift, stop_s=s.stop_s + shift) for s in self.segments)
         return replace(self, samples=np.pad(self.samples, (lead, tail)), segments=moved)
 
+    @checked
     def to_csv(self, path: str | Path) -> Path:
         """Write time [s] and deviation [rpm] for a signal generator; the file appears whole or not at all."""
         text = io.StringIO()
@@ -148,6 +162,7 @@ class Excitation:
         return write_text_atomically(Path(path), text.getvalue())
 
 
+@checked
 def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str = "joined") -> Excitation:
     """Return excitations one after the other, with pauses at the operating point between them.
 

@@ -10,16 +10,18 @@ from scipy import signal
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
 from shipfp_rs.signals.excitation import Excitation, Segment
+from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.checks import positive
 
 
+@checked
 def prbs(
     order: int,
     bit_s: float,
     amplitude_rpm: float,
     *,
     periods: int = 1,
-    seed: int = 0,
+    seed: Whole = 0,
     rate_hz: float = 100.0,
     name: str = "PRBS",
 ) -> Excitation:
@@ -71,13 +73,14 @@ def prbs(
     return Excitation(name, "prbs", rate_hz, np.tile(one_period, periods), hold="zero", segments=segments)
 
 
+@checked
 def band_limited_noise(
     low_hz: float,
     high_hz: float,
     duration_s: float,
     rms_rpm: float,
     *,
-    seed: int,
+    seed: Whole,
     avoid_hz: Bands = (),
     rate_hz: float = 100.0,
     name: str = "noise",

@@ -11,10 +11,12 @@ from shipfp_rs import published
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals.checks import Bands, below_nyquist, numbers, outside, sample_times
 from shipfp_rs.signals.excitation import Excitation, Segment
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
 
 
+@checked
 def sine_sequence(
     frequencies_hz: npt.ArrayLike,
     periods: float,
@@ -77,6 +79,7 @@ def sine_sequence(
     return Excitation(name, "sines", rate_hz, amplitude_rpm * np.sin(phase), segments=segments)
 
 
+@checked
 def published_sine_sequence(amplitude_rpm: float = 13.0, *, rate_hz: float = 100.0) -> Excitation:
     """Return the sixteen sines of the virtual trial, four periods each (Table 5.1).
 
@@ -88,6 +91,7 @@ def published_sine_sequence(amplitude_rpm: float = 13.0, *, rate_hz: float = 100
     return sine_sequence(frequencies, 4, amplitude_rpm, rate_hz=rate_hz, name="virtual multisine")
 
 
+@checked
 def multisine(
     frequencies_hz: npt.ArrayLike,
     period_s: float,

@@ -10,8 +10,10 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.signals.checks import numbers, sample_times
 from shipfp_rs.signals.excitation import Excitation
+from shipfp_rs.support.arguments import checked
 
 
+@checked
 def steps(
     sizes_rpm: npt.ArrayLike,
     hold_s: float,

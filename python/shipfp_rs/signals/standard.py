@@ -12,6 +12,7 @@ from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.signals.noise import band_limited_noise, prbs
 from shipfp_rs.signals.sines import multisine, sine_sequence
 from shipfp_rs.signals.stairs import steps
+from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.checks import positive
 
 Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]
@@ -25,6 +26,7 @@ SHORTEST_BIT_S = 0.5
 """A bit of the binary sequence lasts about the time in which a launch answers."""
 
 
+@checked
 def standard(
     kind: Kind,
     duration_s: float,
@@ -33,7 +35,7 @@ def standard(
     start_hz: float | None = None,
     stop_hz: float | None = None,
     rate_hz: float = 100.0,
-    seed: int = 0,
+    seed: Whole = 0,
 ) -> Excitation:
     """Return an excitation of a kind with its usual band and shape.
 

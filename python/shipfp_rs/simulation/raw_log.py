@@ -17,6 +17,7 @@ from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.inflow import Inflow, disturbed
 from shipfp_rs.simulation.sensors import Kind, Recorder, Sensors, TrueWindow, without_own_ripple
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.vessel.linear_model import linearise
@@ -54,6 +55,7 @@ class Truth:
     clean: Experiment
 
 
+@checked
 def simulate_raw_log(
     vessel: Vessel,
     excitations: Excitation | Sequence[Excitation],
@@ -65,7 +67,7 @@ def simulate_raw_log(
     pause_s: float = 20.0,
     inflow: Inflow | None = None,
     simulated_hz: float | None = None,
-    seed: int = 0,
+    seed: Whole = 0,
 ) -> tuple[Log, Truth]:
     """Simulate a trial as a logger would have recorded it.
 

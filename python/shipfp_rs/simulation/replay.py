@@ -15,6 +15,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.low_pass import LowPass
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -24,6 +25,7 @@ LEAD_S = 10.0
 """For which the simulated ship stands at the operating point: the filters fill, and its mean is what it stands at."""
 
 
+@checked
 def answered(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
     """Return what a vessel answers to a record's set point in still water, sampled and masked as the record.
 

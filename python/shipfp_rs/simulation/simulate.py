@@ -15,6 +15,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment, Hold
 from shipfp_rs.signals import Excitation
+from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import one_of
 from shipfp_rs.vessel.drive_train import DriveTrain, drive_train
@@ -33,6 +34,7 @@ _LARGEST_STEP = 0.025
 """Step of RK4 times the fastest pole: its error, a few (0.025)^4 / 120, is below 1e-8 of the deviation."""
 
 
+@checked
 def simulate(
     vessel: Vessel,
     excitation: Excitation,
@@ -42,7 +44,7 @@ def simulate(
     limits: bool = True,
     substeps: int | None = None,
     noise: Noise | None = None,
-    seed: int | None = None,
+    seed: Whole | None = None,
 ) -> Experiment:
     """Simulate a trial, from the steady state at the operating point.
 

@@ -26,7 +26,7 @@ class Element:
     parameters
         What it adds to a structure's parameters.
     needs
-        "gauge": a torque gauge between the inertias; "load": a measured load torque; "": nothing.
+        "load": a measured load torque; "": nothing.
     """
 
     name: str
@@ -53,7 +53,11 @@ ELEMENTS: dict[str, Element] = {
         ),
         Element("torque_limit", "upper torque limit", (Parameter("M_max", "-", 1.1, 0.5, 5.0),)),
         Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
-        Element("twist", "twisting shaft", (Parameter("tau_twist", "s", 1e-3, 1e-5, 0.1),), "gauge"),
+        Element(
+            "twist",
+            "twisting shaft",
+            (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
+        ),
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
         Element("late_torque", "torque channel that tells late", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
         Element("late_speed", "speed channel that tells late", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
@@ -63,13 +67,13 @@ ELEMENTS: dict[str, Element] = {
 """All elements by name, in the order in which structures list their parameters."""
 
 
-def chosen(names: Sequence[str], *, gauge: bool) -> tuple[Element, ...]:
+def chosen(names: Sequence[str]) -> tuple[Element, ...]:
     """Return the elements of these names in the table's order.
 
     Raises
     ------
     InputError
-        For an unknown or doubled name, or an element that needs a gauge where there is none.
+        For an unknown or doubled name.
     """
     for name in names:
         if name not in ELEMENTS:
@@ -78,8 +82,4 @@ def chosen(names: Sequence[str], *, gauge: bool) -> tuple[Element, ...]:
             )
         if list(names).count(name) > 1:
             raise InputError(f"element {name!r} is named twice, expected each once")
-        if ELEMENTS[name].needs == "gauge" and not gauge:
-            raise InputError(
-                f"element {name!r}: found no gauge torque, expected torque='gauge' and the output 'dM'"
-            )
     return tuple(element for element in ELEMENTS.values() if element.name in names)

@@ -20,6 +20,8 @@ class Against(NamedTuple):
     """Added to the simulated outputs, shape (O,)."""
     filters: Array
     """FIR filter of each output's residual (O, T), the sample's own tap first."""
+    sharp: bool = True
+    """Whether the outputs must be exact; otherwise an error far below the noise may buy time."""
 
 
 class Equations(ABC):
@@ -43,6 +45,11 @@ class Equations(ABC):
     @property
     def own_offsets(self) -> bool:
         """Whether the states hold the errors of the operating point, so that outputs need no constants added."""
+        return False
+
+    @property
+    def has_valley(self) -> bool:
+        """Whether `curved` knows along which curve the outputs change least."""
         return False
 
     @abstractmethod
@@ -80,6 +87,14 @@ class Equations(ABC):
     def stable(self, values: Mapping[str, float]) -> bool:
         """Whether the closed loop is stable; True where the equations can't tell."""
         return True
+
+    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+        """Return where a step from values of these names leads along the curve on which the outputs change least.
+
+        To first order that is their sum, which it is where the equations know no better. The entry `held` takes its
+        step as it is.
+        """
+        return vector + step
 
     def passed(self, rows: Array, experiment: Experiment) -> Array:
         """Return measured outputs (O, N) behind the filter that simulated ones go through; unchanged without one."""

@@ -120,8 +120,71 @@ LINEAR = (
         "",
     ),
     Term("tau_twist", "give of the shaft, M_s0 / (2π n_s0 k)", "s", "M_s0 / (2π n_s0 shaft_stiffness)", ""),
+    Term(
+        "zeta_twist",
+        "torque of the twisting shaft's damper for a slip of the operating speed, over the operating torque",
+        "-",
+        "zeta_twist (n_e - n_s) / n_0",
+        "",
+    ),
+    Term(
+        "M_max",
+        "upper limit of the engine torque over its operating point",
+        "-",
+        "M_b ≤ M_max M_b0",
+        "Simulink: Saturation",
+    ),
+    Term(
+        "rate",
+        "how fast the fuel's torque can change, over its operating point",
+        "1/s",
+        "-rate ≤ dX/dt ≤ rate",
+        "Simulink: Rate Limiter",
+    ),
+    Term(
+        "damping",
+        "load torque that grows with the speed beside the propeller's",
+        "-",
+        "damping (n - n_0) / n_0",
+        "",
+    ),
+    Term("T_M", "by how much the torque channel tells late", "s", "exp(-s T_M)", "MATLAB: OutputDelay"),
+    Term("T_n", "by how much the speed channel tells late", "s", "exp(-s T_n)", "MATLAB: OutputDelay"),
+    Term("k_L", "gain of the measured load torque", "-", "k_L M_load / M_s0", ""),
 )
-"""Parameters of the linear structure."""
+"""Parameters of the linear structure and of the ship."""
+
+COMBINATIONS = (
+    Term("K_p/K_i", "reset time of the governor", "s", "K_p / K_i", "MATLAB: Ti of pidstd"),
+    Term("p-g", "self-regulation: how strongly the shaft resists a change of speed", "-", "p - g", ""),
+    Term(
+        "(p-g)/tau_n",
+        "corner frequency of the shaft without governor",
+        "1/s",
+        "(p - g) / tau_n",
+        "thesis: eq. 3.31",
+    ),
+    Term("vK_p/tau_n", "proportional loop gain over the inertia", "1/s", "v K_p / tau_n", "thesis: eq. 3.31"),
+    Term("vK_i/tau_n", "integral loop gain over the inertia", "1/s2", "v K_i / tau_n", "thesis: eq. 3.31"),
+    Term(
+        "tau_prop/tau_n",
+        "share of the inertia on the propeller's side of the gauge",
+        "-",
+        "tau_prop / tau_n",
+        "",
+    ),
+    Term(
+        "(p-g)/(vK_i)",
+        "how far slow motions stay behind the set point",
+        "s",
+        "(p - g) / (v K_i)",
+        "thesis: Table 3.4",
+    ),
+    Term(
+        "(p-g)/(vK_i)+T_set", "the same with the set point's dead time", "s", "(p - g) / (v K_i) + T_set", ""
+    ),
+)
+"""What is known where its members are not."""
 
 VESSEL = (
     Term(
@@ -195,11 +258,17 @@ OBJECTS = (
 )
 """What the package hands around, and the figure that a fit is judged by."""
 
-GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *VESSEL, *OBJECTS)}
+GLOSSARY: Mapping[str, Term] = {
+    term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *VESSEL, *OBJECTS)
+}
 """All terms by symbol."""
+
+
+def term(symbol: str) -> Term:
+    """Return a symbol's entry; of a part of a joint structure its own, and an empty one where there is none."""
+    return GLOSSARY.get(symbol.partition(" (")[0], Term(symbol, ""))
 
 
 def meaning(symbol: str) -> str:
     """Return what a symbol means, in a few words; empty where the glossary has none."""
-    term = GLOSSARY.get(symbol)
-    return "" if term is None else term.meaning
+    return GLOSSARY[symbol].meaning if symbol in GLOSSARY else ""

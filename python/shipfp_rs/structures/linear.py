@@ -104,7 +104,7 @@ class LinearEquations(Equations):
             experiment.hold,
             self._initial(values),
             self._kernel_outputs,
-            *against,
+            *against[:3],
             [_INDEX[name] for name in names],
         )
 

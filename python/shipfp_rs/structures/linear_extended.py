@@ -123,6 +123,12 @@ class ExtendedLinear:
         )
         return np.asarray(turned)
 
+    def characteristic(self, values: Values, s: Spectrum) -> Spectrum:
+        """Return what is zero at the poles of the closed loop (F,), without poles but the actuator's."""
+        loop = _Loop.of(values, s)
+        shaft = loop.engine * loop.twisted + loop.propeller
+        return np.asarray(s * (shaft + loop.v * loop.governor * loop.path * loop.twisted))
+
 
 @dataclass(frozen=True)
 class _Part:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures import grey_box
+from shipfp_rs.structures import grey_box, stored
 from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
 from shipfp_rs.structures.elements import chosen
 from shipfp_rs.structures.equations import Equations
@@ -19,13 +19,16 @@ from shipfp_rs.structures.joint import JointEquations, PartEquations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
 from shipfp_rs.structures.linear_sampled import SampledGovernor
+from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.parameter import Parameter as Parameter
 from shipfp_rs.structures.pass_band import PassBand
 from shipfp_rs.structures.plant import PlantEquations, as_built
 from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.html import shown
 from shipfp_rs.vessel.vessel import Vessel
 
 Torque = Literal["brake", "gauge"]
@@ -61,27 +64,6 @@ def _own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[
     return signals
 
 
-LINEAR_OPTIONS = (
-    "torque",
-    "products",
-    "free_exponent",
-    "dead_time_loop",
-    "dead_time_set_point",
-    "actuator_lag",
-    "derivative",
-    "sampling",
-    "misreading",
-    "twist",
-    "curvature",
-    "speed",
-)
-"""Options of `Structure.linear` that its settings hold, so that a fingerprint's structure can be built again."""
-
-
-SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
-"""Options of `Structure.ship` that its settings hold."""
-
-
 @dataclass(frozen=True)
 class Structure:
     """A parametric model: parameters with unit, bounds and start, outputs, equations.
@@ -97,6 +79,7 @@ class Structure:
     settings: Mapping[str, Any]
 
     @classmethod
+    @checked
     def linear(
         cls,
         *,
@@ -252,6 +235,7 @@ class Structure:
         )
 
     @classmethod
+    @checked
     def three_parameters(
         cls,
         *,
@@ -306,6 +290,7 @@ class Structure:
         return three.with_fixed(g=0.0)
 
     @classmethod
+    @checked
     def ship(
         cls,
         elements: Sequence[str] = (),
@@ -328,7 +313,8 @@ class Structure:
         elements
             Names of what acts beside this, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d),
             "dead_time_set_point" (T_set), "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate), "twist" (tau_twist), "damping" (of the load), "load" (measured).
+            "torque_limit" (M_max), "rack_rate" (rate), "twist" (tau_twist, zeta_twist; between
+            the inertias, of which tau_prop is the propeller's), "damping" (of the load), "load" (measured).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
         outputs
@@ -362,7 +348,7 @@ class Structure:
         if not outputs or len(set(outputs)) != len(outputs):
             raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
         gauge = torque == "gauge" and "dM" in outputs
-        acting = chosen(elements, gauge=gauge)
+        acting = chosen(elements)
         letter = "v" if products else ""
         parameters = (
             Parameter("tau_n", "s", 1.2, 0.01, 20.0),
@@ -371,7 +357,7 @@ class Structure:
             Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
             Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
             Parameter("p", "-", 2.0, -1.0, 5.0),
-            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge else ()),
+            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge or "twist" in elements else ()),
             *(parameter for element in acting for parameter in element.parameters),
         )
         words = [element.words for element in acting]
@@ -392,6 +378,7 @@ class Structure:
         )
 
     @classmethod
+    @checked
     def plant(
         cls,
         vessel: Vessel,
@@ -436,13 +423,17 @@ class Structure:
             equations=PlantEquations(vessel, linear.outputs, gauge="tau_prop" in linear.names),
             settings={
                 "kind": "plant",
-                "vessel": vessel.name,
+                "vessel": vessel.model_dump(mode="json"),
                 "torque": torque,
+                "products": products,
                 "free_exponent": free_exponent,
+                "free_limit": free_limit,
+                "dead_time_set_point": dead_time_set_point,
             },
         )
 
     @classmethod
+    @checked
     def grey_box(
         cls,
         vessel: Vessel,
@@ -518,6 +509,7 @@ class Structure:
         )
 
     @classmethod
+    @checked
     def from_matrices(
         cls,
         matrices: Matrices,
@@ -571,6 +563,7 @@ class Structure:
         return cls(name, tuple(parameters), signals, equations, {"kind": "matrices"})
 
     @classmethod
+    @checked
     def from_function(
         cls,
         simulate: Simulate,
@@ -622,6 +615,7 @@ class Structure:
         return cls(name, tuple(parameters), signals, equations, {"kind": "function"})
 
     @classmethod
+    @checked
     def joint(
         cls, parts: Mapping[str, Structure], shared: Sequence[str], *, name: str | None = None
     ) -> Structure:
@@ -675,7 +669,11 @@ class Structure:
             tuple(parameters.values()),
             first.signals,
             JointEquations(equations),
-            {"kind": "joint", "parts": list(parts), "shared": list(shared)},
+            {
+                "kind": "joint",
+                "parts": {label: part.to_dict() for label, part in parts.items()},
+                "shared": list(shared),
+            },
         )
 
     def part(self, name: str) -> Structure:
@@ -767,20 +765,28 @@ class Structure:
             equations=tied(self.equations, ties),
         )
 
+    @checked
     def with_fixed(self, **values: float) -> Structure:
         """Return a copy with parameters held at the given values."""
         structure = self
         for name, value in values.items():
             declared = structure[name]
-            if declared.unit == "s" and value > 10.0 * declared.upper:
-                hint = hints.likely(value, declared.lower, declared.upper, hints.TIME_S, "s")
+            too_large = declared.unit == "s" and value > 10.0 * declared.upper
+            if too_large or value < 0.0 <= declared.lower:
+                unit = "" if declared.unit == "-" else f" {declared.unit}"
+                hint = (
+                    hints.likely(value, declared.lower, declared.upper, hints.TIME_S, "s")
+                    if too_large
+                    else ""
+                )
                 raise InputError(
-                    f"parameter {name}: fixed at {value:g} s, expected {declared.lower:g} to {declared.upper:g} s"
+                    f"parameter {name}: fixed at {value:g}{unit}, expected {declared.lower:g} to {declared.upper:g}{unit}"
                     f"{hint or '; widen its bounds first'}"
                 )
             structure = structure._with(name, start=float(value), fixed=True, prior=None, tied=None)
         return structure
 
+    @checked
     def with_prior(self, **priors: tuple[float, float]) -> Structure:
         """Return a copy with Gaussian priors, each (mean, standard deviation)."""
         structure = self
@@ -790,6 +796,7 @@ class Structure:
             )
         return structure
 
+    @checked
     def with_tied(self, **ties: tuple[str, float] | tuple[str, float, float]) -> Structure:
         """Return a copy in which parameters follow others: each (name of the other, factor) or with an offset, too.
 
@@ -821,6 +828,7 @@ class Structure:
             structure = structure._with(name, fixed=False, prior=None, tied=tie)
         return structure
 
+    @checked
     def with_start(self, **values: float) -> Structure:
         """Return a copy with other start values."""
         structure = self
@@ -830,6 +838,7 @@ class Structure:
             structure = structure._with(name, start=float(value))
         return structure
 
+    @checked
     def with_bounds(self, **bounds: tuple[float, ...]) -> Structure:
         """Return a copy with other bounds, each (lower, upper) or (lower, start, upper); they must hold the start."""
         structure = self
@@ -845,19 +854,56 @@ class Structure:
         return structure
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form kept in a fingerprint."""
-        return {
-            "name": self.name,
-            **dict(self.settings),
-            "outputs": list(self.outputs),
-            "parameters": {
-                parameter.name: {
-                    "start": parameter.start,
-                    "bounds": None if parameter.fixed else [parameter.lower, parameter.upper],
-                    "fixed": parameter.fixed,
-                    "prior": None if parameter.prior is None else list(parameter.prior),
-                    **({} if parameter.tied is None else {"tied": asdict(parameter.tied)}),
-                }
-                for parameter in self.parameters
-            },
-        }
+        """Return the JSON form kept in a fingerprint: all that `from_dict` needs, but equations of a user's own."""
+        return stored.to_dict(self)
+
+    @classmethod
+    @checked
+    def from_dict(cls, content: Mapping[str, Any]) -> Structure:
+        """Return the structure that `to_dict` wrote, with its starts, bounds, fixed parameters, priors and ties.
+
+        Raises
+        ------
+        InputError
+            For equations of a user's own, which JSON can't hold, and for what `to_dict` did not write.
+
+        Examples
+        --------
+        >>> ship = Structure.ship(["dead_time_loop"]).with_fixed(p=2.1).with_prior(g=(-0.5, 0.1))
+        >>> Structure.from_dict(ship.to_dict()) == ship
+        True
+        """
+        made: Structure = stored.from_dict(cls, content)
+        return made
+
+    def __repr__(self) -> str:
+        free = [parameter.name for parameter in self.free]
+        names = ", ".join(free) if len(free) <= 12 else f"{', '.join(free[:10])} and {len(free) - 10} more"
+        name = self.name if len(self.name) <= 60 else f"{self.name[:57]}..."
+        return f"Structure({name!r}, free: {names}; outputs: {', '.join(self.outputs)})"
+
+    def _repr_html_(self) -> str:
+        return shown(
+            f"Structure {self.name}",
+            ["parameter", "name", "start", "from", "to", "unit", "status"],
+            [
+                [
+                    one.name,
+                    plain_name(one.name),
+                    f"{one.start:.4g}",
+                    *(["", ""] if one.fixed else [f"{one.lower:.4g}", f"{one.upper:.4g}"]),
+                    one.unit,
+                    _status(one),
+                ]
+                for one in self.parameters
+            ],
+            [f"Outputs: {', '.join(self.outputs)}"],
+        )
+
+
+def _status(parameter: Parameter) -> str:
+    if parameter.tied is not None:
+        return f"tied: {parameter.tied}"
+    if parameter.prior is not None:
+        return f"prior {parameter.prior[0]:.4g} ± {parameter.prior[1]:.4g}"
+    return "fixed" if parameter.fixed else "free"

@@ -107,9 +107,18 @@ class Behind(Equations):
         """Whether the equations sum up products in a pass of their own."""
         return self.equations.has_products
 
+    @property
+    def has_valley(self) -> bool:
+        """Whether the equations know a valley."""
+        return self.equations.has_valley
+
     def stable(self, values: Mapping[str, float]) -> bool:
         """Whether the closed loop is stable, as far as the equations can tell."""
         return self.equations.stable(self._values(values))
+
+    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+        """Return where a step leads along the equations' own valley, as they have it without ties."""
+        return self.equations.curved(names, vector, step, held)
 
     def passed(self, rows: Array, experiment: Experiment) -> Array:
         """Return measured outputs behind the filter of the equations, if they have one."""

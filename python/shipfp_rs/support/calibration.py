@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
 
@@ -101,6 +102,7 @@ class Calibration:
         return cls(scale, offset, unit, ((of_scale, both), (both, of_offset)))
 
 
+@checked
 def torque_factor(
     *,
     shear_modulus: float,

@@ -1,8 +1,9 @@
-"""Writing files and folders so that each appears whole or not at all."""
+"""Descriptions read, and files and folders written so that each appears whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import stat
@@ -11,6 +12,42 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
+
+MOST_BYTES = 64 * 2**20
+"""Of a description that people write or a result that they hand on: more is another file taken for one."""
+LONGEST_NAME = 255
+"""Bytes of a name on the file systems in use."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""What a system says, often without a name, when a file can't be written to its end."""
+
+
+def read_text(path: Path, expected: str) -> str:
+    """Return the text of a description, UTF-8.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    expected
+        What it should be, as a message calls it: "a TOML file".
+
+    Raises
+    ------
+    InputError
+        Where it is no file or can't be read; one line.
+    """
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir() and not path.is_char_device():
+            raise InputError(f"{path}: a pipe or a socket, expected {expected}; write it to a file first")
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, expected {expected}")
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: found bytes that are not UTF-8 at {error.start}, expected {expected}"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; expected {expected}") from error
 
 
 @contextlib.contextmanager
@@ -49,14 +86,22 @@ def replacing(path: Path) -> Iterator[Path]:
         # mkstemp makes private files; a result should be as readable as any other file the user makes.
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    except OSError as error:
+        raise _of_writing(path, temporary, error) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _cannot(path: Path, error: Exception) -> InputError:
     reason = getattr(error, "strerror", None) or error
     return InputError(f"{path}: can't be written, {reason}; choose another folder")
+
+
+def _of_writing(path: Path, temporary: Path, error: OSError) -> Exception:
+    """Name what the user named where an error is that of writing it; any other error stays as it is."""
+    about_it = str(error.filename or "").startswith(str(temporary)) or error.filename2 is not None
+    return _cannot(path, error) if about_it or error.errno in NO_ROOM else error
 
 
 def _require_stream(path: Path, target: Path) -> None:
@@ -106,14 +151,12 @@ def replacing_folder(
     InputError
         Where `path` can't be made, is a file, or holds other files.
     """
-    _check_replaceable(path, {marker, *others}, marker, force)
     try:
+        _check_replaceable(path, {marker, *others}, marker, force)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}."[:100], dir=path.parent))
     except OSError as error:
-        raise InputError(
-            f"{path}: can't be written, {error.strerror or error}; choose another folder"
-        ) from error
+        raise _cannot(path, error) from error
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())  # mkdtemp makes private folders
@@ -122,12 +165,20 @@ def replacing_folder(
                 file.replace(path / file.name)
         else:
             temporary.rename(path)
+    except InputError as error:
+        raise InputError(str(error).replace(str(temporary), str(path))) from error
+    except OSError as error:
+        raise _of_writing(path, temporary, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _check_replaceable(path: Path, names: Collection[str], marker: str, force: bool) -> None:
     if not path.exists():
+        if path.is_symlink():
+            raise InputError(f"{path}: is a link that leads nowhere, expected a folder or a new name")
+        if len(os.fsencode(path.name)) > LONGEST_NAME:
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         return
     if not path.is_dir():
         raise InputError(f"{path}: is a file, expected a folder or a new name")

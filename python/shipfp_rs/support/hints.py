@@ -18,9 +18,9 @@ TIME_S: Sequence[Slip] = (("ms for s", 1e-3),)
 PEAK_TO_PEAK: Sequence[Slip] = (("peak to peak for amplitude", 0.5),)
 
 
-def nearest(word: str, known: Sequence[str]) -> str:
+def nearest(word: str, known: Sequence[str], cutoff: float = 0.6) -> str:
     """Return "; did you mean ...?" for the nearest known word; empty where none is near."""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(word, known, n=1, cutoff=cutoff)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

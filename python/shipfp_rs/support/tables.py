@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, same
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +30,7 @@ class Columns(NamedTuple):
     facts: Mapping[str, Any]
 
 
-class Tabular:
+class Tabular(ABC):
     """Base of what is a table: one column that the others are a function of, and facts about the whole.
 
     Tables carry the facts (name, operating point, ...) as JSON; where a table of another origin has none, or some are
@@ -46,6 +46,22 @@ class Tabular:
     def _from_columns(cls, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Self:
         """Return the object that columns and facts make."""
 
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        mine, its = self._columns(), other._columns()
+        return (
+            list(mine.values) == list(its.values)
+            and same(mine.values, its.values)
+            and same(mine.facts, its.facts)
+        )
+
+    def __hash__(self) -> int:
+        values, _, facts = self._columns()
+        return hash(
+            (type(self).__name__, facts.get("name"), tuple((key, len(one)) for key, one in values.items()))
+        )
+
     def __reduce__(self) -> tuple[Callable[..., Self], tuple[Mapping[str, Array], Mapping[str, Any]]]:
         """Go to other processes, and into copies, as the table; read-only mappings can't."""
         values, _, facts = self._columns()
@@ -59,7 +75,7 @@ class Tabular:
         InputError
             Where xarray is not installed.
         """
-        xarray = _package("xarray")
+        xarray = package("xarray")
         values, units, facts = self._columns()
         index, *others = values
         variables = {name: (index, values[name], {"units": units[name]}) for name in others}
@@ -94,7 +110,7 @@ class Tabular:
         InputError
             Where pandas is not installed.
         """
-        pandas = _package("pandas")
+        pandas = package("pandas")
         values, _, facts = self._columns()
         index, *others = values
         frame: pd.DataFrame = pandas.DataFrame(
@@ -171,10 +187,17 @@ class Tabular:
         return cls._from_columns(values, own | facts)
 
 
-def _package(name: str) -> Any:
+def package(name: str, distribution: str | None = None) -> Any:
+    """Return an optional package, or say how to install it.
+
+    Raises
+    ------
+    InputError
+        Where it is not installed.
+    """
     try:
         return __import__(name)
     except ImportError as error:
         raise InputError(
-            f"{name} is not installed; install it with: pip install 'shipfp_rs[{name}]'"
+            f"{distribution or name} is not installed; install it with: pip install 'shipfp_rs[{name}]'"
         ) from error

@@ -2,25 +2,48 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.files import read_text
 from shipfp_rs.support.hints import suggestion
 
 Model = TypeVar("Model", bound=BaseModel)
+
+LARGEST, SMALLEST = 1e15, 1e-15
+"""Beyond any quantity of a ship or a log in the units of the files; a seed excepted."""
+MOST_CHARACTERS = 2000
+"""Of any text: a path, a description."""
+
+
+def _one_line_of_text(text: str) -> str:
+    if any(ord(letter) < 32 for letter in text):
+        raise PydanticCustomError("control", "a text without control characters")
+    return text
+
+
+Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line_of_text)]
+"""What people call a trial, a window, a channel."""
+FilePath = Annotated[str, Field(min_length=1), AfterValidator(_one_line_of_text)]
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Starts = Annotated[int, Field(ge=1, le=10_000)]
+"""Of a search; each takes a second or so."""
 
 
 class Section(BaseModel):
     """Base of every table of a configuration file: immutable, no unknown keys, no conversion of types."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, str_max_length=MOST_CHARACTERS
+    )
 
 
 def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:
@@ -45,19 +68,14 @@ def read_toml(path: str | Path, model: type[Model]) -> Model:
         "file: key: found ..., expected ...".
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; expected a TOML file") from error
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: found bytes that are not UTF-8 at {error.start}, expected a TOML file"
-        ) from error
+    text = read_text(path, "a TOML file")
     try:
         content = tomllib.loads(text)
+        return validated(content, model, str(path))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from error
-    return validated(content, model, str(path))
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply, expected tables of keys and values") from error
 
 
 def built_in(kind: str) -> dict[str, Path]:
@@ -91,6 +109,8 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
         Where there is neither, or as `read_toml`.
     """
     name, known = str(name_or_path), built_in(kind)
+    if not name or any(ord(letter) < 32 for letter in name):
+        raise InputError(f"{key} {name[:60]!r}: expected a {what} by its name or by the path of its file")
     path = known.get(name, Path(name_or_path))
     if name not in known and path.suffix != ".toml" and not path.exists():
         raise InputError(
@@ -102,6 +122,17 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
 
 def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Model:
     """Check already parsed `content`; `source` opens the message of the `InputError` where it fails."""
+    for key, value in _numbers(content, ()):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(f"{source}: {key}: found {value}, expected a finite number")
+        if abs(value) > LARGEST and not key.endswith("seed"):
+            raise InputError(
+                f"{source}: {key}: found {_shown(value)}, expected a number of at most {LARGEST:g} in size"
+            )
+        if 0.0 < abs(value) < SMALLEST:
+            raise InputError(
+                f"{source}: {key}: found {value}, expected 0 or a number of at least {SMALLEST:g} in size"
+            )
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -110,7 +141,11 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
             # Where its section also holds an unknown key, the missing one is likely misspelt.
             unknown = [other for other in others if other["type"] == "extra_forbidden"]
             first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
-        missing = [".".join(map(str, each["loc"])) for each in error.errors() if each["type"] == "missing"]
+        missing = [
+            ".".join(map(str, each["loc"]))
+            for each in error.errors()
+            if each["type"] == "missing" and isinstance(each["loc"][-1], str)
+        ]
         if first["type"] == "missing" and len(missing) > 1:
             raise InputError(
                 f"{source}: {', '.join(missing)}: found nothing, expected these keys to be given"
@@ -118,32 +153,80 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
         raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 
+def _numbers(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+    """Give every number in parsed content with its dotted key."""
+    if isinstance(content, Mapping):
+        for key, value in content.items():
+            yield from _numbers(value, (*place, str(key)))
+    elif isinstance(content, list | tuple):
+        for index, value in enumerate(content):
+            yield from _numbers(value, (*place, str(index)))
+    elif isinstance(content, int | float):
+        yield ".".join(place), content
+
+
 def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
-    location = [str(part) for part in error["loc"]]
+    # Where several types are possible each has its own place; the user knows the key alone.
+    location = [str(part) for part in error["loc"] if str(part) not in ("float", "int", "bool", "str")]
+    key, found, context = ".".join(location), error["input"], error.get("ctx", {})
     match error["type"]:
         case "unexpected":
-            context = error["ctx"]
             key = ".".join([*location, context["key"]])
             return f"{key}: found {context['found']}, expected {context['expected']}"
         case "extra_forbidden":
             known = sorted(
                 {key for owner in _models_at(model, error["loc"][:-1]) for key in owner.model_fields}
             )
-            return f"{'.'.join(location)}: found an unknown key, {suggestion(location[-1], known)}"
+            return f"{key}: found an unknown key, {suggestion(location[-1], known)}"
+        case "missing" if isinstance(error["loc"][-1], int):
+            key = ".".join(location[:-1])
+            return f"{key}: found {_shown(found)}, expected a list of more than {error['loc'][-1]}"
         case "missing":
-            return f"{'.'.join(location)}: found nothing, expected this key to be given"
-        case "model_type" | "dict_type":
-            expected = "a table"
+            return f"{key}: found nothing, expected this key to be given"
+        case "too_short" | "too_long" | "string_too_short" | "string_too_long":
+            return f"{key}: found {_length(found)}, expected {_lengths(error['type'], context)}"
+    if location != [str(part) for part in error["loc"]]:
+        return f"{key}: found {_shown(found)}, expected a number, a text in quotes, true or false"
+    return f"{key}: found {_shown(found)}, expected {_expected(error)}"
+
+
+def _expected(error: ErrorDetails) -> str:
+    """What a value should be, in the words of the file."""
+    match error["type"]:
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return "a table"
         case "float_type" | "int_type" if isinstance(error["input"], str):
-            expected = "a valid number, without quotes"
+            return "a valid number, without quotes"
         case "tuple_type" | "list_type":
-            expected = "a list"
+            return "a list"
+        case "string_type":
+            return "a text in quotes"
+        case "bool_type":
+            return "true or false"
         case _:
-            expected = error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    return f"{'.'.join(location)}: found {_shown(error['input'])}, expected {expected}"
+            return error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+
+
+def _length(found: object) -> str:
+    if isinstance(found, str):
+        return f"{len(found)} characters" if found else "an empty text"
+    size = len(found) if isinstance(found, Sized) else 0
+    return f"{size} value{'' if size == 1 else 's'}"
+
+
+def _lengths(kind: str, context: Mapping[str, Any]) -> str:
+    limit = context.get("min_length", context.get("max_length"))
+    which = "at least" if kind.endswith("short") else "at most"
+    if kind.startswith("string"):
+        return (
+            "a text that is not empty" if (which, limit) == ("at least", 1) else f"{which} {limit} characters"
+        )
+    return f"a list of {which} {limit}"
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to write longer ones out
+        return f"a whole number of {round(value.bit_length() * math.log10(2.0))} digits"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 

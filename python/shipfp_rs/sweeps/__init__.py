@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass
@@ -12,9 +11,10 @@ from typing import Any
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.support.checks import positive
+from shipfp_rs.support.arguments import Positive, checked
 from shipfp_rs.support.files import write_text_atomically
-from shipfp_rs.sweeps.analysis import ACCURACY, summarise
+from shipfp_rs.support.json_files import json_text
+from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of
 from shipfp_rs.sweeps.plan import Plan
@@ -59,6 +59,7 @@ class Sweep:
         return pa.Table.from_batches(list(self.batches(columns)))
 
 
+@checked
 def sweep(
     plan: Plan | str | Path,
     out: str | Path,
@@ -67,7 +68,7 @@ def sweep(
     workers: int | None = None,
     address: str | None = None,
     draws_per_task: int | None = None,
-    accuracy: float = ACCURACY,
+    accuracy_pct: Positive = ACCURACY_PCT,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sweep:
     """Simulate and identify many trials; the same call goes on where an earlier one was stopped or killed.
@@ -89,8 +90,8 @@ def sweep(
     draws_per_task
         Draws that a worker makes in one go, and rows of a part that is safe once it is written. A folder keeps the
         number that it was begun with. None: 50, fewer in a small sweep.
-    accuracy
-        Wanted relative error, for the length of a trial in the summary.
+    accuracy_pct
+        Wanted relative error [%], for the length of a trial in the summary.
     progress
         Called at the start and after every task.
 
@@ -120,7 +121,6 @@ def sweep(
     plan = plan if isinstance(plan, Plan) else Plan.load(plan)
     if draws_per_task is not None and draws_per_task < 1:
         raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
-    positive("accuracy", accuracy)
     part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
     with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
         try:
@@ -129,10 +129,8 @@ def sweep(
                 store.finish()
         finally:
             # Of a run that was stopped, too: it tells how far that came.
-            summary = summarise(plan, store.batches(), accuracy)
-            write_text_atomically(
-                store.folder / SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n"
-            )
+            summary = summarise(plan, store.batches(), accuracy_pct)
+            write_text_atomically(store.folder / SUMMARY, json_text(summary))
     return Sweep(Path(out), plan, summary)
 
 

@@ -21,7 +21,7 @@ from shipfp_rs.sweeps.plan import Factor, Plan, Value
 DURATION = "excitation.duration_s"
 BINS = 6
 """Bins of a factor that has no levels, each with as many draws as any other."""
-ACCURACY = 0.1
+ACCURACY_PCT = 10.0
 """Relative error that 95 of 100 trials stay below, for the length of a trial, where none is asked for."""
 _SMALLEST, _LARGEST, _PER_DECADE = 1e-9, 1e6, 100
 """Range of relative errors in the histograms, whose bins are 2.3 % wide."""
@@ -147,7 +147,9 @@ class Tally:
         ]
 
 
-def summarise(plan: Plan, batches: Iterable[pa.RecordBatch], accuracy: float = ACCURACY) -> dict[str, Any]:
+def summarise(
+    plan: Plan, batches: Iterable[pa.RecordBatch], accuracy_pct: float = ACCURACY_PCT
+) -> dict[str, Any]:
     """Return the content of `summary.json`.
 
     Parameters
@@ -156,15 +158,15 @@ def summarise(plan: Plan, batches: Iterable[pa.RecordBatch], accuracy: float = A
         The sweep.
     batches
         Its rows, or those that there are so far.
-    accuracy
-        Wanted relative error, for the length of a trial.
+    accuracy_pct
+        Wanted relative error [%], for the length of a trial.
 
     Returns
     -------
     dict
         Errors are relative to the truth's magnitude: `bias` their mean, `spread` their standard deviation, `error_95`
         what 95 % of all draws stay below, one without an estimate counting as infinite; `coverage` the share of 95 %
-        intervals that hold the truth. `trial_length` holds the shortest duration [s] with `error_95` within `accuracy`.
+        intervals that hold the truth. `trial_length` holds the shortest duration [s] with `error_95` within `accuracy_pct`.
     """
     names = names_of(plan.structure)
     bins = {key: Bins.of(key, factor) for key, factor in sorted(plan.factors.items())}
@@ -200,9 +202,12 @@ def summarise(plan: Plan, batches: Iterable[pa.RecordBatch], accuracy: float = A
             key: [row | {"parameters": _only(shown, row["parameters"])} for row in tally.rows()]
             for key, tally in single.items()
         },
-        "accuracy": accuracy,
+        "accuracy_pct": accuracy_pct,
         "trial_length": [
-            row for tally in lengths for row in _trial_lengths(tally, accuracy) if row["parameter"] in shown
+            row
+            for tally in lengths
+            for row in _trial_lengths(tally, 0.01 * accuracy_pct)
+            if row["parameter"] in shown
         ],
         "shipfp_rs": plan.record()["shipfp_rs"],
     }

@@ -67,7 +67,7 @@ def scatter_matrix(columns: Mapping[str, Array], names: Sequence[str]) -> Figure
             x, y = _error(columns, lower), _error(columns, upper)
             ax.set_xlim(-limits[lower], limits[lower])
             if row == column:
-                ax.hist(x, bins=np.linspace(-limits[lower], limits[lower], 31), color=BLUE)
+                ax.hist(x[np.isfinite(x)], bins=np.linspace(-limits[lower], limits[lower], 31), color=BLUE)
                 ax.set_yticks([])
             else:
                 ax.plot(x, y, ".", ms=2, color=BLUE, alpha=0.5, rasterized=True)
@@ -135,7 +135,7 @@ def trial_length(summary: Mapping[str, Any], names: Sequence[str]) -> Figure:
                 ax.plot(
                     line["durations_s"], limit, "o-", ms=3, lw=1.2, color=color, label=label or "all draws"
                 )
-            ax.axhline(100.0 * summary["accuracy"], color=RED, lw=0.8, ls="--")
+            ax.axhline(summary["accuracy_pct"], color=RED, lw=0.8, ls="--")
             ax.set_xscale("log")
             ax.set_yscale("log")
             ax.set_title(name, loc="left", parse_math=False)

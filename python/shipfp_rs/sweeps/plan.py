@@ -21,13 +21,25 @@ from shipfp_rs.runs.fit import structure_from
 from shipfp_rs.signals import Kind
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
-from shipfp_rs.support.toml import Section, built_in, read_named, unexpected, validated
+from shipfp_rs.support.toml import (
+    FilePath,
+    Name,
+    Section,
+    Seed,
+    built_in,
+    read_named,
+    unexpected,
+    validated,
+)
 from shipfp_rs.sweeps.design import Design, place, seed_of
 from shipfp_rs.vessel.vessel import Vessel
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Value = float | bool | str
+MOST_DRAWS = 10_000_000
+"""Rows of a table that is still read at once; at ten draws a second they take twelve days."""
+Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
 VARIED_OF_IDENTIFY = (*HOW, "lead_back", "starts")
 """Keys of [identify] that may be factors; the others would change which columns the table has."""
@@ -36,16 +48,16 @@ VARIED_OF_IDENTIFY = (*HOW, "lead_back", "starts")
 class Header(Section):
     """The sweep: its name, the ship, the design of its draws."""
 
-    name: str = "sweep"
-    vessel: str
+    name: Name = "sweep"
+    vessel: FilePath
     """A built-in ship's name or the path of a vessel file."""
     chain: Literal["experiment", "log"] = "experiment"
     """What each draw goes through: a clean simulation with noise, or a raw log with sensors and faults, processed."""
     design: Design = "latin"
-    draws: Annotated[int, Field(ge=1)] | None = None
+    draws: Draws | None = None
     """Not for a grid, which has `repeats` for each of its cells."""
-    repeats: Annotated[int, Field(ge=1)] | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    repeats: Draws | None = None
+    seed: Seed = 0
     time_limit_s: Positive | None = None
     """Of one draw; without one, results do not depend on how fast the machine is."""
 
@@ -119,9 +131,6 @@ class Faults(Section):
 class Identify(TrialIdentify):
     """[identify] as in TRIAL.toml; the seed is each draw's own."""
 
-    starts: Annotated[int, Field(ge=1)] = 1
-    products: bool = True
-
     @model_validator(mode="after")
     def _has_no_seed(self) -> Self:
         if "seed" in self.model_fields_set:
@@ -151,7 +160,7 @@ class Factor(Section):
     scale: Literal["linear", "log"] = "linear"
     mean: float | None = None
     std: Positive | None = None
-    points: Annotated[int, Field(ge=1)] | None = None
+    points: Annotated[int, Field(ge=1, le=10_000)] | None = None
     """Levels in a grid."""
 
     @model_validator(mode="after")
@@ -224,6 +233,17 @@ class Plan(Conditions):
                 raise unexpected("factors", f"the unknown key {key!r}", f"section.key; {near}")
             if self.sweep.design == "grid" and factor.levels() is None:
                 raise unexpected("factors", f"{key!r} without levels", "values or points for a grid")
+        size = math.prod(len(factor.levels() or ()) for factor in self.factors.values())
+        if self.sweep.design == "grid" and size * (self.sweep.repeats or 1) > MOST_DRAWS:
+            raise unexpected("factors", f"a grid of {size} cells", f"at most {MOST_DRAWS} draws")
+        return self
+
+    @model_validator(mode="after")
+    def _has_its_torque(self) -> Self:
+        if self.sweep.chain == "log" and self.identify.torque == "brake":
+            raise unexpected(
+                "identify.torque", "'brake' with chain 'log'", "'gauge', what such a log holds, or no key"
+            )
         return self
 
     @classmethod

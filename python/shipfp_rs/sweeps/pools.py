@@ -12,12 +12,16 @@ from typing import Any, Literal, Protocol
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.threads import available_workers
+from shipfp_rs.sweeps.time_limit import raise_in
 from shipfp_rs.sweeps.worker import begin_process
 
 Where = Literal["processes", "threads", "dask"]
 
 AHEAD = 2
 """Tasks for each worker that are handed out at a time: one runs, one waits, so that no worker ever does."""
+
+MOST_WORKERS = 1024
+"""More than any machine has cores, and than a driver can keep at work."""
 
 CONNECT_S = 10.0
 """How long a scheduler may take to answer."""
@@ -28,6 +32,10 @@ QUIET = {
     "distributed.admin.system-monitor.interval": "5s",
 }
 """Settings of our own cluster: its bookkeeping every few ms would take a tenth of a worker that runs Python all the time."""
+
+
+class Stopped(BaseException):
+    """Raised in a thread whose sweep has ended. Not an `Exception`: no draw may take it for a failure of its own."""
 
 
 class Pool(Protocol):
@@ -94,6 +102,15 @@ class Processes:
         """End the processes once what runs has run."""
         self._executor.shutdown(wait=True, cancel_futures=True)
 
+    def kill(self) -> None:
+        """End the processes at once; what they were at is done anew when the sweep is gone on with."""
+        processes = [*(self._executor._processes or {}).values()]
+        self._executor.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+        # They are gone, so this takes no time; it gives their queues and semaphores back.
+        self._executor.shutdown(wait=True)
+
 
 class Cluster:
     """A Dask cluster; its scheduler hands a lost worker's tasks to others, and gives up on one that kills several."""
@@ -128,8 +145,8 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
     InputError
         Where there is no such pool, or the packages for it are missing.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"workers is {workers}, expected 1 or more")
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
     if address is not None and executor != "dask":
         raise InputError(f"address {address!r}: expected executor 'dask' with it")
     count = workers or available_workers()
@@ -141,10 +158,18 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
                 yield Given(threads, count)
             except BaseException:
                 threads.shutdown(wait=False, cancel_futures=True)
+                for thread in threads._threads:
+                    if thread.ident is not None:
+                        raise_in(thread.ident, Stopped)
                 raise
     elif executor == "processes":
-        with contextlib.closing(Processes(count)) as processes:
+        processes = Processes(count)
+        try:
             yield processes
+        except BaseException:
+            processes.kill()
+            raise
+        processes.close()
     elif executor == "dask":
         with _client(address, count) as client:
             yield Cluster(client)

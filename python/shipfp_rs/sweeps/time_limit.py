@@ -26,7 +26,7 @@ def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
     def stop() -> None:
         with lock:
             if running:
-                _raise_in(thread, TimedOut)
+                raise_in(thread, TimedOut)
 
     timer = threading.Timer(limit_s, stop)
     timer.daemon = True
@@ -38,11 +38,11 @@ def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
         with lock:
             running = False
             # Asked for but not yet raised: the work is done, so it must not strike whatever comes next.
-            _raise_in(thread, None)
+            raise_in(thread, None)
     return result
 
 
-def _raise_in(thread: int, error: type[BaseException] | None) -> None:
+def raise_in(thread: int, error: type[BaseException] | None) -> None:
     """Have the interpreter raise an exception in a thread; None takes back one that waits."""
     ctypes.pythonapi.PyThreadState_SetAsyncExc(
         ctypes.c_ulong(thread), None if error is None else ctypes.py_object(error)

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
-from shipfp_rs._core import PulseCrossings, pulse_levels
+from shipfp_rs._core import PulseTracker, pulse_levels
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.spans import Spans
+from shipfp_rs.tacho.clarity import (
+    AT_REST,
+    FAR_FROM_LIMIT,
+    NEAR_LIMIT,
+    Flags,
+    clear_pulses,
+    unclear,
+    without_noise,
+)
 from shipfp_rs.tacho.tracks import require_positive
 
 Array = npt.NDArray[np.float64]
 
-_HYSTERESIS = 0.4
-"""Distance between the two thresholds, as a part of the distance between the train's levels."""
-_AT_REST = 1 / 3
-"""Levels closer together than this part of their usual distance are the noise of a shaft at rest."""
+
+def _no_spans() -> Array:
+    return np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -31,12 +41,22 @@ class PulseTimes:
     times_s
         Times of the crossings from the first sample on [s], shape (N,).
     gaps_s
-        Stretches without samples, from the first missing one to the next present [s], shape (G, 2).
+        Stretches in which pulses may have gone by that are not among the times [s], shape (G, 2): without samples,
+        from the first missing one to the next present, and without pulses that can be told from noise.
     low, middle, high
         Levels used, in the unit of the samples: armed at `low`, timed at `middle`, fired at `high`. Medians where they
         followed the train.
     rate_hz
         Sample rate of the train [Hz].
+    faint_s
+        Those of the gaps that are not for want of samples, from pulse to pulse [s], shape (K, 2).
+    limit
+        Detection limit, in the unit of the samples: pulses that are higher from bottom to top are counted whatever
+        their rhythm; lower ones where a dozen or more follow one another evenly. Median where the noise changed.
+    grid_std_s
+        Standard deviations of the times that come of sampling [s], shape (N,); None: of edges within one sample.
+    noise_std_s
+        Those that come of noise [s], shape (N,).
     """
 
     times_s: Array
@@ -45,17 +65,41 @@ class PulseTimes:
     middle: float
     high: float
     rate_hz: float
+    faint_s: Array = field(default_factory=_no_spans)
+    limit: float = np.nan
+    grid_std_s: Array | None = None
+    noise_std_s: Array | None = None
+
+    def at(self, times_s: Array) -> PulseTimes:
+        """Return other times, such as with teeth put in, each as well known as those of the train around it."""
+        stds = (
+            None if std is None or not len(std) else np.interp(times_s, self.times_s, std)
+            for std in (self.grid_std_s, self.noise_std_s)
+        )
+        grid, noise = stds
+        return replace(self, times_s=times_s, grid_std_s=grid, noise_std_s=noise)
 
     @property
-    def time_std_s(self) -> float:
-        """Standard deviation of a crossing whose edge rises within one sample, Ts / sqrt(12) [s].
+    def missing_s(self) -> Array:
+        """Those of the gaps that are for want of samples [s], shape (K, 2)."""
+        begins, ends = self.faint_s.T
+        return np.asarray(
+            self.gaps_s[~(np.isin(self.gaps_s[:, 0], begins) & np.isin(self.gaps_s[:, 1], ends))]
+        )
 
-        Such an edge lies anywhere between its two samples with equal chance. Edges that last several samples are
-        known better.
+    @property
+    def time_std_s(self) -> Array:
+        """Standard deviation of each crossing [s], shape (N,).
+
+        An edge that rises within one sample lies anywhere between two of them with equal chance: Ts / sqrt(12).
+        Edges that last several samples are known better, down to what noise makes of them.
         """
-        return float(1.0 / (self.rate_hz * np.sqrt(12.0)))
+        step = np.full(len(self.times_s), 1.0 / (self.rate_hz * np.sqrt(12.0)))
+        grid = step if self.grid_std_s is None else self.grid_std_s
+        return np.asarray(grid if self.noise_std_s is None else np.hypot(grid, self.noise_std_s))
 
 
+@checked
 def pulse_times(
     samples: npt.NDArray[Any] | Iterable[npt.ArrayLike],
     rate_hz: float,
@@ -67,8 +111,12 @@ def pulse_times(
     """Times at which a pulse train rises through a level, interpolated between samples.
 
     A crossing counts when the train was low before and gets high after, so that saw-tooth edges and noise at the level
-    make no second one. Levels that are not given follow the train: the two most frequent ones of each window. Windows
-    whose levels lie together much closer than usual are the noise of a shaft at rest, and give no crossings.
+    make no second one. Levels that are not given follow the train, through the turning points of nine pulses at a
+    time before and after: the amplitude of a variable-reluctance pick-up goes with speed, that of an optical one fades.
+    How high a pulse must be is told from the noise. Where pulses can't be told from it, nor from the hum of a shaft
+    at rest, no times are given, and the stretch is one of `gaps_s`.
+
+    The gap of a wheel with missing teeth is no such stretch; `speed_from_pulses` puts the teeth in that are missing.
 
     Parameters
     ----------
@@ -82,7 +130,7 @@ def pulse_times(
     hysteresis
         Distance between the thresholds that arm and fire, around `threshold`; by default 0.4 of that between the levels.
     window_s
-        Time over which the levels are taken [s].
+        Time over which the noise is taken, and of the train that is looked at ahead of the crossings [s].
 
     Returns
     -------
@@ -104,54 +152,90 @@ def pulse_times(
     require_positive("window_s", window_s)
     if hysteresis is not None:
         require_positive("hysteresis", hysteresis)
-    detector: PulseCrossings | None = None
-    skipped = 0
-    times: list[Array] = []
-    spans: list[float] = []
-    used: list[tuple[float, float, float]] = []
-    bottom = top = np.nan
+    tracker = PulseTracker(threshold, hysteresis)
+    found = _Found()
+    held: npt.NDArray[Any] | None = None
     for window in _windows(samples, max(1, round(window_s * rate_hz))):
-        bottom, top = pulse_levels(window)
-        levels = _thresholds(bottom, top, threshold, hysteresis) or (used[-1] if used else None)
-        if levels is None:
-            skipped += len(window)
-            continue
-        if detector is None:
-            detector = PulseCrossings(*levels)
-        else:
-            detector.set_levels(*levels)
-        times.append(detector.feed(window))
-        spans.append(float(np.nan_to_num(top - bottom)))
-        used.append(levels)
-    if detector is None:
-        raise InputError(_complaint(bottom, top, threshold))
+        tracker.look(window)
+        if held is not None:
+            found.take(tracker.cross(held), held)
+        held = window
+    if held is not None:
+        found.take(tracker.cross(held), held)
+    if not found.levels:
+        raise InputError(_complaint(found.bottom, found.top, threshold))
+    missing = tracker.gaps
+    times, grid, noise = found.column(0), found.column(2), found.column(3)
+    faint = _no_spans()
     if threshold is None or hysteresis is None:
-        # Only the whole record tells noise at rest from pulses; the median passes over a disturbed window or two.
-        usual = np.max(median_filter(spans, size=5, mode="nearest"))
-        times = [part for part, span in zip(times, spans, strict=True) if span >= _AT_REST * usual]
-    low, high, middle = np.median(used, axis=0)
+        kept, low = found.clear(times)
+        faint = unclear(times, kept, low, missing, found.samples)
+        if not kept.all():
+            times, grid, noise = times[kept], grid[kept], noise[kept]
+    low, high, middle = np.median(np.concatenate(found.levels), axis=0)
     return PulseTimes(
-        (np.concatenate(times) + skipped) / rate_hz,
-        (detector.gaps + skipped) / rate_hz,
+        times / rate_hz,
+        _gaps(missing, faint) / rate_hz,
         low=float(low),
         middle=float(middle),
         high=float(high),
         rate_hz=rate_hz,
+        faint_s=faint / rate_hz,
+        limit=float(np.median(found.limit)),
+        grid_std_s=grid / rate_hz,
+        noise_std_s=noise / rate_hz,
     )
 
 
-def _thresholds(
-    bottom: float, top: float, threshold: float | None, hysteresis: float | None
-) -> tuple[float, float, float] | None:
-    """Thresholds (low, high, middle) for a train between two levels; None where it has none around the threshold."""
-    if threshold is not None and hysteresis is not None:
-        return threshold - hysteresis / 2, threshold + hysteresis / 2, threshold
-    middle = (bottom + top) / 2 if threshold is None else threshold
-    if not bottom < middle < top:
-        return None
-    width = _HYSTERESIS * (top - bottom) if hysteresis is None else hysteresis
-    # A threshold near one of the levels leaves room for half the way to it only.
-    return middle - min(width, middle - bottom) / 2, middle + min(width, top - middle) / 2, middle
+class _Found:
+    """Crossings of one window after the other."""
+
+    def __init__(self) -> None:
+        self.columns: list[tuple[Array, Array, Array, Array]] = []
+        self.levels: list[Array] = []
+        self.limit: list[float] = []
+        self.samples = 0
+        self.bottom = self.top = np.nan
+
+    def take(
+        self, crossed: tuple[Array, Array, Array, Array, Array, float], window: npt.NDArray[Any]
+    ) -> None:
+        *columns, levels, limit = crossed
+        self.columns.append((columns[0], columns[1], columns[2], columns[3]))
+        self.limit.append(limit)
+        self.samples += len(window)
+        if len(levels):
+            self.levels.append(levels)
+        elif not self.levels:
+            self.bottom, self.top = pulse_levels(window)
+
+    def column(self, which: int) -> Array:
+        """Return times, heights, or a standard deviation of the times, of all windows, shape (N,)."""
+        return np.concatenate([columns[which] for columns in self.columns])
+
+    def clear(self, times: Array) -> tuple[Flags, Flags]:
+        """Tell which crossings are pulses, and which of them are hardly higher than noise, shape (N,)."""
+        heights = [columns[1] for columns in self.columns]
+        known = [float(np.median(height)) for height in heights if len(height)]
+        # The largest of the windows', a disturbed one or two apart.
+        usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if known else 0.0
+        least = [float(np.min(height, initial=np.inf)) for height in heights]
+        if (np.array(least) >= np.maximum(FAR_FROM_LIMIT * np.array(self.limit), AT_REST * usual)).all():
+            return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
+        limits = np.repeat(self.limit, [len(height) for height in heights])
+        every = without_noise(times, np.concatenate(heights), limits)
+        return clear_pulses(times, every, limits, usual), every < NEAR_LIMIT * limits
+
+
+def _gaps(missing: Spans, faint: Array) -> Array:
+    """Return both kinds in order of time, as one where they overlap [samples], shape (G, 2)."""
+    gaps = np.concatenate([missing.astype(np.float64), faint])
+    gaps = gaps[np.argsort(gaps[:, 0], kind="stable")]
+    if len(gaps) < 2 or not len(faint):
+        return gaps
+    reach = np.maximum.accumulate(gaps[:, 1])
+    apart = gaps[1:, 0] >= reach[:-1]
+    return np.column_stack([gaps[np.r_[True, apart], 0], reach[np.r_[apart, True]]])
 
 
 def _complaint(bottom: float, top: float, threshold: float | None) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.fused_angle import FusedAngle, TrainReport
 from shipfp_rs.tacho.passages import Train, passages_of
 from shipfp_rs.tacho.tracks import require_positive
@@ -42,6 +43,7 @@ class FusedSpeed:
     trains: dict[str, TrainReport]
 
 
+@checked
 def fuse(
     trains: Sequence[Train],
     rate_hz: float,

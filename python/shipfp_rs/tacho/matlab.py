@@ -15,6 +15,7 @@ from scipy.interpolate import make_lsq_spline
 
 from shipfp_rs._core import PulseCrossings
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.tracks import require_positive
 
 Array = npt.NDArray[np.float64]
@@ -55,6 +56,7 @@ class TachoRpm(NamedTuple):
     tp: Array
 
 
+@checked
 def statelevels(
     x: npt.ArrayLike,
     nbins: int = 100,
@@ -106,6 +108,7 @@ def statelevels(
     return StateLevels(np.array(levels), counts.astype(np.int64), centres)
 
 
+@checked
 def midcross(
     x: npt.ArrayLike,
     t: float | npt.ArrayLike | None = None,
@@ -133,6 +136,7 @@ def midcross(
     return MidCrossings(np.sort(np.concatenate([rising, falling])), middle)
 
 
+@checked
 def pulseperiod(
     x: npt.ArrayLike,
     t: float | npt.ArrayLike | None = None,
@@ -164,6 +168,7 @@ def pulseperiod(
     return PulsePeriods(nexts - begins, begins, ends, nexts, middle)
 
 
+@checked
 def tachorpm(
     x: npt.ArrayLike,
     fs: float,

@@ -66,12 +66,13 @@ def passages_of(train: Train) -> Passages:
         )
     if train.ratio is not None:
         require_positive(f"train {train.name!r}, ratio", train.ratio)
+    ends_std_rps = speed.std_rps if speed.ends_std_rps is None else speed.ends_std_rps
     columns: list[tuple[Array, Array, Array, npt.NDArray[np.intp]]] = []
     for k, (stretch, edges, turned) in enumerate(unbroken(speed)):
         put_in = (speed.flags[stretch] & PulseFlag.MISSED) > 0
         true = ~np.concatenate([[False], put_in[1:] & put_in[:-1], [False]])
         # An interval's variance is that of its two ends.
-        variance = 0.5 * (speed.std_rps * speed.duration_s)[stretch] ** 2
+        variance = 0.5 * (ends_std_rps * speed.duration_s)[stretch] ** 2
         std = np.sqrt(0.5 * (np.append(variance, variance[-1]) + np.append(variance[0], variance)))
         columns.append((edges[true], turned[true], std[true], np.full(np.count_nonzero(true), k)))
     if not columns or sum(len(column[0]) for column in columns) < 8:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import uniform_filter1d
 
 from shipfp_rs._core import slope_at_even_times
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.angles import ReflectorAngles, align_angles
+from shipfp_rs.tacho.crossings import PulseTimes
 from shipfp_rs.tacho.tracks import Track, checked_times, cut_tracks, require_positive
 
 Array = npt.NDArray[np.float64]
+
+_TYPICAL = 21
+_AROUND = 33
+"""Intervals whose mean tells how many samples one should have."""
+_LEAST_APART = 0.05
+"""Of the variance that sampling makes this share is left where a whole number of samples lies between pulses: it is
+never known to be whole."""
+_STEP = 0.2
+"""Standard deviation [samples] from which on an edge is a step rather than a slope."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +46,12 @@ class IntervalSpeed:
         `PulseFlag` of each interval, shape (N,).
     pulses_per_rev
         Pulses in a turn.
+    angle_rev
+        Angle turned in each interval [rev], shape (N,); None: speed times length. It differs from that where pulses
+        are timed so coarsely that the mean of 1 / T is above 1 / mean of T, which the speed is freed of.
+    ends_std_rps
+        What `std_rps` would be if the errors of an interval's two ends had nothing to do with each other [rev/s], shape
+        (N,): tells how well the ends are known by themselves. None: that they have not.
     """
 
     time_s: Array
@@ -42,6 +60,34 @@ class IntervalSpeed:
     duration_s: Array
     flags: npt.NDArray[np.uint8]
     pulses_per_rev: int
+    angle_rev: Array | None = None
+    ends_std_rps: Array | None = None
+
+    @property
+    def turned_rev(self) -> Array:
+        """Angle turned in each interval [rev], shape (N,)."""
+        return self.speed_rps * self.duration_s if self.angle_rev is None else self.angle_rev
+
+    def typical_rps(self) -> float:
+        """Median speed [rev/s], of about twenty pulses at a time: of a single one it may be coarse."""
+        size = min(_TYPICAL, max(len(self.duration_s), 1))
+        turned, lasted = (
+            np.convolve(column, np.ones(size), mode="valid") for column in (self.turned_rev, self.duration_s)
+        )
+        return float(np.median(turned / lasted))
+
+    def part(self, which: slice) -> IntervalSpeed:
+        """Return some of the intervals."""
+        return replace(
+            self,
+            time_s=self.time_s[which],
+            speed_rps=self.speed_rps[which],
+            std_rps=self.std_rps[which],
+            duration_s=self.duration_s[which],
+            flags=self.flags[which],
+            angle_rev=None if self.angle_rev is None else self.angle_rev[which],
+            ends_std_rps=None if self.ends_std_rps is None else self.ends_std_rps[which],
+        )
 
     @property
     def bandwidth_hz(self) -> float:
@@ -49,13 +95,14 @@ class IntervalSpeed:
         return float(0.5 / np.median(self.duration_s)) if len(self.duration_s) else 0.0
 
 
+@checked
 def speed_from_pulses(
-    times_s: npt.ArrayLike,
+    times_s: npt.ArrayLike | PulseTimes,
     pulses_per_rev: int,
     *,
     gaps: npt.ArrayLike | None = None,
     angles: ReflectorAngles | None = None,
-    time_std_s: float = 0.0,
+    time_std_s: npt.ArrayLike | None = None,
 ) -> IntervalSpeed:
     """Mean speed over each interval between pulses, assigned to its middle; missed and extra pulses repaired.
 
@@ -63,19 +110,25 @@ def speed_from_pulses(
     near a multiple has missed pulses, which are put in. Both are flagged. Intervals over a gap, and such as miss more
     than four pulses, are left out.
 
+    Of pulses from `pulse_times` the standard deviations hold from three samples a pulse up, as well as the noise is
+    known, some 4 % of itself. Where a steady speed has a whole number of samples between pulses, or nearly so, the
+    errors are alike and cancel: a twentieth of their variance is stated at least, which is too much there.
+
     Parameters
     ----------
     times_s
-        Crossing times [s], shape (N,), ascending.
+        Crossing times [s], shape (N,), ascending; or the pulses, with their gaps and standard deviations.
     pulses_per_rev
         Pulses in a turn, P.
     gaps
-        Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`.
+        Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`; None: those of the pulses.
     angles
         Angles of the reflectors; even by default. Which of them comes first is found from the periods, for
         each stretch between breaks anew.
     time_std_s
-        Standard deviation of a crossing time [s], for instance `PulseTimes.time_std_s`.
+        Standard deviation of a crossing time [s], or of each, shape (N,), for instance `PulseTimes.time_std_s`.
+        None: those of the pulses, which also tell apart what sampling does, in step with the pulses where these have
+        few samples, from noise; 0 of plain times.
 
     Returns
     -------
@@ -92,7 +145,11 @@ def speed_from_pulses(
     >>> speed_from_pulses(np.arange(9) * 0.05, 4).speed_rps[0]
     np.float64(5.0)
     """
-    times, gap_times = checked_times(times_s, pulses_per_rev, gaps)
+    timing = _Timing.of(times_s, time_std_s)
+    if isinstance(times_s, PulseTimes):
+        gaps = times_s.gaps_s if gaps is None else gaps
+    times, gap_times = checked_times(timing.times_s, pulses_per_rev, gaps)
+    timing = replace(timing, times_s=times)
     if angles is None:
         angles = ReflectorAngles(
             np.full(pulses_per_rev, 1.0 / pulses_per_rev), np.zeros(pulses_per_rev), ok=True
@@ -101,12 +158,12 @@ def speed_from_pulses(
         raise InputError(f"angles: not known ({angles.reason}); leave them out for even spacing")
     if len(angles.fractions) != pulses_per_rev:
         raise InputError(f"angles: found {len(angles.fractions)}, expected pulses_per_rev = {pulses_per_rev}")
-    parts = [_track_speed(track, angles, time_std_s) for track in cut_tracks(times, gap_times)]
-    middle, speed, std, duration, flags = (
+    parts = [_track_speed(track, angles, timing) for track in cut_tracks(times, gap_times)]
+    middle, speed, std, duration, flags, angle, ends = (
         np.concatenate(part) if parts else np.empty(0)
-        for part in (zip(*parts, strict=True) if parts else [()] * 5)
+        for part in (zip(*parts, strict=True) if parts else [()] * 7)
     )
-    return IntervalSpeed(middle, speed, std, duration, flags.astype(np.uint8), pulses_per_rev)
+    return IntervalSpeed(middle, speed, std, duration, flags.astype(np.uint8), pulses_per_rev, angle, ends)
 
 
 def resample(
@@ -158,7 +215,7 @@ def unbroken(interval_speed: IntervalSpeed) -> list[tuple[slice, Array, Array]]:
     stretches = []
     for begin, end in zip(np.append(0, breaks + 1), np.append(breaks + 1, len(first)), strict=True):
         stretch = slice(int(begin), int(end))
-        turned = np.cumsum((interval_speed.speed_rps * interval_speed.duration_s)[stretch])
+        turned = np.cumsum(interval_speed.turned_rev[stretch])
         stretches.append((stretch, np.append(first[stretch], last[end - 1]), np.append(0.0, turned)))
     return stretches
 
@@ -183,19 +240,92 @@ def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: f
     return np.asarray(np.sinc(np.asarray(frequency_hz, dtype=np.float64) / (pulses_per_rev * speed_rps)))
 
 
+@dataclass(frozen=True)
+class _Timing:
+    """Standard deviations of crossing times [s]: each a number, or an array of one for each time."""
+
+    times_s: npt.ArrayLike
+    noise_s: Array
+    grid_s: Array
+    sample_s: float
+    """Time between samples; 0: it is not known what sampling did."""
+
+    @classmethod
+    def of(cls, times_s: npt.ArrayLike | PulseTimes, time_std_s: npt.ArrayLike | None) -> _Timing:
+        none = np.zeros(())
+        if isinstance(times_s, PulseTimes) and time_std_s is None:
+            noise = none if times_s.noise_std_s is None else times_s.noise_std_s
+            grid = times_s.time_std_s if times_s.grid_std_s is None else times_s.grid_std_s
+            return cls(times_s.times_s, noise, grid, 1.0 / times_s.rate_hz)
+        times = times_s.times_s if isinstance(times_s, PulseTimes) else times_s
+        std = none if time_std_s is None else np.asarray(time_std_s, dtype=np.float64)
+        if std.ndim and std.shape != np.shape(times):
+            raise InputError(f"time_std_s: found shape {std.shape}, expected one number or {np.shape(times)}")
+        return cls(times, std, none, 0.0)
+
+    def scatter(self, edges_s: Array, expected: Array) -> tuple[Array, Array, Array]:
+        """Relative variance of the speeds between successive edges that should be `expected` [s] apart.
+
+        And the surplus of their mean, since on average 1 / T is above 1 / (mean of T); and what the variance would be
+        if the errors of the edges had nothing to do with one another.
+        """
+        noise, grid = self.noise_s, self.grid_s
+        times = np.asarray(self.times_s)
+        if (noise.ndim or grid.ndim) and len(edges_s) < len(times):
+            place = np.searchsorted(times, edges_s)
+            noise, grid = (std[place] if std.ndim else std for std in (noise, grid))
+        random = noise[1:] ** 2 + noise[:-1] ** 2 if noise.ndim else 2.0 * noise**2
+        sampled = grid[1:] ** 2 + grid[:-1] ** 2 if grid.ndim else 2.0 * grid**2
+        random, sampled = random / expected**2, sampled / expected**2
+        if not self.sample_s > 0.0:
+            return (random + sampled,) * 3
+        # Two edges are off alike where a whole number of samples lies between them; where the speed changes that
+        # number wanders, and the mean over some intervals is 1.
+        samples = expected / self.sample_s
+        whole = np.maximum(np.floor(samples), 1.0)
+        past = samples - whole
+        step = sampled * samples**2 > 2.0 * _STEP**2
+        apart = np.where(step, 6.0 * past * (1.0 - past), 1.0 - np.cos(2.0 * np.pi * past))
+        # Between steps lie so many samples or one more: 1 / T has two values.
+        few = np.where(step, samples**2 / (whole * (whole + 1.0)), 1.0)
+        variance, surplus = (
+            np.maximum(uniform_filter1d(apart * factor, min(_AROUND, len(apart))), _LEAST_APART)
+            for factor in (few**2, few)
+        )
+        return random + sampled * variance, random + sampled * surplus, random + sampled
+
+
 def _track_speed(
-    track: Track, angles: ReflectorAngles, time_std_s: float
-) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8]]:
-    """Middle, speed, its standard deviation, length and flags of the usable intervals, missed pulses put in."""
+    track: Track, angles: ReflectorAngles, timing: _Timing
+) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8], Array, Array]:
+    """Columns of the usable intervals, missed pulses put in: middle, speed, deviation, length, flags, angle, ends'."""
     fractions, relative_std = align_angles(track, angles)
     place = np.arange(track.count.sum()) % len(fractions)
     begins = np.cumsum(track.count) - track.count
     whole = np.diff(track.edges_s)
-    speed = np.repeat(np.add.reduceat(fractions[place], begins) / whole, track.count)
+    turned = np.add.reduceat(fractions[place], begins)
+    speed = np.repeat(turned / whole, track.count)
     duration = fractions[place] / speed
     middle = track.edges_s[0] + np.cumsum(duration) - duration / 2
-    timing = np.repeat(np.sqrt(2.0) * time_std_s / whole, track.count)
-    std = speed * np.hypot(timing, relative_std[place])
+    around = min(_AROUND, len(whole))
+    expected = turned * uniform_filter1d(whole, around) / uniform_filter1d(turned, around)
+    # Of the lengths expected: those measured are long or short by the very errors.
+    variance, surplus, apart = timing.scatter(track.edges_s, expected)
+    unbiased = speed * np.repeat(1.0 - np.minimum(surplus, 0.5), track.count)
+    usual = np.repeat(turned / expected, track.count)
+    std, ends_std = (
+        usual
+        * np.hypot(np.repeat(np.sqrt(np.broadcast_to(part, whole.shape)), track.count), relative_std[place])
+        for part in (variance, apart)
+    )
     usable = np.repeat(track.usable, track.count)
     flags = np.repeat(track.flags, track.count)
-    return middle[usable], speed[usable], std[usable], duration[usable], flags[usable]
+    return (
+        middle[usable],
+        unbiased[usable],
+        std[usable],
+        duration[usable],
+        flags[usable],
+        fractions[place][usable],
+        ends_std[usable],
+    )

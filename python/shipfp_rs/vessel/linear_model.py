@@ -14,8 +14,10 @@ from scipy import signal
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.checks import one_of
+from shipfp_rs.support.tables import package
 from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
 from shipfp_rs.vessel.vessel import Vessel
@@ -111,6 +113,7 @@ class LinearModel:
         numerator, denominator = self._numerator(output), self._denominator()
         return float(numerator[0] / denominator[0]) if len(numerator) == len(denominator) else 0.0
 
+    @checked
     def transfer_function(self, output: Output) -> signal.TransferFunction:
         """Return `output` over the set point as a rational function of s.
 
@@ -122,6 +125,7 @@ class LinearModel:
         self._require_no_dead_time()
         return signal.TransferFunction(self._numerator(output), self._denominator())
 
+    @checked
     def state_space(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> signal.StateSpace:
         """Return the state space with state (dn, dE), input dn_set and the given outputs (eq. 3.46-3.54).
 
@@ -151,6 +155,7 @@ class LinearModel:
         CD = np.array([rows[_known(output)] for output in outputs])
         return signal.StateSpace(A, B, CD[:, :2], CD[:, 2:])
 
+    @checked
     def response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b")
     ) -> ComplexArray:
@@ -160,6 +165,7 @@ class LinearModel:
             self.kernel_parameters(), np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)), chosen
         )
 
+    @checked
     def frequency_response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b"), *, name: str = "model"
     ) -> FrequencyResponse:
@@ -179,6 +185,7 @@ class LinearModel:
         signals = {SIGNALS[output]: curve for output, curve in zip(outputs, curves, strict=True)}
         return FrequencyResponse(name, frequency, signals, provenance={"source": "linear model"})
 
+    @checked
     def to_control(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> Any:
         """Return the state space as an object of python-control, signals named.
 
@@ -187,12 +194,7 @@ class LinearModel:
         InputError
             Where python-control is not installed, or as `state_space`.
         """
-        try:
-            import control
-        except ImportError:
-            raise InputError(
-                "python-control is not installed; install it with: pip install 'shipfp_rs[control]'"
-            ) from None
+        control = package("control", "python-control")
         space = self.state_space(outputs)
         return control.ss(
             space.A, space.B, space.C, space.D, inputs=["dn_set"], outputs=list(outputs), states=["dn", "dE"]
@@ -221,6 +223,7 @@ class LinearModel:
             )
 
 
+@checked
 def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     """Linearise a vessel analytically about the steady state at a set point.
 

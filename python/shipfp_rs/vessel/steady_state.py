@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
 from shipfp_rs.vessel.drive_train import drive_train
@@ -73,6 +74,7 @@ class OperatingPoint:
         return 2.0 * math.pi * self.n_e * self.M_b
 
 
+@checked
 def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint:
     """Solve the plant's steady state at a set point of the engine speed.
 
@@ -187,6 +189,7 @@ class BollardCurve:
     power_limit: Array
 
 
+@checked
 def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
     """Return the static curves at engine speeds [rpm], shape (N,).
 

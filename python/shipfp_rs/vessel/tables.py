@@ -83,7 +83,7 @@ class Ship(Section):
     mass_kg: Positive
     """With the water that moves along."""
     resistance_N_s2_m2: Positive
-    propellers: Annotated[int, Field(ge=1)] = 1
+    propellers: Annotated[int, Field(ge=1, le=20)] = 1
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
@@ -164,7 +164,7 @@ class Engine(Sparse):
     table: ClassVar[str] = "engine"
 
     model: str = later()
-    cylinders: Annotated[int, Field(ge=1)] = later()
+    cylinders: Annotated[int, Field(ge=1, le=100)] = later()
     strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)] = later()
     rated_power_kW: Positive = later()
     rated_speed_rpm: Positive = later()
@@ -205,7 +205,7 @@ class Gearbox(Sparse):
     efficiency: Fraction = later()
     drag_Nm: NotNegative = 0.0
     """Torque lost beside the efficiency, at the shaft and the operating point."""
-    drag_exponent: NotNegative = 1.0
+    drag_exponent: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0
     """With which power of the speed it grows."""
 
 
@@ -244,7 +244,7 @@ class Propeller(Sparse):
     diameter_m: Positive = later()
     pitch_ratio: Positive = later()
     area_ratio: Positive = later()
-    blades: Annotated[int, Field(ge=2)] = later()
+    blades: Annotated[int, Field(ge=2, le=20)] = later()
     nozzle: str = ""
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""

@@ -12,9 +12,10 @@ from pydantic import model_validator
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.html import shown
-from shipfp_rs.support.toml import built_in, read_named, unexpected, validated
+from shipfp_rs.support.toml import Name, built_in, read_named, unexpected, validated
 from shipfp_rs.vessel.tables import (
     Actuator,
     Engine,
@@ -79,7 +80,7 @@ class Vessel(Sparse):
     >>> heavier = launch.replace({"shaft.inertia_kg_m2": 30.0})
     """
 
-    name: str
+    name: Name
     description: str = ""
     water: Water = later()
     engine: Engine = later()
@@ -199,6 +200,7 @@ class Vessel(Sparse):
         return tuple(built_in("vessels"))
 
     @classmethod
+    @checked
     def load(cls, name_or_path: str | Path) -> Self:
         """Return a built-in ship by name, or read one from a TOML file.
 
@@ -209,6 +211,7 @@ class Vessel(Sparse):
         """
         return read_named(name_or_path, cls, "vessels", "vessel", "ship")
 
+    @checked
     def replace(self, changes: Mapping[str, Any]) -> Self:
         """Return a ship with some values changed, checked anew.
 

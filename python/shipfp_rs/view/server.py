@@ -17,6 +17,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.support.json_files import finite
 from shipfp_rs.view.desk import Desk
 
 HOST = "127.0.0.1"
@@ -202,18 +203,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _json(content: Any) -> bytes:
-    return json.dumps(_finite(content), ensure_ascii=False, allow_nan=False).encode()
-
-
-def _finite(content: Any) -> Any:
-    """Content with null for what JSON has no number for."""
-    if isinstance(content, float):
-        return content if content - content == 0.0 else None
-    if isinstance(content, dict):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    return content
+    return json.dumps(finite(content), ensure_ascii=False, allow_nan=False).encode()
 
 
 def _pages() -> dict[str, bytes]:

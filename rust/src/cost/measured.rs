@@ -8,6 +8,7 @@ use crate::linear::segmented_pass::BLOCK;
 
 /// What was measured, and how residuals are filtered.
 #[derive(Debug, Clone, Copy)]
+#[allow(clippy::struct_field_names)] // The measured values are the record's main part.
 pub struct Measured<'a> {
     outputs: usize,
     samples: usize,

@@ -4,7 +4,8 @@ use multiversion::multiversion;
 use multiversion::target::match_target;
 
 use super::sample::{BLOCK, Masks, Sample};
-use crate::error::{Error, Result, require};
+use super::thresholds::{Edge, Levels};
+use crate::error::{Error, Result};
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Where the detector stands between two chunks.
@@ -16,8 +17,8 @@ struct Cursor {
     armed: bool,
     /// The last sample; NaN at the start and in a gap.
     previous: f64,
-    /// The last upward crossing of `middle`; means something while armed with `previous` at or above `middle`.
-    pending: f64,
+    /// The last upward crossing of the middle; means something while armed with `previous` at or above it.
+    pending: Edge,
     /// First sample of the gap that is still open.
     gap_start: Option<u64>,
 }
@@ -29,9 +30,7 @@ struct Cursor {
 /// it counts as high or low, but a crossing next to it is put at the later sample.
 #[derive(Debug, Clone)]
 pub struct PulseCrossings {
-    low: f64,
-    high: f64,
-    middle: f64,
+    levels: Levels,
     cursor: Cursor,
     gaps: Vec<(u64, u64)>,
 }
@@ -42,9 +41,11 @@ impl PulseCrossings {
     /// # Errors
     /// Unless `low < middle < high`, all finite.
     pub fn new(low: f64, high: f64, middle: f64) -> Result<Self> {
-        check_levels(low, high, middle)?;
-        let cursor = Cursor { seen: 0, armed: false, previous: f64::NAN, pending: f64::NAN, gap_start: None };
-        Ok(Self { low, high, middle, cursor, gaps: Vec::new() })
+        let levels = Levels { low, high, middle, slope: 0.0, origin: 0 };
+        levels.check()?;
+        let cursor =
+            Cursor { seen: 0, armed: false, previous: f64::NAN, pending: Edge::NONE, gap_start: None };
+        Ok(Self { levels, cursor, gaps: Vec::new() })
     }
 
     /// Go on with other levels, for a train whose levels drift.
@@ -52,13 +53,28 @@ impl PulseCrossings {
     /// # Errors
     /// Unless `low < middle < high`, all finite; the levels are then as they were before.
     pub fn set_levels(&mut self, low: f64, high: f64, middle: f64) -> Result<()> {
-        check_levels(low, high, middle)?;
-        if self.cursor.previous < self.middle && self.cursor.previous >= middle {
+        self.follow(Levels { low, high, middle, slope: 0.0, origin: self.cursor.seen })
+    }
+
+    /// Go on with other levels, whose middle has to stay between the thresholds for as long as they hold.
+    ///
+    /// # Errors
+    /// As [`Self::set_levels`].
+    pub fn follow(&mut self, levels: Levels) -> Result<()> {
+        levels.check()?;
+        let previous = self.cursor.previous;
+        let last = self.cursor.seen.wrapping_sub(1);
+        if previous < self.levels.middle_at(last) && previous >= levels.middle_at(last) {
             // The level came down through the signal: the last sample is where the two met.
-            self.cursor.pending = (self.cursor.seen - 1) as f64;
+            self.cursor.pending = Edge { time: last as f64, rise: f64::INFINITY };
         }
-        (self.low, self.high, self.middle) = (low, high, middle);
+        self.levels = levels;
         Ok(())
+    }
+
+    /// Forget a low sample seen before: the next pulse has to be armed anew.
+    pub fn disarm(&mut self) {
+        self.cursor.armed = false;
     }
 
     /// Samples seen so far.
@@ -78,28 +94,32 @@ impl PulseCrossings {
     /// # Errors
     /// If the sample type can't hold a threshold, or on a stop; the detector is then as it was before.
     pub fn feed<T: Sample>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<f64>> {
+        let edges = self.edges(chunk, stop)?;
+        Ok(edges.into_iter().map(|edge| edge.time).collect())
+    }
+
+    /// As [`Self::feed`], each crossing with its rise.
+    ///
+    /// # Errors
+    /// As [`Self::feed`].
+    pub fn edges<T: Sample>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<Edge>> {
         let outside = |name: &str, level: f64| {
             Error::Invalid(format!(
                 "{name} = {level} is outside the range of {} samples; give levels in their unit",
                 T::NAME
             ))
         };
-        let low = T::at_or_below(self.low).ok_or_else(|| outside("low", self.low))?;
-        let high = T::at_or_above(self.high).ok_or_else(|| outside("high", self.high))?;
+        let Levels { low, high, .. } = self.levels;
+        let low = T::at_or_below(low).ok_or_else(|| outside("low", low))?;
+        let high = T::at_or_above(high).ok_or_else(|| outside("high", high))?;
         let mut scan =
-            Scan { chunk, middle: self.middle, cursor: self.cursor, times: Vec::new(), gaps: Vec::new() };
+            Scan { chunk, levels: self.levels, cursor: self.cursor, edges: Vec::new(), gaps: Vec::new() };
         advance(&mut scan, low, high, stop)?;
         scan.close();
         self.cursor = scan.cursor;
         self.gaps.append(&mut scan.gaps);
-        Ok(scan.times)
+        Ok(scan.edges)
     }
-}
-
-fn check_levels(low: f64, high: f64, middle: f64) -> Result<()> {
-    require(low.is_finite() && high.is_finite() && low < middle && middle < high, || {
-        format!("levels must be finite with low < middle < high, got low {low}, middle {middle}, high {high}")
-    })
 }
 
 /// Run over all blocks of a chunk; compiled once for each instruction set and chosen at run time.
@@ -168,10 +188,10 @@ impl Fires {
 /// One pass over a chunk.
 struct Scan<'a, T> {
     chunk: &'a [T],
-    middle: f64,
+    levels: Levels,
     /// As it was at the chunk's start, but for `armed` and `gap_start`, which move with the blocks.
     cursor: Cursor,
-    times: Vec<f64>,
+    edges: Vec<Edge>,
     gaps: Vec<(u64, u64)>,
 }
 
@@ -196,30 +216,44 @@ impl<T: Sample> Scan<'_, T> {
 
     /// Time the crossings that led to the fires of the batch from `start` on.
     fn take_times(&mut self, start: usize, fires: &mut Fires) {
-        self.times.reserve(fires.count);
+        self.edges.reserve(fires.count);
         for &at in &fires.at[..fires.count] {
-            let time = self.crossing(start + at as usize);
-            self.times.push(time);
+            let edge = self.crossing(start + at as usize);
+            self.edges.push(edge);
         }
         fires.count = 0;
     }
 
-    /// The last upward crossing of `middle` at or before sample `index` of the chunk, which is at or above `middle`.
+    /// The last upward crossing of the middle at or before sample `index` of the chunk, which is at or above it.
     ///
     /// The walk back ends at the latest where the detector was armed.
-    fn crossing(&self, index: usize) -> f64 {
+    #[inline]
+    fn crossing(&self, index: usize) -> Edge {
+        // Apart, so that a level middle costs nothing.
+        if self.levels.slope == 0.0 {
+            self.crossing_of(index, |_| self.levels.middle)
+        } else {
+            self.crossing_of(index, |sample| self.levels.middle_at(sample))
+        }
+    }
+
+    #[inline]
+    fn crossing_of(&self, index: usize, middle_at: impl Fn(u64) -> f64) -> Edge {
+        let seen = self.cursor.seen;
         let mut upper = index;
-        while upper > 0 && self.chunk[upper - 1].into() >= self.middle {
+        while upper > 0 && self.chunk[upper - 1].into() >= middle_at(seen + upper as u64 - 1) {
             upper -= 1;
         }
+        let at = seen + upper as u64;
+        let (middle, below) = (middle_at(at), middle_at(at.wrapping_sub(1)));
         let before = if upper > 0 { self.chunk[upper - 1].into() } else { self.cursor.previous };
-        if before >= self.middle {
+        if before >= below {
             return self.cursor.pending;
         }
-        let at = (self.cursor.seen + upper as u64) as f64;
         let after = self.chunk[upper].into();
-        let rise = after - before;
-        if rise.is_finite() { at - (after - self.middle) / rise } else { at }
+        let rise = (after - before) - (middle - below);
+        let time = if rise.is_finite() { at as f64 - (after - middle) / rise } else { at as f64 };
+        Edge { time, rise: if rise.is_nan() { f64::INFINITY } else { rise } }
     }
 
     #[cold]
@@ -239,7 +273,8 @@ impl<T: Sample> Scan<'_, T> {
     /// Leave the cursor behind the chunk.
     fn close(&mut self) {
         let Some(&last) = self.chunk.last() else { return };
-        if self.cursor.armed && last.into() >= self.middle {
+        let middle = self.levels.middle_at(self.cursor.seen + self.chunk.len() as u64 - 1);
+        if self.cursor.armed && last.into() >= middle {
             self.cursor.pending = self.crossing(self.chunk.len() - 1);
         }
         self.cursor.previous = last.into();

@@ -2,7 +2,8 @@
 //!
 //! `cargo test --release pulse_fuzz -- --ignored --nocapture` runs ten million.
 
-use super::{PulseCrossings, Sample, pulse_levels};
+use super::thresholds::Levels;
+use super::{PulseCrossings, PulseTracker, Sample, pulse_levels};
 use crate::stop::Stop;
 
 /// A sample type that takes any f64, rounded or clamped.
@@ -101,7 +102,7 @@ impl Draw {
 
 /// The rules said sample by sample.
 struct Reference {
-    levels: [f64; 3],
+    levels: Levels,
     seen: u64,
     armed: bool,
     previous: f64,
@@ -111,21 +112,29 @@ struct Reference {
 }
 
 impl Reference {
-    fn new(levels: [f64; 3]) -> Self {
+    fn new([low, high, middle]: [f64; 3]) -> Self {
         let (times, gaps) = (vec![], vec![]);
+        let levels = Levels { low, high, middle, slope: 0.0, origin: 0 };
         Self { levels, seen: 0, armed: false, previous: f64::NAN, crossing: f64::NAN, times, gaps }
     }
 
-    fn set_levels(&mut self, levels: [f64; 3]) {
-        if self.previous < self.levels[2] && self.previous >= levels[2] {
-            self.crossing = (self.seen - 1) as f64;
+    fn middle(levels: &Levels, sample: f64) -> f64 {
+        levels.middle + levels.slope * (sample - levels.origin as f64)
+    }
+
+    fn follow(&mut self, levels: Levels) {
+        let last = self.seen as f64 - 1.0;
+        if self.previous < Self::middle(&self.levels, last) && self.previous >= Self::middle(&levels, last) {
+            self.crossing = last;
         }
         self.levels = levels;
     }
 
     fn take(&mut self, x: f64) {
-        let [low, high, middle] = self.levels;
+        let Levels { low, high, .. } = self.levels;
         let k = self.seen;
+        let (below, middle) =
+            (Self::middle(&self.levels, k as f64 - 1.0), Self::middle(&self.levels, k as f64));
         if x.is_nan() {
             self.armed = false;
             match self.gaps.last_mut() {
@@ -133,8 +142,8 @@ impl Reference {
                 _ => self.gaps.push((k, k + 1)),
             }
         }
-        if self.previous < middle && x >= middle {
-            let rise = x - self.previous;
+        if self.previous < below && x >= middle {
+            let rise = (x - self.previous) - (middle - below);
             self.crossing = if rise.is_finite() { k as f64 - (x - middle) / rise } else { k as f64 };
         }
         if x <= low {
@@ -168,8 +177,13 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     while !rest.is_empty() {
         if draw.below(8) == 0 {
             levels = draw.levels();
-            detector.set_levels(levels[0], levels[1], levels[2]).unwrap();
-            reference.set_levels(levels);
+            let [low, high, middle] = levels;
+            // Half the way to a threshold at most, by the end of the train.
+            let [down, up] = [low, high].map(|end| (0.5 * end - 0.5 * middle) / (rest.len() + 1) as f64);
+            let slope = [0.0, down, up, up * draw.unit()][draw.below(4)];
+            let line = Levels { low, high, middle, slope, origin: reference.seen };
+            detector.follow(line).unwrap();
+            reference.follow(line);
         }
         let (chunk, after) = rest.split_at(draw.below(most.min(rest.len()) + 1));
         match detector.feed(chunk, &Stop::new()) {
@@ -205,9 +219,47 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     } else {
         assert!(least <= low && low <= high && high <= most, "levels {low} {high} of {least} to {most}");
     }
+    track(&train, draw);
     tally.samples += train.len();
     tally.crossings += times.len();
     tally.gaps += gaps.len();
+}
+
+/// Windows of any length: crossings in order within the record, as many heights and deviations, and the same gaps.
+fn track<T: Any>(train: &[T], draw: &mut Draw) {
+    let given = |draw: &mut Draw, value: f64| (draw.below(4) == 0).then_some(value);
+    let [low, high, middle] = draw.levels();
+    let fits = T::at_or_below(low).is_some() && T::at_or_above(high).is_some();
+    let threshold = given(draw, middle).filter(|_| fits);
+    let hysteresis = given(draw, (high - low).min(f64::MAX)).filter(|width| fits && *width > 0.0);
+    if threshold.is_some() && hysteresis.is_some() {
+        return; // the crossings above
+    }
+    let mut tracker = PulseTracker::new(threshold, hysteresis).unwrap();
+    let size = 1 + draw.below(train.len() + 1);
+    let (mut last, mut seen) = (0.0_f64, 0);
+    let windows: Vec<&[T]> = train.chunks(size).collect();
+    for k in 0..=windows.len() {
+        if let Some(window) = windows.get(k) {
+            tracker.look(window, &Stop::new()).unwrap();
+        }
+        let Some(window) = k.checked_sub(1).map(|k| windows[k]) else { continue };
+        seen += window.len();
+        // A width that is given may lie outside the sample type.
+        let Ok(pulses) = tracker.cross(window, &Stop::new()) else { return };
+        for (&time, &height) in pulses.times.iter().zip(&pulses.heights) {
+            assert!(last <= time && time <= seen as f64, "{time} after {last}, {seen} samples");
+            assert!(height >= 0.0, "height {height}");
+            last = time;
+        }
+        let count = pulses.times.len();
+        assert_eq!([pulses.heights.len(), pulses.timing.grid.len(), pulses.timing.noise.len()], [count; 3]);
+        let deviations = || pulses.timing.grid.iter().chain(&pulses.timing.noise);
+        assert!(deviations().all(|std| *std >= 0.0), "{:?}", pulses.timing);
+    }
+    let missing = train.iter().filter(|x| x.is_gap()).count();
+    let found: u64 = tracker.gaps().map(|(from, to)| to - from).sum();
+    assert_eq!(found, missing as u64);
 }
 
 fn fuzz(executions: usize) -> Tally {

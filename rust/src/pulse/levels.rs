@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use super::sample::Sample;
+use super::sample::{LARGEST, Sample};
 use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
@@ -12,8 +12,6 @@ const TAIL: f64 = 1e-3;
 /// Each round narrows the range at least by two, and a hundredfold where one level holds everything.
 const ROUNDS: usize = 12;
 const LANES: usize = 8;
-/// What lies beyond is taken for saturated, as infinity is: differences of what lies within are finite.
-const LARGEST: f64 = f64::MAX / 4.0;
 
 #[inline(always)]
 fn is_usable(x: f64) -> bool {

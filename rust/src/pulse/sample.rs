@@ -3,10 +3,17 @@
 /// Samples compared at a time: one bit of a word each.
 pub(super) const BLOCK: usize = u64::BITS as usize;
 
+/// The largest f64 that is not taken for saturated.
+pub(super) const LARGEST: f64 = f64::MAX / 4.0;
+
 /// A type in which loggers store samples.
 pub trait Sample: Copy + PartialOrd + Into<f64> + Send + Sync {
     /// The type's name, for messages.
     const NAME: &str;
+    /// What lies beyond is taken for saturated: differences of what lies within are finite.
+    const LEAST: Self;
+    /// The same upwards.
+    const MOST: Self;
     /// The least value at or above `level`, so that `x >= value` decides exactly as `x >= level` would.
     fn at_or_above(level: f64) -> Option<Self>;
     /// The greatest value at or below `level`.
@@ -17,6 +24,8 @@ pub trait Sample: Copy + PartialOrd + Into<f64> + Send + Sync {
 
 impl Sample for f64 {
     const NAME: &str = "float64";
+    const LEAST: Self = -LARGEST;
+    const MOST: Self = LARGEST;
     fn at_or_above(level: f64) -> Option<Self> {
         Some(level)
     }
@@ -32,6 +41,8 @@ impl Sample for f64 {
 #[allow(clippy::cast_possible_truncation)] // the rounding is put right
 impl Sample for f32 {
     const NAME: &str = "float32";
+    const LEAST: Self = Self::MIN;
+    const MOST: Self = Self::MAX;
     fn at_or_above(level: f64) -> Option<Self> {
         let nearest = level as Self;
         Some(if f64::from(nearest) < level { nearest.next_up() } else { nearest })
@@ -49,6 +60,8 @@ impl Sample for f32 {
 #[allow(clippy::cast_possible_truncation)] // the range is checked
 impl Sample for i16 {
     const NAME: &str = "int16";
+    const LEAST: Self = Self::MIN;
+    const MOST: Self = Self::MAX;
     fn at_or_above(level: f64) -> Option<Self> {
         let whole = level.ceil();
         (f64::from(Self::MIN)..=f64::from(Self::MAX)).contains(&whole).then_some(whole as Self)

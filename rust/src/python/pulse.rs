@@ -99,11 +99,67 @@ impl PulseCrossings {
     /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
     #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        let flat: Vec<i64> =
-            self.0.gaps().flat_map(|(start, stop)| [start, stop]).map(u64::cast_signed).collect();
-        let count = flat.len() / 2;
-        hand_back(py, flat, [count, 2])
+        gap_array(py, self.0.gaps())
     }
+}
+
+/// Crossings of a window with what is known of them, see `PulseTracker.cross`.
+type Crossed<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    f64,
+);
+
+/// Pulses of a train whose levels change; each window is looked at before the one ahead of it is crossed.
+#[pyclass(module = "shipfp_rs._core")]
+struct PulseTracker(pulse::PulseTracker);
+
+#[pymethods]
+impl PulseTracker {
+    #[new]
+    #[pyo3(signature = (threshold=None, hysteresis=None))]
+    fn new(threshold: Option<f64>, hysteresis: Option<f64>) -> PyResult<Self> {
+        Ok(Self(pulse::PulseTracker::new(threshold, hysteresis)?))
+    }
+
+    /// Look at the next window for levels.
+    fn look(&mut self, py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<()> {
+        let samples = Samples::borrow(samples)?;
+        let tracker = &mut self.0;
+        run_on!(py, samples, |slice, stop| tracker.look(slice, stop))
+    }
+
+    /// Crossings of the oldest window looked at: times, heights, standard deviations from sampling and from noise, all
+    /// in samples; levels (low, high, middle) [K, 3]; and the height from which on a pulse can't be noise.
+    fn cross<'py>(&mut self, py: Python<'py>, samples: &Bound<'py, PyAny>) -> PyResult<Crossed<'py>> {
+        let samples = Samples::borrow(samples)?;
+        let tracker = &mut self.0;
+        let pulses = run_on!(py, samples, |slice, stop| tracker.cross(slice, stop))?;
+        let count = pulses.levels.len();
+        Ok((
+            pulses.times.into_pyarray(py),
+            pulses.heights.into_pyarray(py),
+            pulses.timing.grid.into_pyarray(py),
+            pulses.timing.noise.into_pyarray(py),
+            hand_back(py, pulses.levels.into_flattened(), [count, 3])?,
+            pulses.limit,
+        ))
+    }
+
+    /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
+    #[getter]
+    fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        gap_array(py, self.0.gaps())
+    }
+}
+
+fn gap_array(py: Python<'_>, gaps: impl Iterator<Item = (u64, u64)>) -> PyResult<Bound<'_, PyArray2<i64>>> {
+    let flat: Vec<i64> = gaps.flat_map(|(start, stop)| [start, stop]).map(u64::cast_signed).collect();
+    let count = flat.len() / 2;
+    hand_back(py, flat, [count, 2])
 }
 
 /// Low and high state level of a pulse train, from histograms of its finite samples.
@@ -115,6 +171,7 @@ fn pulse_levels(py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<(f64, f6
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PulseCrossings>()?;
+    module.add_class::<PulseTracker>()?;
     module.add_function(wrap_pyfunction!(pulse_levels, module)?)?;
     Ok(())
 }

@@ -60,6 +60,7 @@ fn ship_sensitivities<'py>(
 /// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted). The columns of an output
 /// are its derivatives by `wrt`, what an offset of it adds, and its residual.
 #[pyfunction]
+#[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, measured, offsets, filters, wrt, sharp = true))]
 #[allow(clippy::too_many_arguments)]
 fn ship_products<'py>(
     py: Python<'py>,
@@ -74,9 +75,10 @@ fn ship_products<'py>(
     offsets: &Bound<'py, PyAny>,
     filters: &Bound<'py, PyAny>,
     wrt: Vec<usize>,
+    sharp: bool,
 ) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
     let inputs = Inputs::borrow(u, load)?;
-    let run = inputs.run(dt, substeps, hold)?;
+    let run = Run { sharp, ..inputs.run(dt, substeps, hold)? };
     let parameters = vector(parameters)?;
     let targets = Targets::borrow(measured, offsets, filters, outputs.len(), run.samples())?;
     let rows = outputs.len();

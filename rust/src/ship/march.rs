@@ -26,7 +26,7 @@ impl Task<'_> {
     #[must_use]
     pub fn work(&self, run: &Run<'_>) -> usize {
         let steps = match self.parameters.path() {
-            Path::Smooth => run.samples().saturating_mul(run.substeps.max(1)),
+            Path::Smooth => smooth::work(self, run),
             Path::Events => events::work(self, run),
         };
         steps.saturating_mul(1 + self.wrt.len())

@@ -16,6 +16,12 @@
 //! a sample interval is taken to first order: signals are then off by half the square of its part of the loop's time constant,
 //! derivatives by that part.
 
+#![allow(clippy::needless_range_loop)] // One index runs along several series at once.
+#![allow(clippy::float_cmp)] // Places on a grid repeat to the last bit.
+#![allow(clippy::large_types_passed_by_value)] // Equations are built where they are used.
+#![allow(clippy::match_same_arms)] // Each parameter keeps its own line.
+#![allow(clippy::out_of_bounds_indexing)] // The index is a constant below the branch's own limit.
+
 mod batch;
 mod events;
 mod march;

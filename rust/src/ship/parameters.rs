@@ -106,9 +106,9 @@ pub mod at {
 /// Which integration a parameter vector asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
-    /// Nothing but dead times, a lag and smooth functions.
+    /// Nothing but dead times, a lag, a flexible shaft and smooth functions.
     Smooth,
-    /// Sampling, limits or a flexible shaft.
+    /// Sampling or limits.
     Events,
 }
 
@@ -191,8 +191,8 @@ impl Parameters {
     /// Which integration they ask for.
     #[must_use]
     pub fn path(&self) -> Path {
-        const EVENTS: [usize; 8] =
-            [at::T_S, at::M_MAX, at::M_MIN, at::RATE_UP, at::RATE_DOWN, at::X_MAX, at::X_MIN, at::TAU_TWIST];
+        const EVENTS: [usize; 7] =
+            [at::T_S, at::M_MAX, at::M_MIN, at::RATE_UP, at::RATE_DOWN, at::X_MAX, at::X_MIN];
         if EVENTS.iter().all(|&place| self.is_off(place)) { Path::Smooth } else { Path::Events }
     }
 

@@ -37,6 +37,11 @@ class HumScan:
         Frequency of the mains [Hz].
     """
 
+    @staticmethod
+    def tells(rate_hz: float, mains_hz: float, samples: int) -> bool:
+        """Whether a channel can tell hum at all: sampled fast enough for the frequencies beside it, a block or longer."""
+        return rate_hz > 2.0 * mains_hz * (1.0 + SIDE / CYCLES) and samples * mains_hz >= CYCLES * rate_hz
+
     def __init__(self, rate_hz: float, mains_hz: float = 50.0) -> None:
         self.rate_hz = rate_hz
         self.block = round(CYCLES / mains_hz * rate_hz)

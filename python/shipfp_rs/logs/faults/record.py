@@ -15,6 +15,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
     {
         "A": "double crossings",
         "B": "lost pulses",
+        "faint": "pulses that can't be told from noise",
         "C": "torque spikes",
         "D1": "set-point jumps",
         "D2": "mains hum on the set point",

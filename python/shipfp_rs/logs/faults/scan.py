@@ -46,7 +46,7 @@ def scan(
     limits
         What counts as a fault of level.
     mains_hz
-        Look for hum of this frequency [Hz]; None: don't.
+        Look for hum of this frequency [Hz]; None: don't. A channel sampled too slowly for it can't tell it from its level.
     least_hum
         Amplitude that counts as hum, as a share of the channel's typical magnitude.
     repeats
@@ -54,7 +54,9 @@ def scan(
     """
     log, about = channel_rows.log, channel_rows.channel
     extremes = BlockExtremes(BLOCK)
-    hum = None if mains_hz is None else HumScan(about.rate_hz, mains_hz)
+    hum = None
+    if mains_hz is not None and HumScan.tells(about.rate_hz, mains_hz, stop - first):
+        hum = HumScan(about.rate_hz, mains_hz)
     prints = RepeatScan() if repeats else None
     for chunk in channel_rows.pieces(first, stop):
         extremes.feed(chunk)

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -238,7 +239,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
                 continue
             stamps = time[own]
             try:
-                axis = time_axis(path, name, lambda stamps=stamps: [stamps])
+                axis = time_axis(path, name, partial(iter, (stamps,)))
             except InputError as error:
                 notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
                 continue

@@ -126,9 +126,9 @@ def _of_xml(path: Path, text: str) -> Values:
         for row in event:
             if _local(row) == "DataSet":
                 stamp = row.get("timeStamp") or next(iter(_texts(row, "TimeStamp")), "")
-                channel, value = _texts(row, "DataChannelID"), _texts(row, "Value")
-                if channel and value:
-                    yield channel[0], stamp, value[0], next(iter(_texts(row, "Quality")), "")
+                named, told = _texts(row, "DataChannelID"), _texts(row, "Value")
+                if named and told:
+                    yield named[0], stamp, told[0], next(iter(_texts(row, "Quality")), "")
 
 
 def _of_csv(path: Path, text: str) -> Values:

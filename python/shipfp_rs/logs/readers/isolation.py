@@ -51,6 +51,7 @@ class _Source:
     ) -> None:
         self.path = path
         self._package = package
+        self._options = options
         self._where = [package, reader.__module__, reader.__name__, str(path.absolute()), rate_hz, options]
         self._child: Child | None = None
         self._readers = 0
@@ -79,7 +80,7 @@ class _Source:
 
     def _key(self) -> tuple[Any, ...]:
         status = self.path.stat()
-        return (*self._where[:-1], *self._where[-1].items(), status.st_mtime_ns, status.st_size)
+        return (*self._where[:-1], *self._options.items(), status.st_mtime_ns, status.st_size)
 
     def _blocks(self, name: str, first: int, size: int) -> Iterator[Samples]:
         with self._reading() as child:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
         samples = np.asarray(each.values, dtype=np.float64)[order]
         time = time[order]
         try:
-            axis = time_axis(path, name, lambda time=time: [time])
+            axis = time_axis(path, name, partial(iter, (time,)))
         except InputError as error:
             told.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
             continue

@@ -3,8 +3,13 @@
 import { ask, clock, until } from "./tools.js";
 
 export class Faults {
-  constructor(view, doc, say) {
-    Object.assign(this, { view, doc, say, list: [], spans: [], at: -1 });
+  constructor(view, doc, say, trial) {
+    Object.assign(this, { view, doc, say, trial, list: [], spans: [], at: -1 });
+    document.addEventListener("saved", (event) => {
+      if (this.doc === event.detail) return;
+      Object.assign(this, { doc: event.detail, trial: true });
+      this.load();
+    });
   }
 
   async load() {
@@ -27,7 +32,9 @@ export class Faults {
     }
     for (const row of this.view.rows) row.faultSpans.sort((a, b) => a[0] - b[0]);
     this.spans = every.sort((a, b) => a.span[0] - b.span[0]);
-    this.say(this.spans.length ? `${this.spans.length} faults found; n and p go from one to the next` : "no faults found");
+    // Of a log alone nobody knows which channel is a set point or a torque.
+    const alone = this.trial ? "" : "; with a saved trial, spikes of set point and torque and broken pulses are looked for too";
+    this.say(this.spans.length ? `${this.spans.length} faults found: n and p go from one to the next${alone}` : `no faults of clock and level found${alone}`);
     document.body.dataset.faults = String(this.spans.length);
     this.view.later();
   }

@@ -109,7 +109,7 @@ const start = async () => {
   document.getElementById("title").textContent = document.title = facts.trial ? `${facts.trial}: ${facts.name}` : facts.name;
   const view = new View(doc);
   view.load(facts);
-  const faults = new Faults(view, doc, say);
+  const faults = new Faults(view, doc, say, Boolean(facts.trial));
   const draft = new Draft(view, doc, say);
   new ChannelsPanel(view, draft);
   new TrialPanel(view, draft, doc, say, showPanel);

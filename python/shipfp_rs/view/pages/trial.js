@@ -239,6 +239,7 @@ export class TrialPanel {
       // From now on this page is the trial's: another one that opens the log alone does not touch it.
       if (told.doc !== this.doc) { history.replaceState(null, "", `?doc=${told.doc}`); this.doc = draft.doc = told.doc; }
       this.tellState();
+      document.dispatchEvent(new CustomEvent("saved", { detail: told.doc }));
       return told;
     });
   }

@@ -27,13 +27,13 @@ fn train(dead_time: f64, period: f64) -> DriveTrain {
 #[test]
 fn breakage_b3_every_step_ends_later_than_it_begins() {
     let (dt, substeps) = (0.0025, 1000);
-    let set_speed = vec![7.0; 60_000];
+    let set_speed = vec![7.0; 10];
     let run = Run { set_speed: &set_speed, dt, substeps, hold: Hold::Zero };
     for (dead_time, period) in [(0.4756, 0.0), (0.3, 0.0), (0.1 / 3.0, 0.0), (0.0, 0.0037)] {
         let train = train(dead_time, period);
         let Ok(Envelope::Constant(limit)) = Envelope::new(&[], &[]) else { panic!("no table is constant") };
         let mut march = March::new(&train, limit, &run);
-        for sample in 50_000..51_300_u32 {
+        for sample in (51_150..51_300_u32).chain(110_000..111_000).chain(900_000..901_000) {
             let arrival = march.set_point.next_break(f64::from(sample) * dt).min(1e6);
             if period > 0.0 {
                 march.next_sample = (f64::from(sample) * dt / period).ceil() * period;

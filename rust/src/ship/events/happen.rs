@@ -15,6 +15,8 @@ use super::terms::{Integral, Mode, Side};
 
 /// Breaks of a command up to this order end steps.
 const LAST_BREAK: u8 = 2;
+/// The same where a millionth of a step does not count.
+const LAST_ROUGH_BREAK: u8 = 1;
 /// Passes through a step that is longer than the dead time, each of which knows the command within better.
 const PASSES: usize = 5;
 /// Most switches at one time.
@@ -63,7 +65,8 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
     /// A break of a delayed command comes out of its dead time later.
     #[inline(always)]
     fn push_break(&mut self, order: u8) {
-        if self.equations.elements.delayed && order <= LAST_BREAK {
+        let last = if self.run.sharp { LAST_BREAK } else { LAST_ROUGH_BREAK };
+        if self.equations.elements.delayed && order <= last {
             self.arrivals.push(self.now + self.equations.terms.t_d, Arrival::Break(order));
         }
     }
@@ -209,7 +212,9 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         let (plain, mode, start) = (&self.plain, self.mode, self.now.value());
         let input = |time: f64| inputs.value_at(plain, time);
         let state = self.state.map(Dual::value);
-        let at = |elapsed: f64| step(plain, input, start, elapsed, &state, mode);
+        let at = |elapsed: f64| {
+            if elapsed > 0.0 { step(plain, input, start, elapsed, &state, mode) } else { state }
+        };
         locate::first(&Course { equations: plain, input: &input, start, mode, at }, length)
     }
 

@@ -6,6 +6,8 @@ use super::switches::{ALL, CONDITIONS, Condition};
 
 /// A condition counts as missed below minus this.
 pub const SLACK: f64 = 1e-12;
+/// A margin above this is far from zero.
+const FAR: f64 = 0.02;
 /// Most evaluations of a root.
 const MOST: usize = 60;
 /// Share of a step over which a margin's slope is taken.
@@ -24,7 +26,11 @@ pub struct Switch {
 /// The first switch in a step of some length, if any.
 pub fn first(course: &Course<'_, impl Fn(f64) -> State<f64>>, length: f64) -> Option<Switch> {
     let at = |elapsed: f64| -> [f64; CONDITIONS] { course.margins(elapsed) };
-    let (begin, middle, end) = (at(0.0), at(0.5 * length), at(length));
+    let (begin, end) = (at(0.0), at(length));
+    if begin.iter().zip(&end).all(|(&begin, &end)| is_far(begin, end)) {
+        return None;
+    }
+    let middle = at(0.5 * length);
     let mut found: Option<Switch> = None;
     for (place, &condition) in ALL.iter().enumerate() {
         let values = [begin[place], middle[place], end[place]];
@@ -44,6 +50,13 @@ pub fn first(course: &Course<'_, impl Fn(f64) -> State<f64>>, length: f64) -> Op
         }
     }
     found
+}
+
+/// Whether a margin that is far from zero at both ends of a step, and hardly other at one than at the other, is so in between:
+/// nothing breaks within a step, which is a small part of every time constant.
+fn is_far(begin: f64, end: f64) -> bool {
+    let near = begin.min(end);
+    !(begin.is_finite() && end.is_finite()) || (near > FAR && (end - begin).abs() < 0.25 * near)
 }
 
 /// A time at which a margin is below zero, by its values at the beginning, the middle and the end of a step.

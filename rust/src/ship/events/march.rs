@@ -66,6 +66,8 @@ pub struct March<'a, S, const N: usize> {
     pub(super) broken: f64,
     /// Switches since something happened at a known time.
     switches: usize,
+    /// When they were last counted from [s].
+    moved: f64,
 }
 
 /// The course of the state through a step, without derivatives.
@@ -141,16 +143,16 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         task: &'a Task<'a>,
         run: &'a Run<'a>,
         equations: Equations<Dual<S, N>>,
-        plain: Equations<f64>,
+        plain: &Equations<f64>,
         stop: &'a Stop,
     ) -> Result<Self> {
         let set = Held::new(run.set, run.dt, run.hold);
         let load = Held::new(run.load, run.dt, run.hold);
         let zero = equations.terms.g.constant(0.0);
         let state = equations.start(set.first(), load.first());
-        let longest = longest_step(&plain, run)?;
+        let longest = longest_step(plain, run)?;
         let period = plain.terms.t_s;
-        let sample = if period > 0.0 { -(plain.terms.t_0 / period).floor() } else { f64::INFINITY };
+        let sample = if period > 0.0 { 0.0 } else { f64::INFINITY };
         let mut arrivals = Arrivals::new();
         if equations.elements.delayed {
             arrivals.push(equations.terms.t_d, Arrival::Break(0));
@@ -174,8 +176,9 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
             steps: 0,
             broken: f64::NEG_INFINITY,
             switches: 0,
+            moved: 0.0,
             equations,
-            plain,
+            plain: *plain,
         })
     }
 
@@ -200,7 +203,11 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
             if !self.move_to(time)? {
                 continue;
             }
-            self.switches = 0;
+            // Only time that passes pardons: a dead time of next to nothing must not go round for ever.
+            let moved = self.now.value();
+            if moved > self.moved + self.same(moved) {
+                (self.moved, self.switches) = (moved, 0);
+            }
             if let Next::Reading(channel) = next {
                 let flow = self.flow_now();
                 for place in 0..readings.channels[channel].outputs.len() {
@@ -343,7 +350,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // At most MOST_STEPS.
         for number in 0..parts as usize {
             self.steps += 1;
-            if self.steps % LOOK_EVERY == 0 {
+            if self.steps.is_multiple_of(LOOK_EVERY) {
                 self.stop.check()?;
             }
             self.now = start + part * number as f64;
@@ -378,7 +385,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
                     break;
                 }
                 self.switches += 1;
-                let broken = self.arrivals.next().map_or(f64::INFINITY, |time| time.value());
+                let broken = self.arrivals.next().map_or(f64::INFINITY, Scalar::value);
                 let end = self.now.value() + left.value();
                 if self.switches < MOST_SWITCHES && broken < end - self.same(end) {
                     return false;

@@ -24,7 +24,7 @@ mod tight;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::error::Result;
-use crate::scalar::{Dual, Tangent};
+use crate::scalar::{Dual, Scalar, Tangent};
 use crate::stop::Stop;
 
 use super::march::{Consume, Task};
@@ -86,8 +86,12 @@ impl<const N: usize> WithSimd for Through<'_, '_, N> {
             // A lag that is off acts like a dead time, to first order.
             terms.t_d = terms.t_d + terms.tau_act;
         }
+        if plain.elements.sampled {
+            let (t_0, t_s) = (task.parameters.of(at::T_0), task.parameters.of(at::T_S));
+            terms.t_0 = (terms.t_0 - terms.t_s * (t_0 / t_s).floor()).function(plain.terms.t_0, 1.0);
+        }
         let numbers = Equations::new(terms, plain.elements, first, first_load);
-        March::new(task, run, numbers, plain, stop)?.through(simd, task.wrt.len(), consume)
+        March::new(task, run, numbers, &plain, stop)?.through(simd, task.wrt.len(), consume)
     }
 }
 
@@ -106,7 +110,11 @@ fn equations(task: &Task<'_>, run: &Run<'_>) -> Equations<f64> {
     let first = run.set.first().copied().unwrap_or(0.0);
     let first_load = run.load.first().copied().unwrap_or(0.0);
     let of = |place: usize| task.parameters.of(place);
-    let terms = Terms::new(of);
+    let mut terms = Terms::new(of);
+    if terms.t_s > 0.0 {
+        // The first sample in the record, exactly, however far off that one is.
+        terms.t_0 = terms.t_0.rem_euclid(terms.t_s);
+    }
     // A gain of zero by which is differentiated acts on the derivatives.
     let derivative = of(at::K_D) != 0.0 || task.wrt.contains(&at::K_D);
     let switches = [of(at::ANTI_WINDUP) > 0.0, of(at::UPDATE) > 0.0, !run.load.is_empty(), derivative];

@@ -7,6 +7,8 @@ use super::flow::Equations;
 
 /// Steps are at most this share of the fastest time constant, unless they are asked for: RK4's error is then near 2e-8.
 const SHARE: f64 = 0.04;
+/// The same where a millionth of a step does not count.
+const ROUGH_SHARE: f64 = 0.2;
 /// Most steps, and most samples of the governor, in a sample of the record.
 const MOST_STEPS: f64 = 65_536.0;
 
@@ -28,7 +30,8 @@ pub fn longest_step(equations: &Equations<f64>, run: &Run<'_>) -> Result<f64> {
     if !elements.sampled {
         fastest += (t.v * t.k_p).abs() / engine;
     }
-    let longest = if run.substeps > 0 { dt / run.substeps as f64 } else { SHARE / fastest };
+    let share = if run.sharp { SHARE } else { ROUGH_SHARE };
+    let longest = if run.substeps > 0 { dt / run.substeps as f64 } else { share / fastest };
     for (what, each) in [("steps of the fastest time constant", longest), ("samples of the governor", t.t_s)]
     {
         let found = if each > 0.0 { dt / each } else { 0.0 };

@@ -172,7 +172,7 @@ impl<T: Scalar, const N: usize> Readings<T, N> {
         let filled = self.row - self.block.from;
         self.block.samples = filled;
         let full = filled == BLOCK || self.row == self.samples;
-        if full || filled % STAGE == 0 {
+        if full || filled.is_multiple_of(STAGE) {
             let from = (filled - 1) / STAGE * STAGE;
             let outputs = self.queues.len();
             for output in 0..outputs {

@@ -43,11 +43,11 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         let mut rise = Rise::new(&shaft, self.now, self.state.engine, shaft.terms.v * self.held);
         while let (Some(series), Some((channel, reading))) = (&rise, readings.next()) {
             count += 1;
-            if count % LOOK_EVERY == 0 {
+            if count.is_multiple_of(LOOK_EVERY) {
                 self.stop.check()?;
             }
             let arrival = self.arrivals.next();
-            let arriving = arrival.map_or(f64::INFINITY, |time| time.value());
+            let arriving = arrival.map_or(f64::INFINITY, Scalar::value);
             let sample = t_0 + t_s * self.sample;
             let read = reading.value();
             let same = self.same(read);

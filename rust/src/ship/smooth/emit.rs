@@ -10,9 +10,12 @@ use crate::ship::parameters::at;
 use crate::ship::run::Run;
 
 use super::feed::Feed;
+use super::flexible::Ends;
 use super::grid::{Piece, Time};
-use super::model::{Jets, Model, Series, TERMS};
-use super::slopes::{LANES, Pack, Slopes, get, put};
+use super::model::{Jets, Model, is_flexible};
+use super::power::Power;
+use super::reading::{Reading, rate, second, value, weighed};
+use super::slopes::{LANES, Pack, Slopes, put};
 use super::steps::Step;
 
 /// Outputs that are late by the same time.
@@ -23,26 +26,6 @@ struct Channel {
     outputs: Vec<usize>,
     /// The sample that is to come.
     next: usize,
-}
-
-/// An output as a combination of signals, and which parameters count by themselves.
-struct Reading {
-    output: Output,
-    /// Of the speed, the rack, the rate of the speed and the integrated speed.
-    factors: [f64; 4],
-    constant: f64,
-    /// Whether a parameter counts by itself, and whether the channel's delay does.
-    own: bool,
-    late: bool,
-    /// Where in which piece it was last read, and what the terms of a signal and of its rate weigh there, and those of the speed,
-    /// the rack and the integrated speed in the output.
-    part: f64,
-    inverse: f64,
-    powers: Series,
-    rates: Series,
-    speeds: Series,
-    racks: Option<Series>,
-    sums: Option<Series>,
 }
 
 /// Outputs on their way: for each, a row of lanes a sample, and its values.
@@ -120,19 +103,32 @@ impl<'a> Emit<'a> {
     }
 
     /// Whether all outputs have all samples.
+    #[inline(always)]
     pub fn is_done(&self) -> bool {
-        self.channels.iter().all(|channel| channel.next >= self.run.samples())
+        let samples = self.run.set.len();
+        let mut done = true;
+        for channel in &self.channels {
+            done &= channel.next >= samples;
+        }
+        done
     }
 
     /// Read all samples that lie in a piece.
     #[inline(always)]
-    pub fn read<S: Simd>(&mut self, simd: S, step: &Step, jets: &Jets, series: &[Slopes]) {
+    pub fn read<S: Simd, const T: usize>(
+        &mut self,
+        simd: S,
+        step: &Step,
+        jets: &Jets,
+        series: &[Slopes],
+        ends: &[Ends],
+    ) {
         for channel in 0..self.channels.len() {
             let next = self.channels[channel].next;
             let Some(part) = step.samples[channel].filter(|_| next < self.run.samples()) else { continue };
             for at in 0..self.channels[channel].outputs.len() {
                 let output = self.channels[channel].outputs[at];
-                self.lay(simd, output, next, part, jets, series);
+                self.lay::<S, T>(simd, output, (next, part), jets, series, ends);
             }
             self.channels[channel].next += 1;
         }
@@ -140,71 +136,105 @@ impl<'a> Emit<'a> {
 
     /// An output at a part of a piece.
     #[inline(always)]
-    fn lay<S: Simd>(
+    fn lay<S: Simd, const T: usize>(
         &mut self,
         simd: S,
         output: usize,
-        sample: usize,
-        part: f64,
+        (sample, part): (usize, f64),
         jets: &Jets,
         series: &[Slopes],
+        ends: &[Ends],
     ) {
         let slot = output * self.room + sample - self.block.from;
         let reading = &mut self.readings[output];
         if (reading.part, reading.inverse) != (part, jets.inverse) {
-            reading.aim(part, jets.inverse);
+            reading.aim::<T>(part, jets.inverse);
         }
         let (weights, racks, sums) = (&reading.speeds, reading.racks.as_ref(), reading.sums.as_ref());
-        let slopes = &mut self.slopes[slot * self.packs..][..self.packs];
-        for (slopes, series) in slopes.iter_mut().zip(series) {
+        // By numbers: an iterator that is not inlined would not be compiled for the machine's vectors.
+        for pack in 0..series.len() {
+            let slopes = &mut self.slopes[slot * self.packs + pack];
+            let Slopes { n, q, rack, .. } = &series[pack];
             for part in 0..LANES / S::F64_LANES {
-                let mut total = weighed(simd, weights, &series.n, part);
+                let mut total = weighed::<S, T>(simd, weights, n, part);
                 if let Some(racks) = racks {
-                    total = simd.add_f64s(total, weighed(simd, racks, &series.rack, part));
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, racks, rack, part));
                 }
                 if let Some(sums) = sums {
-                    total = simd.add_f64s(total, weighed(simd, sums, &series.q, part));
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, sums, q, part));
+                }
+                if const { is_flexible(T) }
+                    && let Some([propellers, springs]) = &reading.ends
+                {
+                    let Ends { propeller, spring, .. } = &ends[pack];
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, propellers, propeller, part));
+                    total = simd.add_f64s(total, weighed::<S, T>(simd, springs, spring, part));
                 }
                 put::<S>(slopes, part, total);
             }
         }
-        let scalar = |weights: &Series, series: &Series| {
-            let mut sum = 0.0;
-            for k in 0..=TERMS {
-                sum += weights[k] * series[k];
-            }
-            sum
-        };
-        let mut simulated = reading.constant + scalar(weights, &jets.n);
+        let mut simulated = reading.constant + value::<T>(weights, &jets.n);
         if let Some(racks) = racks {
-            simulated += scalar(racks, &jets.rack);
+            simulated += value::<T>(racks, &jets.rack);
         }
         if let Some(sums) = sums {
-            simulated += scalar(sums, &jets.q);
+            simulated += value::<T>(sums, &jets.q);
+        }
+        if const { is_flexible(T) }
+            && let Some([propellers, springs]) = &reading.ends
+        {
+            simulated += value::<T>(propellers, &jets.propeller) + value::<T>(springs, &jets.spring);
         }
         self.values[slot] = simulated;
         let own = reading.own;
         match reading.output {
             _ if !own => {}
-            Output::Speed | Output::PropellerSpeed => {
-                let rate = scalar(&reading.rates, &jets.n);
+            Output::Speed => {
+                let rate = value::<T>(&reading.rates, &jets.n);
                 self.own_speed(slot, rate);
+            }
+            Output::PropellerSpeed => {
+                let speed = if const { is_flexible(T) } { &jets.propeller } else { &jets.n };
+                let rate = value::<T>(&reading.rates, speed);
+                self.own_speed(slot, rate);
+            }
+            Output::GaugeTorque if const { is_flexible(T) } => {
+                self.own_twist::<T>(output, slot, jets, simulated);
             }
             Output::EngineTorque | Output::GaugeTorque => {
                 let [of_speed, of_rack, of_rate, _] = reading.factors;
-                let n = scalar(&reading.powers, &jets.n);
-                let rack = scalar(&reading.powers, &jets.rack);
-                let rate = scalar(&reading.rates, &jets.n);
+                let n = value::<T>(&reading.powers, &jets.n);
+                let rack = value::<T>(&reading.powers, &jets.rack);
+                let rate = value::<T>(&reading.rates, &jets.n);
                 let mut changes = 0.0;
                 if reading.late {
-                    let second = jets.inverse * jets.inverse * second(&jets.n, part);
-                    let faster = jets.inverse * self::rate(&jets.rack, part);
+                    let second = jets.inverse * jets.inverse * second::<T>(&jets.n, part);
+                    let faster = jets.inverse * self::rate::<T>(&jets.rack, part);
                     changes = of_speed * rate + of_rack * faster + of_rate * second;
                 }
                 self.own_torque(output, slot, [n, rack, rate], simulated, changes);
             }
             Output::Rack => {}
             Output::Sum => self.add_sum(slot, sample),
+        }
+    }
+
+    /// What parameters add by themselves to the torque in a flexible shaft.
+    #[inline(always)]
+    fn own_twist<const T: usize>(&mut self, output: usize, slot: usize, jets: &Jets, simulated: f64) {
+        let Reading { powers, rates, .. } = &self.readings[output];
+        let Model { s_m, zeta, .. } = self.model;
+        let slips = value::<T>(rates, &jets.n) - value::<T>(rates, &jets.propeller);
+        let changes = s_m * (value::<T>(rates, &jets.spring) + zeta * slips);
+        let slip = value::<T>(powers, &jets.n) - value::<T>(powers, &jets.propeller);
+        for (lane, &place) in self.wrt.iter().enumerate() {
+            let own = match place {
+                at::ZETA_TWIST => s_m * slip,
+                at::S_M => (simulated + 1.0) / s_m,
+                at::T_M => -changes,
+                _ => continue,
+            };
+            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
         }
     }
 
@@ -271,9 +301,9 @@ impl<'a> Emit<'a> {
         let slot = output * self.room + sample - self.block.from;
         let Model { n0, f0, g, s_m, .. } = self.model;
         let load0 = self.run.load.first().copied().unwrap_or(0.0);
-        let power = super::model::Power::at(1.0 + n0, self.model.p);
+        let power = Power::at(1.0 + n0, self.model.p);
         let (damping, gain) = (self.model.damping, self.model.load_gain);
-        let drag = power.value() + damping * n0 + gain * load0;
+        let drag = power.value + damping * n0 + gain * load0;
         let (level, gauge) = match self.readings[output].output {
             Output::EngineTorque => (1.0 + g * n0 + f0, false),
             Output::GaugeTorque => (drag, true),
@@ -330,87 +360,6 @@ impl<'a> Emit<'a> {
         self.block.from += count;
         Ok(())
     }
-}
-
-impl Reading {
-    fn new(output: Output, model: &Model, wrt: &[usize]) -> Self {
-        let Model { g, v, s_m, tau, tau_prop, .. } = *model;
-        let (factors, constant) = match output {
-            Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
-            Output::EngineTorque => ([s_m * g, s_m * v, 0.0, 0.0], s_m - 1.0),
-            // The load is the engine's torque less what speeds the shaft up.
-            Output::GaugeTorque => ([s_m * g, s_m * v, -s_m * (tau - tau_prop), 0.0], s_m - 1.0),
-            Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
-            Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
-        };
-        let torque = matches!(output, Output::EngineTorque | Output::GaugeTorque);
-        let own = |place: &usize| match *place {
-            at::G | at::V | at::TAU_N | at::TAU_PROP | at::S_M | at::T_M => torque,
-            at::T_N => matches!(output, Output::Speed | Output::PropellerSpeed),
-            _ => false,
-        };
-        Self {
-            output,
-            factors,
-            constant,
-            own: output == Output::Sum || wrt.iter().any(own),
-            late: wrt.contains(&at::T_M),
-            part: f64::NAN,
-            inverse: f64::NAN,
-            powers: [0.0; 8],
-            rates: [0.0; 8],
-            speeds: [0.0; 8],
-            racks: (factors[1] != 0.0).then_some([0.0; 8]),
-            sums: (factors[3] != 0.0).then_some([0.0; 8]),
-        }
-    }
-
-    /// Weigh the terms for a part of a piece.
-    fn aim(&mut self, part: f64, inverse: f64) {
-        let [of_speed, of_rack, of_rate, of_sum] = self.factors;
-        (self.part, self.inverse) = (part, inverse);
-        let (mut power, mut before) = (1.0, 0.0);
-        for k in 0..=TERMS {
-            (self.powers[k], self.rates[k]) = (power, inverse * k as f64 * before);
-            self.speeds[k] = of_speed * power + of_rate * self.rates[k];
-            if let Some(racks) = &mut self.racks {
-                racks[k] = of_rack * power;
-            }
-            if let Some(sums) = &mut self.sums {
-                sums[k] = of_sum * power;
-            }
-            (before, power) = (power, power * part);
-        }
-    }
-}
-
-/// The terms of derivatives by their weights, of one register.
-#[inline(always)]
-fn weighed<S: Simd>(simd: S, weights: &Series, terms: &[Pack; TERMS + 1], part: usize) -> S::f64s {
-    let mut sums = [simd.splat_f64s(0.0); 2];
-    for k in 0..=TERMS {
-        sums[k % 2] =
-            simd.mul_add_e_f64s(simd.splat_f64s(weights[k]), get::<S>(&terms[k], part), sums[k % 2]);
-    }
-    simd.add_f64s(sums[0], sums[1])
-}
-
-#[inline(always)]
-fn rate(series: &[f64; 8], part: f64) -> f64 {
-    let mut sum = 0.0;
-    for k in (0..TERMS).rev() {
-        sum = sum * part + (k + 1) as f64 * series[k + 1];
-    }
-    sum
-}
-
-#[inline(always)]
-fn second(series: &[f64; 8], part: f64) -> f64 {
-    let mut sum = 0.0;
-    for k in (0..TERMS - 1).rev() {
-        sum = sum * part + ((k + 1) * (k + 2)) as f64 * series[k + 2];
-    }
-    sum
 }
 
 /// Lay packs, so many apart, into a row of a block for each lane.

@@ -3,7 +3,7 @@
 use pulp::Simd;
 
 use super::grid::{Piece, Time};
-use super::model::{Series, TERMS, for_terms};
+use super::model::{Series, for_terms, is_flexible};
 use super::slopes::{Rate, get};
 
 /// Parts of a piece closer than this are one.
@@ -94,17 +94,17 @@ impl History {
 
 /// A series about another start, and over another length.
 #[inline(always)]
-fn shifted<S: Simd>(simd: S, mut series: [S::f64s; TERMS], x: f64, scale: f64) -> [S::f64s; TERMS] {
+fn shifted<S: Simd, const T: usize>(simd: S, mut series: [S::f64s; T], x: f64, scale: f64) -> [S::f64s; T] {
     if x != 0.0 {
         let by = simd.splat_f64s(x);
-        for_terms!(LOW => {
-            for k in (LOW..TERMS - 1).rev() {
+        for_terms!(LOW of T => {
+            for k in (LOW..T - 1).rev() {
                 series[k] = simd.mul_add_e_f64s(by, series[k + 1], series[k]);
             }
         });
     }
     let mut factor = 1.0;
-    for k in 1..TERMS {
+    for k in 1..T {
         factor *= scale;
         series[k] = simd.mul_f64s(series[k], simd.splat_f64s(factor));
     }
@@ -113,16 +113,16 @@ fn shifted<S: Simd>(simd: S, mut series: [S::f64s; TERMS], x: f64, scale: f64) -
 
 /// A past signal over the piece to come; `read` gives a past piece's series.
 #[inline(always)]
-pub fn past<'a, S: Simd>(
+pub fn past<'a, S: Simd, const T: usize>(
     simd: S,
     window: &Window,
-    read: impl Fn(usize) -> &'a Rate,
+    read: impl Fn(usize) -> &'a Rate<T>,
     part: usize,
-) -> [S::f64s; TERMS] {
+) -> [S::f64s; T] {
     let load = |place: usize| {
         let rows = read(place);
-        let mut terms = [simd.splat_f64s(0.0); TERMS];
-        for k in 0..TERMS {
+        let mut terms = [simd.splat_f64s(0.0); T];
+        for k in 0..T {
             terms[k] = get::<S>(&rows[k], part);
         }
         terms
@@ -137,32 +137,49 @@ pub fn past<'a, S: Simd>(
 
 /// The same of one number.
 #[inline(always)]
-pub fn past_value(window: &Window, backs: &[Series]) -> Series {
+pub fn past_value<const T: usize>(window: &Window, backs: &[Series]) -> Series {
     let simd = pulp::Scalar::new();
-    let load = |place: usize| {
-        let mut terms = [0.0; TERMS];
-        terms.copy_from_slice(&backs[place][..TERMS]);
-        terms
-    };
     let (place, x, scale) = window.first;
-    let mut terms = shifted(simd, load(place), x, scale);
+    let mut terms = shifted(simd, first::<T>(&backs[place]), x, scale);
     if let Some((place, x, scale)) = window.last {
-        terms = joined(simd, terms, shifted(simd, load(place), x, scale));
+        terms = joined(simd, terms, shifted(simd, first::<T>(&backs[place]), x, scale));
     }
     let mut series = [0.0; 8];
-    series[..TERMS].copy_from_slice(&terms);
+    series[..T].copy_from_slice(&terms);
     series
 }
 
-/// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is
-/// the polynomial that has both ends' value and slope, and the curvature of the start.
+/// The first terms of a series.
 #[inline(always)]
-fn joined<S: Simd>(simd: S, mut series: [S::f64s; TERMS], end: [S::f64s; TERMS]) -> [S::f64s; TERMS] {
-    let [p0, p1, p2, ..] = series;
-    let times = |factor: f64, of: S::f64s| simd.mul_f64s(simd.splat_f64s(factor), of);
+fn first<const T: usize>(series: &Series) -> [f64; T] {
+    let mut terms = [0.0; T];
+    terms.copy_from_slice(&series[..T]);
+    terms
+}
+
+/// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is
+/// the polynomial that has both ends' value and slope, and the curvature of the start; with more terms, of both ends.
+#[inline(always)]
+fn joined<S: Simd, const T: usize>(simd: S, mut series: [S::f64s; T], end: [S::f64s; T]) -> [S::f64s; T] {
+    let (p0, p1, p2) = (series[0], series[1], series[2]);
     let value = simd.sub_f64s(end[0], simd.add_f64s(simd.add_f64s(p0, p1), p2));
-    let slope = simd.sub_f64s(end[1], simd.add_f64s(p1, times(2.0, p2)));
-    series[3] = simd.sub_f64s(times(4.0, value), slope);
-    series[4] = simd.sub_f64s(slope, times(3.0, value));
+    let slope = simd.sub_f64s(end[1], simd.add_f64s(p1, times(simd, 2.0, p2)));
+    if const { is_flexible(T) } {
+        let bend = simd.sub_f64s(end[2], p2);
+        let (a, b, c) = ([10.0, -15.0, 6.0], [-4.0, 7.0, -3.0], [1.0, -2.0, 1.0]);
+        for k in 0..3 {
+            let more = simd.add_f64s(times(simd, b[k], slope), times(simd, c[k], bend));
+            series[3 + k] = simd.add_f64s(times(simd, a[k], value), more);
+        }
+        series[T - 1] = simd.splat_f64s(0.0);
+    } else {
+        series[3] = simd.sub_f64s(times(simd, 4.0, value), slope);
+        series[4] = simd.sub_f64s(slope, times(simd, 3.0, value));
+    }
     series
+}
+
+#[inline(always)]
+fn times<S: Simd>(simd: S, factor: f64, of: S::f64s) -> S::f64s {
+    simd.mul_f64s(simd.splat_f64s(factor), of)
 }

@@ -1,4 +1,4 @@
-//! The path of ships without sampling, limits or a flexible shaft: pieces of time between breaks, and series on them.
+//! The path of ships without sampling or limits: pieces of time between breaks, and series on them.
 //!
 //! Inputs are straight or constant between samples; a break of the set point arrives at the shaft after both dead times, and
 //! again, weaker by an order, after every further one in the loop. A piece ends wherever one of the first few arrives, so on a
@@ -8,15 +8,19 @@
 
 mod emit;
 mod feed;
+mod flexible;
 mod grid;
 mod history;
 mod model;
+mod power;
+mod reading;
 mod slopes;
+mod sources;
 mod steps;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::integrate::Hold;
 use crate::stop::Stop;
 
@@ -26,17 +30,24 @@ use super::run::Run;
 
 use emit::Emit;
 use feed::{Feed, Input};
+use flexible::Ends;
 use grid::Grid;
 use history::{History, past_value};
-use model::{Jets, Model, Series, TERMS, total};
-use slopes::{Circumstances, LANES, Slopes, Sources};
+use model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS, total};
+use slopes::{LANES, Slopes};
+use sources::{Circumstances, Sources};
 use steps::Steps;
 
 /// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
 /// where the governor's derivative term hands breaks on as strong as they come, through more of them.
 const LEVELS: usize = 3;
 /// Length of a piece over the shortest time constant.
-const FINE: f64 = 0.3;
+const FINE: f64 = 0.18;
+/// The same where a millionth of a step does not count.
+const ROUGH: f64 = 0.5;
+/// Both of a flexible shaft, whose series have more terms, and which swings on for long.
+const FINE_FLEXIBLE: f64 = 0.35;
+const ROUGH_FLEXIBLE: f64 = 0.9;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
 /// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
@@ -47,14 +58,16 @@ const QUICK: f64 = 1.0 / 256.0;
 /// # Errors
 /// [`Error::Stopped`] on request, and what `consume` returns.
 pub fn march(task: &Task<'_>, run: &Run<'_>, stop: &Stop, consume: &mut Consume<'_>) -> Result<()> {
-    if task.wrt.contains(&at::P) {
-        Arch::new().dispatch(Pass::<true> { task, run, stop, consume })
-    } else {
-        Arch::new().dispatch(Pass::<false> { task, run, stop, consume })
+    match (task.wrt.contains(&at::P), task.parameters.is_off(at::TAU_TWIST)) {
+        (true, true) => Arch::new().dispatch(Pass::<true, TERMS> { task, run, stop, consume }),
+        (false, true) => Arch::new().dispatch(Pass::<false, TERMS> { task, run, stop, consume }),
+        (true, false) => Arch::new().dispatch(Pass::<true, FLEXIBLE_TERMS> { task, run, stop, consume }),
+        (false, false) => Arch::new().dispatch(Pass::<false, FLEXIBLE_TERMS> { task, run, stop, consume }),
     }
 }
 
-struct Pass<'a, 'c, const EXPONENT: bool> {
+/// `T`: terms of the rates.
+struct Pass<'a, 'c, const EXPONENT: bool, const T: usize> {
     task: &'a Task<'a>,
     run: &'a Run<'a>,
     stop: &'a Stop,
@@ -62,24 +75,56 @@ struct Pass<'a, 'c, const EXPONENT: bool> {
 }
 
 /// The longest piece [sample intervals].
-fn longest(model: &Model, run: &Run<'_>) -> f64 {
+fn longest(model: &Model, run: &Run<'_>) -> Result<f64> {
+    let flexible = model.tau_twist > 0.0;
     let at_once = if model.t_d > 0.0 { 0.0 } else { 1.0 };
-    let mut fastest =
-        ((model.p - model.g).abs() + model.damping.abs() + at_once * (model.v * model.k_p).abs())
-            / model.inertia.abs();
-    fastest += at_once * ((model.v * model.k_i).abs() / model.inertia.abs()).sqrt();
+    let (engine, propeller) =
+        (model.inertia.abs(), if flexible { model.tau_prop } else { model.inertia.abs() });
+    let own = if flexible {
+        model.g.abs() / engine + model.p.abs() / propeller
+    } else {
+        (model.p - model.g).abs() / engine
+    };
+    let mut fastest = own + model.damping.abs() / propeller + at_once * (model.v * model.k_p).abs() / engine;
+    fastest += at_once * ((model.v * model.k_i).abs() / engine).sqrt();
+    if flexible {
+        let both = 1.0 / engine + 1.0 / propeller;
+        fastest += (both / model.tau_twist).sqrt() + model.zeta * both;
+    }
     if model.tau_act > 0.0 {
         fastest += 1.0 / model.tau_act;
     }
-    let mut longest = (FINE / (fastest * run.dt)).min(1.0);
+    let fine = match (flexible, run.sharp) {
+        (false, true) => FINE,
+        (false, false) => ROUGH,
+        (true, true) => FINE_FLEXIBLE,
+        (true, false) => ROUGH_FLEXIBLE,
+    };
+    let mut longest = (fine / (fastest * run.dt)).min(1.0);
+    require(!flexible || longest * MOST >= 1.0, || {
+        format!(
+            "found {:.0} steps of the fastest time constant in a sample of the record, expected at most {MOST}; check tau_twist and zeta_twist",
+            1.0 / longest
+        )
+    })?;
     longest = longest.min(1.0 / run.substeps.max(1) as f64);
     if model.t_d > 0.0 {
         longest = longest.min(model.t_d / run.dt);
     }
-    longest.max(1.0 / MOST)
+    Ok(longest.max(1.0 / MOST))
 }
 
-impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
+/// Roughly how many steps of a rigid shaft a simulation is worth.
+pub fn work(task: &Task<'_>, run: &Run<'_>) -> usize {
+    if task.parameters.is_off(at::TAU_TWIST) {
+        return run.samples().saturating_mul(run.substeps.max(1));
+    }
+    let model = Model::new(&task.parameters, 1.0, 0.0, QUICK * run.dt);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // positive; saturates
+    run.samples().saturating_mul(longest(&model, run).map_or(1, |longest| (2.0 / longest) as usize))
+}
+
+impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T> {
     type Output = Result<()>;
 
     #[inline(always)]
@@ -92,9 +137,9 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let delayed = model.t_d > 0.0;
         let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
         let loaded = !run.load.is_empty();
-        let longest = longest(&model, run);
-        let handed_on = if model.k_d != 0.0 { 4 } else { usize::from(task.wrt.contains(&at::K_D)) };
-        let levels = LEVELS + usize::from(run.hold == Hold::Zero) + handed_on;
+        let longest = longest(&model, run)?;
+        let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
+        let levels = if run.sharp { LEVELS } else { 1 } + usize::from(run.hold == Hold::Zero) + handed_on;
         let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
         let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
         let mut load_feed = loaded.then(|| Feed::new(run.load, run.hold, run.dt, 0.0));
@@ -102,19 +147,20 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
         let history = delayed.then(|| History::new(dead_time, back));
         let places = history.as_ref().map_or(0, History::places);
         let mut backs = vec![[0.0; 8]; places.max(1)];
-        let mut slope_backs = vec![[[0.0; LANES]; TERMS]; places * packs];
+        let mut slope_backs = vec![[[0.0; LANES]; T]; places * packs];
         let mut slopes = Slopes::start(&model, task.wrt);
-        let mut sources = Sources::new(&model, task.wrt, set0, load0);
+        let mut ends = Ends::start(&model, task.wrt, load0);
+        let mut sources = Sources::<T>::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
         let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
-        let mut state = model.start();
+        let mut state = model.start(load0);
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
         let opening = grid::Time::new(dead_time);
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
-            if count % 4096 == 0 {
+            if count.is_multiple_of(4096) {
                 stop.check()?;
             }
             let (step, window, place) = steps.next();
@@ -126,7 +172,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                 [load.value, load.slope]
             });
             let mut back = match &window {
-                Some(window) => past_value(window, &backs),
+                Some(window) => past_value::<T>(window, &backs),
                 None => [0.0; 8],
             };
             let since = piece.start.since(opening) * run.dt;
@@ -134,7 +180,7 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             let (error, summed) = errors(&model, &set, length, integral, since);
             let mut feed: Series = [0.0; 8];
             if piece.open {
-                for k in 3..TERMS {
+                for k in 3..T {
                     feed[k] = -back[k];
                 }
                 feed[2] = model.k_i * summed[2] - back[2];
@@ -152,8 +198,8 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
             if broken.is_some() && model.ahead > 0.0 {
                 state = model.kicked(&state, less);
             }
-            let end = model.jets::<EXPONENT>(&state, [length, step.inverse], &feed, load, &mut jets);
-            let returned = model.fed_back(&jets);
+            let end = model.jets::<EXPONENT, T>(&state, [length, step.inverse], &feed, load, &mut jets);
+            let returned = model.fed_back::<T>(&jets);
             if delayed {
                 backs[place] = returned;
             } else {
@@ -174,11 +220,12 @@ impl<const EXPONENT: bool> WithSimd for Pass<'_, '_, EXPONENT> {
                     load,
                 };
                 sources.lay(&model, &jets, &on);
-                sources.carry(simd, &model, &jets, window.as_ref(), &mut slope_backs, place, &mut slopes);
+                let (window, backs) = (window.as_ref(), &mut slope_backs);
+                sources.carry(simd, &model, &jets, window, backs, place, &mut slopes, &mut ends);
             }
-            emit.read(simd, step, &jets, &slopes);
+            emit.read::<S, T>(simd, step, &jets, &slopes, &ends);
             emit.flush(consume)?;
-            fed_at_end = total(&feed, TERMS);
+            fed_at_end = total(&feed, T);
             set_at_end = set.value + set.slope;
             state = end;
         }

@@ -6,38 +6,36 @@
 
 use crate::ship::parameters::{Parameters, at};
 
+use super::power::Power;
+
 /// Terms of the rates. The speed has one more.
 pub const TERMS: usize = 5;
+/// Terms where the shaft is flexible: it swings, and a piece is a part of a swing.
+pub const FLEXIBLE_TERMS: usize = 7;
+
+/// Whether so many terms are those of a flexible shaft.
+pub const fn is_flexible(terms: usize) -> bool {
+    terms == FLEXIBLE_TERMS
+}
 
 /// Do something for every term. Written out, since a loop of that size is not, and its terms would then live in memory.
 macro_rules! for_terms {
-    ($k:ident => $body:block) => {{
-        {
-            const $k: usize = 0;
+    (@ $k:ident $body:block $($number:literal)*) => {{
+        $({
+            const $k: usize = $number;
             $body
-        }
-        {
-            const $k: usize = 1;
-            $body
-        }
-        {
-            const $k: usize = 2;
-            $body
-        }
-        {
-            const $k: usize = 3;
-            $body
-        }
-        {
-            const $k: usize = 4;
-            $body
-        }
+        })*
     }};
+    ($k:ident => $body:block) => { for_terms!(@ $k $body 0 1 2 3 4) };
+    // Of a number of terms that is a constant only where the function is used.
+    ($k:ident of $terms:ident => $body:block) => {
+        for_terms!(@ $k { if $k < $terms $body } 0 1 2 3 4 5 6)
+    };
 }
 pub(super) use for_terms;
 
 /// One over the number of a term and one.
-pub const PER_ORDER: [f64; TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2];
+pub const PER_ORDER: [f64; FLEXIBLE_TERMS] = [1.0, 0.5, 1.0 / 3.0, 0.25, 0.2, 1.0 / 6.0, 1.0 / 7.0];
 
 /// Terms of a signal, and room.
 pub type Series = [f64; 8];
@@ -45,6 +43,7 @@ pub type Series = [f64; 8];
 /// Parameters, and what is made of them once.
 #[derive(Debug, Clone, Copy)]
 pub struct Model {
+    /// The engine's inertia, and the propeller's along with it where the shaft is rigid [s].
     pub tau: f64,
     pub g: f64,
     pub v: f64,
@@ -56,25 +55,28 @@ pub struct Model {
     pub tau_act: f64,
     pub damping: f64,
     pub load_gain: f64,
+    /// The give of a flexible shaft and its damping; 0 where it is rigid.
+    pub tau_twist: f64,
+    pub zeta: f64,
     pub s_u: f64,
     pub s_m: f64,
     pub t_d: f64,
     pub t_set: f64,
     /// A dead time too short for pieces of its own: `X(t - ahead)` is `X - ahead dX/dt`, so the loop's gains are others [s].
     pub ahead: f64,
-    near_p: f64,
-    near_d: f64,
+    pub near_p: f64,
+    pub near_d: f64,
     pub n0: f64,
     pub f0: f64,
     /// The time constant that the shaft has where the governor's derivative term acts at once [s].
     pub inertia: f64,
-    per_inertia: f64,
+    pub per_inertia: f64,
     /// The rate of the speed at the start [1/s].
     pub rate0: f64,
     /// What raises the command so that it starts as the rack stands.
     pub base: f64,
     /// Coefficients of `(1 + x)^p`, and their derivatives by `p`.
-    binomial: Series,
+    pub binomial: Series,
     binomial_by_exponent: Series,
 }
 
@@ -84,16 +86,10 @@ pub struct State {
     pub n: f64,
     pub q: f64,
     pub rack: f64,
+    /// The propeller's speed and the spring's torque less one, of a flexible shaft.
+    pub propeller: f64,
+    pub spring: f64,
     pub power: Power,
-}
-
-/// `N^p`, `1 / N` and `ln N`.
-#[derive(Debug, Clone, Copy)]
-pub struct Power {
-    speed: f64,
-    value: f64,
-    inverse: f64,
-    logarithm: f64,
 }
 
 /// All signals over a piece.
@@ -105,61 +101,20 @@ pub struct Jets {
     pub n: Series,
     pub q: Series,
     pub rack: Series,
+    /// Of a flexible shaft, as in [`State`].
+    pub propeller: Series,
+    pub spring: Series,
     /// The slope of `N^p` by `N` and its derivative by `p`.
     pub slope: Series,
     pub by_exponent: Series,
-}
-
-impl Power {
-    pub fn at(speed: f64, p: f64) -> Self {
-        let size = speed.abs().max(f64::MIN_POSITIVE);
-        let value = size.powf(p).copysign(speed);
-        // About standing still a power has no series; it is next to nothing there.
-        let inverse = if size < 1e-2 { 0.0 } else { 1.0 / speed };
-        Self { speed, value, inverse, logarithm: size.ln() }
-    }
-
-    /// At a speed nearby: about the old one `(1 + x)^p` is a series, which is off by less than 1e-16 below [`Self::NEAR`].
-    #[inline(always)]
-    fn moved(&self, speed: f64, model: &Model) -> Self {
-        let x = (speed - self.speed) * self.inverse;
-        if x.abs() < Self::NEAR && self.inverse != 0.0 {
-            let square = x * x;
-            let b = &model.binomial;
-            let low = fma(square, fma(b[3], x, b[2]), fma(b[1], x, 1.0));
-            let high = fma(square, fma(b[7], x, b[6]), fma(b[5], x, b[4]));
-            let value = self.value * fma(square * square, high, low);
-            let low = fma(square, fma(-0.25, x, 1.0 / 3.0), fma(-0.5, x, 1.0));
-            let high = fma(square, fma(-0.125, x, 1.0 / 7.0), fma(-1.0 / 6.0, x, 0.2));
-            let logarithm = fma(x, fma(square * square, high, low), self.logarithm);
-            Self { speed, value, inverse: 1.0 / speed, logarithm }
-        } else {
-            Self::at(speed, model.p)
-        }
-    }
-
-    pub const fn value(&self) -> f64 {
-        self.value
-    }
-
-    /// Its slope by `N`.
-    pub fn slope(&self, p: f64) -> f64 {
-        p * self.value * self.inverse
-    }
-
-    /// Its derivative by `p`.
-    pub fn by_exponent(&self) -> f64 {
-        self.value * self.logarithm
-    }
-
-    const NEAR: f64 = 1.0 / 64.0;
 }
 
 impl Model {
     /// Lags and dead times below `quick` [s] are taken to first order.
     pub fn new(parameters: &Parameters, set0: f64, load0: f64, quick: f64) -> Self {
         let of = |place| parameters.of(place);
-        let (tau, v, p, k_d) = (of(at::TAU_N), of(at::V), of(at::P), of(at::K_D));
+        let (tau_twist, v, p, k_d) = (of(at::TAU_TWIST), of(at::V), of(at::P), of(at::K_D));
+        let tau = of(at::TAU_N) - if tau_twist > 0.0 { of(at::TAU_PROP) } else { 0.0 };
         // A short lag acts as a dead time does.
         let lag = of(at::TAU_ACT);
         let (tau_act, late) = if lag < quick { (0.0, of(at::T_D) + lag) } else { (lag, of(at::T_D)) };
@@ -189,6 +144,8 @@ impl Model {
             tau_act,
             damping: of(at::DAMPING),
             load_gain: of(at::LOAD_GAIN),
+            tau_twist,
+            zeta: of(at::ZETA_TWIST),
             s_u: of(at::S_U),
             s_m: of(at::S_M),
             t_d,
@@ -207,34 +164,33 @@ impl Model {
         }
     }
 
-    pub fn start(&self) -> State {
-        State { n: self.n0, q: 0.0, rack: self.f0 / self.v, power: Power::at(1.0 + self.n0, self.p) }
+    pub fn start(&self, load0: f64) -> State {
+        let power = Power::at(1.0 + self.n0, self.p);
+        let spring = power.value - 1.0 + self.damping * self.n0 + self.load_gain * load0;
+        State { n: self.n0, q: 0.0, rack: self.f0 / self.v, propeller: self.n0, spring, power }
     }
 
-    /// The signals over a piece of so many seconds, given with its inverse, from a state on; `feed` is what the rack is fed from outside the piece, `load`
-    /// the measured load. Gives the state at its end.
+    /// The signals over a piece of so many seconds, given with its inverse, from a state on; `feed` is what the rack is fed from
+    /// outside the piece, `load` the measured load. Gives the state at its end. `T` terms of the rates.
     #[inline(always)]
-    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
-    pub fn jets<const EXPONENT: bool>(
+    pub fn jets<const EXPONENT: bool, const T: usize>(
         &self,
         state: &State,
-        [length, inverse]: [f64; 2],
+        times: [f64; 2],
         feed: &Series,
         load: [f64; 2],
         jets: &mut Jets,
     ) -> State {
-        // The two that most ships are, without a branch in the chain of terms.
-        match (self.t_d > 0.0, self.tau_act > 0.0) {
-            (true, false) => {
-                self.jets_of::<EXPONENT, true, false>(state, [length, inverse], feed, load, jets)
-            }
-            (false, false) => {
-                self.jets_of::<EXPONENT, false, false>(state, [length, inverse], feed, load, jets)
-            }
-            (true, true) => self.jets_of::<EXPONENT, true, true>(state, [length, inverse], feed, load, jets),
-            (false, true) => {
-                self.jets_of::<EXPONENT, false, true>(state, [length, inverse], feed, load, jets)
-            }
+        // Those that most ships are, without a branch in the chain of terms.
+        match (const { is_flexible(T) }, self.t_d > 0.0, self.tau_act > 0.0) {
+            (false, true, false) => self.jets_of::<EXPONENT, true, false>(state, times, feed, load, jets),
+            (false, false, false) => self.jets_of::<EXPONENT, false, false>(state, times, feed, load, jets),
+            (false, true, true) => self.jets_of::<EXPONENT, true, true>(state, times, feed, load, jets),
+            (false, false, true) => self.jets_of::<EXPONENT, false, true>(state, times, feed, load, jets),
+            (true, true, false) => self.flexible::<EXPONENT, true, false>(state, times, feed, load, jets),
+            (true, false, false) => self.flexible::<EXPONENT, false, false>(state, times, feed, load, jets),
+            (true, true, true) => self.flexible::<EXPONENT, true, true>(state, times, feed, load, jets),
+            (true, false, true) => self.flexible::<EXPONENT, false, true>(state, times, feed, load, jets),
         }
     }
 
@@ -322,7 +278,8 @@ impl Model {
         }
         (jets.length, jets.inverse) = (length, inverse);
         (jets.n, jets.q, jets.rack, jets.slope) = (n, q, rack, slope);
-        State { n: ends[0], q: ends[1], rack: ends[2], power: state.power.moved(1.0 + ends[0], self) }
+        let power = state.power.moved(1.0 + ends[0], self);
+        State { n: ends[0], q: ends[1], rack: ends[2], power, ..*state }
     }
 
     /// The state behind a jump of what the rack is fed, by so much less, which comes [`Self::ahead`] later than it is reckoned.
@@ -332,7 +289,9 @@ impl Model {
             state.rack += self.ahead * less / self.tau_act;
         } else {
             state.n += self.ahead * self.v * less / self.inertia;
-            state.power = state.power.moved(1.0 + state.n, self);
+            if self.tau_twist == 0.0 {
+                state.power = state.power.moved(1.0 + state.n, self);
+            }
         }
         state
     }
@@ -345,9 +304,9 @@ impl Model {
 
     /// What goes back into the governor: `K_p n + K_i Q + K_d dn/dt`.
     #[inline(always)]
-    pub fn fed_back(&self, jets: &Jets) -> Series {
+    pub fn fed_back<const T: usize>(&self, jets: &Jets) -> Series {
         let mut back = [0.0; 8];
-        for k in 0..TERMS {
+        for k in 0..T {
             back[k] = self.k_p * jets.n[k]
                 + self.k_i * jets.q[k]
                 + self.k_d * (k + 1) as f64 * jets.n[k + 1] * jets.inverse;
@@ -358,7 +317,7 @@ impl Model {
 
 /// A multiply-add in one instruction, where the machine has it; what calls it is compiled for the machine's vectors.
 #[inline(always)]
-fn fma(a: f64, b: f64, c: f64) -> f64 {
+pub fn fma(a: f64, b: f64, c: f64) -> f64 {
     a.mul_add(b, c)
 }
 

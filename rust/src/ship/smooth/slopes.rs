@@ -4,9 +4,11 @@ use pulp::Simd;
 
 use crate::ship::parameters::at;
 
-use super::feed::Input;
+use super::flexible::Ends;
 use super::history::{Window, past};
-use super::model::{Jets, Model, PER_ORDER, Power, Series, TERMS, for_terms};
+use super::model::{FLEXIBLE_TERMS, Jets, Model, PER_ORDER, TERMS, for_terms, is_flexible};
+use super::power::Power;
+use super::sources::Sources;
 
 /// Lanes in a pack of directions.
 pub const LANES: usize = 8;
@@ -14,21 +16,9 @@ pub const LANES: usize = 8;
 /// One number of each direction of a pack.
 pub type Pack = [f64; LANES];
 
-/// The terms of a signal that is a rate, and of one that is a state.
-pub type Rate = [Pack; TERMS];
-pub type Course = [Pack; TERMS + 1];
-
-/// What the parameters add of themselves, in rows of lanes: to the shaft, to what the rack is fed, to the lag, to what goes back.
-pub struct Sources {
-    shaft: Vec<Rate>,
-    feed: Vec<Rate>,
-    lag: Vec<Rate>,
-    back: Vec<Rate>,
-    /// What is added to the feed at all times, before and after the dead time is over.
-    before: Vec<Pack>,
-    after: Vec<Pack>,
-    wrt: Vec<usize>,
-}
+/// The terms of a signal that is a rate, and of one that is a state, with room.
+pub type Rate<const T: usize> = [Pack; T];
+pub type Course = [Pack; FLEXIBLE_TERMS + 1];
 
 /// Derivatives of the state over a piece, and at its end.
 #[derive(Debug, Clone, Copy)]
@@ -36,9 +26,9 @@ pub struct Slopes {
     pub n: Course,
     pub q: Course,
     pub rack: Course,
-    n_end: Pack,
-    q_end: Pack,
-    rack_end: Pack,
+    pub n_end: Pack,
+    pub q_end: Pack,
+    pub rack_end: Pack,
 }
 
 /// Packs of what a parameter says, parameter after parameter.
@@ -58,7 +48,7 @@ impl Slopes {
     pub fn start(model: &Model, wrt: &[usize]) -> Vec<Self> {
         let n = packs(wrt, |place| f64::from(u8::from(place == at::INITIAL_N)));
         let rack = packs(wrt, |place| model.held_by(place));
-        let nothing = [[0.0; LANES]; TERMS + 1];
+        let nothing = [[0.0; LANES]; FLEXIBLE_TERMS + 1];
         let both = n.into_iter().zip(rack);
         both.map(|(n_end, rack_end)| Self {
             n: nothing,
@@ -74,7 +64,7 @@ impl Slopes {
 
 impl Model {
     /// The derivative of the rack before the record.
-    fn held_by(&self, place: usize) -> f64 {
+    pub fn held_by(&self, place: usize) -> f64 {
         match place {
             at::INITIAL_F => 1.0 / self.v,
             at::V => -self.f0 / (self.v * self.v),
@@ -95,6 +85,7 @@ impl Model {
                 at::INITIAL_F => k_d / tau,
                 at::K_D => self.rate0,
                 at::TAU_N => -k_d * self.rate0 / tau,
+                at::TAU_PROP if self.tau_twist > 0.0 => k_d * self.rate0 / tau,
                 at::G => k_d * self.n0 / tau,
                 at::P => -k_d * power.by_exponent() / tau,
                 at::DAMPING => -k_d * self.n0 / tau,
@@ -104,148 +95,9 @@ impl Model {
     }
 }
 
-/// Where a piece stands: what it is fed, and what for.
-pub struct Circumstances<'a> {
-    pub open: bool,
-    pub set: &'a Input,
-    pub set0: f64,
-    /// The integral of the set point since the record's start, at the piece's start [s].
-    pub integral: f64,
-    /// What is fed of the set point, and what came back a dead time ago.
-    pub error: &'a Series,
-    pub summed: &'a Series,
-    pub back: &'a Series,
-    pub load: [f64; 2],
-}
-
-impl Sources {
-    pub fn new(model: &Model, wrt: &[usize], set0: f64, load0: f64) -> Self {
-        let room = || vec![[[0.0; LANES]; TERMS]; wrt.len().div_ceil(LANES)];
-        Self {
-            shaft: room(),
-            feed: room(),
-            lag: room(),
-            back: room(),
-            before: packs(wrt, |place| model.held_by(place)),
-            after: packs(wrt, |place| model.base_by(place, set0, load0)),
-            wrt: wrt.to_vec(),
-        }
-    }
-
-    /// Lay down what the parameters add over a piece.
-    #[inline(always)]
-    #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
-    pub fn lay(&mut self, model: &Model, jets: &Jets, on: &Circumstances<'_>) {
-        let Jets { length, inverse, n, q, rack, by_exponent, .. } = jets;
-        let (s_u, k_p, k_i, ahead) = (model.s_u, model.k_p, model.k_i, model.ahead);
-        let constant = if on.open { &self.after } else { &self.before };
-        for (feed, constant) in self.feed.iter_mut().zip(constant) {
-            feed[0] = *constant;
-        }
-        for (i, &place) in self.wrt.iter().enumerate() {
-            let (pack, lane) = (i / LANES, i % LANES);
-            let (shaft, feed) = (&mut self.shaft[pack], &mut self.feed[pack]);
-            let (back, lag) = (&mut self.back[pack], &mut self.lag[pack]);
-            match place {
-                at::TAU_N => {
-                    for k in 0..TERMS {
-                        shaft[k][lane] = -((k + 1) as f64 * inverse) * n[k + 1];
-                    }
-                }
-                at::G => {
-                    for k in 0..TERMS {
-                        shaft[k][lane] = n[k];
-                    }
-                }
-                at::V => {
-                    for k in 0..TERMS {
-                        shaft[k][lane] = rack[k];
-                    }
-                }
-                at::P => {
-                    for k in 0..TERMS {
-                        shaft[k][lane] = -by_exponent[k];
-                    }
-                }
-                at::DAMPING => {
-                    for k in 0..TERMS {
-                        shaft[k][lane] = -n[k];
-                    }
-                }
-                at::LOAD_GAIN => {
-                    shaft[0][lane] = -on.load[0];
-                    shaft[1][lane] = -on.load[1];
-                }
-                at::K_P => {
-                    for k in 0..TERMS {
-                        back[k][lane] = n[k] - ahead * (k + 1) as f64 * inverse * n[k + 1];
-                    }
-                    if on.open {
-                        feed[0][lane] += on.error[0] - ahead * inverse * on.error[1];
-                        feed[1][lane] = on.error[1];
-                    }
-                }
-                at::K_I => {
-                    for k in 0..TERMS {
-                        back[k][lane] = q[k] - ahead * n[k];
-                    }
-                    if on.open {
-                        feed[0][lane] += on.summed[0] - ahead * on.error[0];
-                        feed[1][lane] = on.summed[1] - ahead * on.error[1];
-                        feed[2][lane] = on.summed[2];
-                    }
-                }
-                at::K_D => {
-                    for k in 0..TERMS {
-                        back[k][lane] = (k + 1) as f64 * inverse * n[k + 1];
-                    }
-                }
-                at::S_U if on.open => {
-                    feed[0][lane] += k_p * on.set.value + k_i * on.integral;
-                    feed[1][lane] = k_p * on.set.slope + k_i * length * on.set.value;
-                    feed[2][lane] = k_i * length * 0.5 * on.set.slope;
-                }
-                at::T_SET if on.open => {
-                    feed[0][lane] = -s_u * (k_p * on.set.slope * inverse + k_i * (on.set.value - on.set0));
-                    feed[1][lane] = -s_u * k_i * on.set.slope;
-                }
-                at::TAU_ACT if model.tau_act > 0.0 => {
-                    for k in 0..TERMS {
-                        lag[k][lane] = -((k + 1) as f64 * inverse) * rack[k + 1];
-                    }
-                }
-                // A lag that begins is a dead time that begins.
-                at::T_D | at::TAU_ACT if on.open => {
-                    for k in 0..TERMS - 1 {
-                        feed[k][lane] = (k + 1) as f64 * inverse * on.back[k + 1];
-                    }
-                    feed[0][lane] -= s_u * k_p * on.set.slope * inverse + k_i * on.error[0];
-                    feed[1][lane] -= k_i * on.error[1];
-                }
-                _ => {}
-            }
-        }
-    }
-
-    /// The jump that a break, which parameters move, makes in the derivatives: `fed` is how much less the rack is fed behind it.
-    pub fn jump(&self, model: &Model, moves: [f64; 2], fed: f64, slopes: &mut [Slopes]) {
-        for (i, &place) in self.wrt.iter().enumerate() {
-            let moved = match place {
-                at::T_D => moves[0],
-                at::TAU_ACT if model.tau_act == 0.0 => moves[0],
-                at::T_SET => moves[1],
-                _ => continue,
-            };
-            if model.tau_act > 0.0 {
-                slopes[i / LANES].rack_end[i % LANES] += moved * fed / model.tau_act;
-            } else {
-                slopes[i / LANES].n_end[i % LANES] += moved * model.v * fed / model.inertia;
-            }
-        }
-    }
-
+impl<const T: usize> Sources<T> {
     /// Carry the derivatives over a piece, and lay down their series; `history` is where what goes back is kept, so many packs
-    /// a place.
+    /// a place; `ends` are a flexible shaft's.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)] // a struct of so many borrows would serve no one
     pub fn carry<S: Simd>(
@@ -254,27 +106,32 @@ impl Sources {
         model: &Model,
         jets: &Jets,
         window: Option<&Window>,
-        history: &mut [Rate],
+        history: &mut [Rate<T>],
         place: usize,
         slopes: &mut [Slopes],
+        ends: &mut [Ends],
     ) {
         let packs = slopes.len();
         for (pack, slopes) in slopes.iter_mut().enumerate() {
             for part in 0..LANES / S::F64_LANES {
                 let fed = self.fed(simd, pack, part, window, history, packs);
                 let returned = history.get_mut(place * packs + pack);
+                if const { is_flexible(T) } {
+                    self.bend(simd, model, (jets, fed, pack, part), returned, slopes, &mut ends[pack]);
+                    continue;
+                }
                 match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
                     (true, false) => {
-                        self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                     (true, true) => {
-                        self.terms::<S, true, true>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, true, true>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                     (false, false) => {
-                        self.terms::<S, false, false>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, false, false>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                     (false, true) => {
-                        self.terms::<S, false, true>(simd, model, jets, fed, pack, part, returned, slopes)
+                        self.terms::<S, false, true>(simd, model, jets, fed, pack, part, returned, slopes);
                     }
                 }
             }
@@ -289,17 +146,17 @@ impl Sources {
         pack: usize,
         part: usize,
         window: Option<&Window>,
-        history: &[Rate],
+        history: &[Rate<T>],
         packs: usize,
-    ) -> [S::f64s; TERMS] {
-        let mut fed = [simd.splat_f64s(0.0); TERMS];
+    ) -> [S::f64s; T] {
+        let mut fed = [simd.splat_f64s(0.0); T];
         let feed = &self.feed[pack];
-        for k in 0..TERMS {
+        for k in 0..T {
             fed[k] = get::<S>(&feed[k], part);
         }
         if let Some(window) = window {
             let back = past(simd, window, |place| &history[place * packs + pack], part);
-            for k in 0..TERMS {
+            for k in 0..T {
                 fed[k] = simd.sub_f64s(fed[k], back[k]);
             }
         }
@@ -314,10 +171,10 @@ impl Sources {
         simd: S,
         model: &Model,
         jets: &Jets,
-        mut fed: [S::f64s; TERMS],
+        mut fed: [S::f64s; T],
         pack: usize,
         part: usize,
-        mut returned: Option<&mut Rate>,
+        mut returned: Option<&mut Rate<T>>,
         slopes: &mut Slopes,
     ) {
         let lag = MORE && model.tau_act > 0.0;
@@ -397,9 +254,9 @@ pub fn put<S: Simd>(pack: &mut Pack, part: usize, value: S::f64s) {
 }
 
 #[inline(always)]
-fn sum<S: Simd>(simd: S, terms: &[S::f64s; TERMS + 1]) -> S::f64s {
-    let mut sum = terms[TERMS];
-    for k in (0..TERMS).rev() {
+pub fn sum<S: Simd, const N: usize>(simd: S, terms: &[S::f64s; N]) -> S::f64s {
+    let mut sum = terms[N - 1];
+    for k in (0..N - 1).rev() {
         sum = simd.add_f64s(sum, terms[k]);
     }
     sum

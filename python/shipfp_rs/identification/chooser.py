@@ -1,0 +1,285 @@
+"""Fits of ship structures to one set of experiments, warm-started from each other."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.interpolation import band_limited
+from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.promise import STARTS, Promise, promise
+from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.starts import starts
+from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
+from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.support.arrays import Array
+
+LOGGER = logging.getLogger("shipfp_rs")
+
+CANDIDATES = (
+    "dead_time_loop",
+    "dead_time_set_point",
+    "actuator_lag",
+    "torque_limit",
+    "twist",
+    "late_torque",
+    "sampling",
+)
+"""Elements that are tried, in the order of a report."""
+FIRST = ("dead_time_loop", "dead_time_set_point")
+"""Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
+SLOW = ("torque_limit", "rack_rate")
+"""Elements whose passes over a record go from event to event and take twenty times as long."""
+SAME = 0.5
+"""Difference of the deviance that is not worth another choice."""
+TOLD = 10.0
+"""Fall of the deviance from which on the outputs tell how the set point runs between its samples."""
+NEARLY = 100.0
+"""Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
+NEARBY_S = 0.02
+"""Difference of every delay within which two ends are one [s]."""
+TRIAL_FALL = 0.02
+"""Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
+SLOW_FALL = 1e-3
+"""The same for the last step of a fit with an element whose passes take long."""
+TRIAL_EVALUATIONS = 25
+"""Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
+PART_BEHIND = 0.9
+"""Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
+DELAYS = ("T_d", "T_set", "tau_act")
+"""Parameters that delay the shaft's answer: what one did, another does nearly as well."""
+MOST_EVALUATIONS = 200
+"""Passes over the records of one search."""
+EXACT = 1e-5
+"""Residual over spread of an output below which there is no noise."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A structure fitted to the data."""
+
+    elements: tuple[str, ...]
+    search: Search
+    minimum: Minimum
+
+    @cached_property
+    def base(self) -> Fitted:
+        """The fit as one among its own trials: the same weights, the same passes, a sum of squares as its cost."""
+        noise = replace(self.minimum.noise, sharp=False)
+        search = replace(self.search, weights=noise, enough=TRIAL_FALL)
+        sums = search.sums(self.minimum.vector, noise)
+        criterion = float(search.gram(self.minimum.vector, noise, sums)[-1, -1])
+        return Fitted(
+            self.elements, search, replace(self.minimum, noise=noise, criterion=criterion, sums=sums)
+        )
+
+
+class Chooser:
+    """Fits structures of one set of experiments, warm-started from each other."""
+
+    def __init__(
+        self,
+        experiments: Sequence[Experiment],
+        *,
+        torque: Torque,
+        outputs: Sequence[str],
+        forced: Sequence[str] = (),
+        excluded: Sequence[str] = (),
+        narrow: Mapping[str, Mapping[str, object]] | None = None,
+        search: Mapping[str, object] | None = None,
+    ) -> None:
+        self.experiments, self.torque, self.outputs = experiments, torque, tuple(outputs)
+        self.forced = tuple(forced)
+        self.candidates = tuple(name for name in CANDIDATES if name not in excluded and name not in forced)
+        self.narrow = narrow or {}
+        self.band_limited = False
+        """Whether the set point between its samples is taken for a band-limited signal."""
+        self.elsewhere: list[dict[str, float]] = []
+        """Ends of other starts that fit nearly as well as the best one."""
+        self.options = {
+            "weighting": "determinant",
+            "noise": "ar",
+            "max_evaluations": MOST_EVALUATIONS,
+            "tolerance": 1e-10,
+        }
+        self.options |= dict(search or {})
+
+    def structure(self, elements: Sequence[str]) -> Structure:
+        """Return the ship with these elements, narrowed as the user asks."""
+        made = Structure.ship(
+            elements, torque=self.torque, outputs=self.outputs, products="dX" not in self.outputs
+        )
+        for verb, given in self.narrow.items():
+            known = {name: value for name, value in given.items() if name in made.names}
+            made = getattr(made, f"with_{verb}")(**known)
+        return made
+
+    def search(self, elements: Sequence[str]) -> Search:
+        """Return the search of a structure over all experiments."""
+        structure = self.structure(elements)
+        blocks = tuple(
+            Block.build(one, structure, offsets=False, initial_state=True, weigh=False)
+            for one in self.experiments
+        )
+        return Search(structure, blocks, **self.options)  # type: ignore[arg-type]
+
+    def first(self) -> Fitted:
+        """Fit the first structure from the data's own starts."""
+        elements = self.ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
+        search = self.search(elements)
+        ends: list[Minimum] = []
+        begins = starts(search.structure, self.experiments)
+        if "tau_prop" in begins[0] and "tau_n" not in {
+            **self.narrow.get("fixed", {}),
+            **self.narrow.get("prior", {}),
+        }:
+            # The inertia behind the gauge is part of the whole.
+            least = PART_BEHIND * min(values["tau_prop"] for values in begins)
+            upper = search.structure["tau_n"].upper
+            self.narrow = {**self.narrow, "bounds": {"tau_n": (least, max(2.0 * least, 1.2), upper)}}
+            search = self.search(elements)
+        for values in begins:
+            try:
+                ends.append(search.minimise(self._vector(search, values)))
+            except (IdentificationError, SimulationError) as error:
+                LOGGER.debug("identify: a start failed: %s", error)
+        if not ends:
+            raise IdentificationError(
+                "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
+            )
+        ends.sort(key=lambda end: end.criterion)
+        self.elsewhere = _apart(search, ends)
+        search, best = self._interpolated(elements, search, ends[0])
+        if _is_exact(search, best):
+            # Nothing but rounding is left, which no noise model describes.
+            self.options["noise"] = "white"
+            search = replace(search, noise="white")
+        return Fitted(elements, search, search.refine(best))
+
+    def _interpolated(self, elements: Sequence[str], search: Search, best: Minimum) -> tuple[Search, Minimum]:
+        """Take the set point between its samples for what the outputs follow: straight lines, or a band-limited signal."""
+        smoothed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
+        straight, self.experiments = self.experiments, smoothed
+        other = self.search(elements)
+        try:
+            trial = other.minimise(best.vector)
+        except (IdentificationError, SimulationError) as error:
+            LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
+        else:
+            if trial.criterion < best.criterion - TOLD:
+                self.band_limited = True
+                return other, trial
+        self.experiments = straight
+        return search, best
+
+    def with_elements(
+        self,
+        origin: Fitted,
+        elements: Sequence[str],
+        begin: Mapping[str, float] | None = None,
+        worth: float = np.inf,
+    ) -> Fitted | None:
+        """Fit other elements with the weights of a fit, from its end; None where that can't be simulated.
+
+        `begin` holds the start of a new element's parameter; otherwise all of `STARTS` are tried. A fit that can't get
+        its cost below `worth` is given up.
+        """
+        ordered = self.ordered(elements)
+        search = replace(self.search(ordered), weights=origin.minimum.noise, enough=TRIAL_FALL, worth=worth)
+        if set(ordered) & set(SLOW):
+            search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
+        values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
+            begin or {}
+        )
+        ends = []
+        for start in self._from(search, values):
+            try:
+                ends.append(search.minimise(start))
+            except (IdentificationError, SimulationError) as error:
+                LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
+        return Fitted(ordered, search, min(ends, key=cost)) if ends else None
+
+    def promise(self, origin: Fitted, name: str) -> Promise:
+        """Return what an element promises beside a fit."""
+        return promise(name, origin.search, origin.minimum, self.structure((*origin.elements, name)))
+
+    def refined(self, fitted: Fitted) -> Fitted:
+        """Fit weights and noise models of its own to a structure."""
+        slow = set(fitted.elements) & set(SLOW)
+        enough, intervals = (
+            (SLOW_FALL, "symmetric") if slow else (None, str(self.options.get("intervals", "profile")))
+        )
+        search = replace(
+            fitted.search,
+            weights=None,
+            enough=enough,
+            intervals=intervals,
+            worth=np.inf,
+            max_evaluations=MOST_EVALUATIONS,
+        )
+        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
+
+    def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
+        """Start vectors of a structure from another one's end, one for each start that a new element has."""
+        new = [name for name in search.names if name not in values]
+        first = self._vector(search, values)
+        vectors = [first]
+        # What an element did that goes is done by another delay, as well as that can.
+        gone = [values[name] for name in DELAYS if name in values and name not in search.names]
+        for name in DELAYS if gone else ():
+            if name in search.names and name in values:
+                vector = first.copy()
+                place = search.names.index(name)
+                vector[place] = np.clip(
+                    vector[place] + sum(gone), *(bound[place] for bound in search.bounds())
+                )
+                vectors.append(vector)
+        for name in new:
+            parameter = search.structure[name]
+            for start in STARTS.get(name, (parameter.start,)):
+                vector = first.copy()
+                vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
+                vectors.append(vector)
+        return vectors[1:] if new else vectors
+
+    def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
+        starts = {parameter.name: parameter.start for parameter in search.free}
+        vector = np.array([values.get(name, starts.get(name, 0.0)) for name in search.unknowns])
+        lower, upper = search.bounds()
+        return np.asarray(np.clip(vector, lower, upper))
+
+    def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
+        """Return elements in the table's order."""
+        return tuple(name for name in ELEMENTS if name in elements)
+
+
+def _is_exact(search: Search, minimum: Minimum) -> bool:
+    """Whether the residuals are rounding beside every output's spread: a simulation without noise."""
+    count, scatter = mean_scatter(minimum.sums)
+    spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
+    return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
+
+
+def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:
+    """Values at ends that fit nearly as well as the first and lie elsewhere."""
+    found: list[dict[str, float]] = []
+    delays = [place for place, name in enumerate(search.names) if name in DELAYS]
+    seen = [ends[0].vector]
+    for end in ends[1:]:
+        near = any((np.abs(end.vector - other)[delays] < NEARBY_S).all() for other in seen)
+        if end.criterion - ends[0].criterion < NEARLY and not near:
+            found.append(dict(zip(search.unknowns, map(float, end.vector), strict=True)))
+            seen.append(end.vector)
+    return found
+
+
+def cost(fitted: Fitted | Minimum) -> float:
+    """Return the weighted sum of squares of a minimum with given weights."""
+    return (fitted.minimum if isinstance(fitted, Fitted) else fitted).criterion

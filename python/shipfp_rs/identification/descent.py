@@ -1,0 +1,164 @@
+"""Damped Gauss-Newton steps to a minimum, each point's weights those of its own residuals."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.identification.variable_projection import Elimination
+from shipfp_rs.identification.weighted_problem import Noise, WeightedProblem, mean_scatter
+from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
+from shipfp_rs.support.arrays import Array
+
+FAR_DAMPING, NEAR_DAMPING = 0.1, 1e-3
+"""Damping of the first step far from a minimum and near one, as a part of each column's square."""
+LEAST_DAMPING = 1e-5
+"""Damping below which a step is a plain Gauss-Newton one."""
+MOST_DAMPING = 1e6
+"""Damping at which no step is worth another try."""
+EASIER, HARDER = 0.1, 5.0
+"""Factors of the damping after a step that kept its promise, and one that did not."""
+GOOD, POOR = 0.75, 0.25
+"""Parts of the promised fall from which on a step kept its promise, and below which it did not."""
+
+HOPE = 3.0
+"""How much farther than promised the deviance may fall."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Where a descent ended: the unknowns that are searched, the weights there, the passes it took."""
+
+    kept: Array
+    noise: Noise
+    passes: int
+    limit: str
+    """Which limit stopped it; empty where none did."""
+    settled: bool = False
+    """Whether no step promises more than was asked for."""
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A point with the weights of its own residuals, and what is minimised."""
+
+    point: Point
+    noise: Noise
+    objective: float
+
+
+def descend(
+    problem: WeightedProblem,
+    elimination: Elimination,
+    kept: Array,
+    noise: Noise,
+    *,
+    reweighs: bool,
+    near: bool,
+    enough: float,
+    worth: float = np.inf,
+    max_evaluations: int,
+    time_limit_s: float | None = None,
+    tick: Callable[[], None] | None = None,
+) -> Reached:
+    """Descend to where a step promises less than `enough` of the deviance, or too little to get below `worth`.
+
+    With weights that follow the residuals (`reweighs`) the deviance is N ln det of their scatter, whose Gauss-Newton
+    step is that of the sum of squares weighted by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974,
+    section 5-10): every step has the weights of the point where it starts, and none is taken that the deviance does
+    not fall by. From a start that is not `near` a minimum the first steps are short. Steps follow the problem's own
+    valley (`Equations.curved`).
+
+    Raises
+    ------
+    IdentificationError
+        Where the start can't be simulated.
+    """
+    walk = _Walk(problem, elimination, reweighs, tick)
+    until = np.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    try:
+        place = walk.at(kept, noise)
+    except (SimulationError, ArithmeticError, np.linalg.LinAlgError) as error:
+        raise IdentificationError(f"the start vector can't be evaluated: {error}; choose another") from None
+    damping = NEAR_DAMPING if near else FAR_DAMPING
+    while True:
+        promise = gauss_newton_step(place.point, walk.bounds).promise
+        hopeless = HOPE * promise < place.objective - worth
+        if promise < enough or hopeless or damping > MOST_DAMPING:
+            return Reached(place.point.vector, place.noise, walk.passes, "", promise < enough)
+        if walk.passes >= max_evaluations:
+            return Reached(place.point.vector, place.noise, walk.passes, f"{walk.passes} evaluations")
+        if time.monotonic() > until:
+            return Reached(place.point.vector, place.noise, walk.passes, f"{time_limit_s:.3g} s")
+        trial, kept_promise = walk.tried(place, damped_step(place.point, walk.bounds, damping))
+        damping = next_damping(damping, kept_promise)
+        place = trial or place
+
+
+def next_damping(damping: float, kept_promise: float) -> float:
+    """Return the damping of the step after one that kept such a part of its promise, none or less where it failed."""
+    if kept_promise > GOOD:
+        return damping * EASIER if damping > LEAST_DAMPING else 0.0
+    if kept_promise < POOR:
+        return max(damping * HARDER, LEAST_DAMPING if kept_promise > 0.0 else NEAR_DAMPING)
+    return damping
+
+
+def damped_step(point: Point, bounds: Bounds, damping: float) -> Step:
+    """Return the Gauss-Newton step with so much of each column's square added to the diagonal of J'J."""
+    if damping == 0.0:
+        return gauss_newton_step(point, bounds)
+    norm = np.linalg.norm(point.jacobian, axis=0)
+    rows = np.diag(np.sqrt(damping) * np.where(norm > 0.0, norm, 1.0))
+    residual = np.concatenate([point.residual, np.zeros(len(norm))])
+    return gauss_newton_step(
+        Point(point.vector, residual, np.vstack([point.jacobian, rows]), point.cost), bounds
+    )
+
+
+class _Walk:
+    """Points of a problem, evaluated with the weights of their own residuals."""
+
+    def __init__(
+        self,
+        problem: WeightedProblem,
+        elimination: Elimination,
+        reweighs: bool,
+        tick: Callable[[], None] | None,
+    ) -> None:
+        self._problem, self._elimination, self._reweighs, self._tick = problem, elimination, reweighs, tick
+        lower, upper = problem.bounds()
+        self.bounds = Bounds(lower[~problem.linear], upper[~problem.linear])
+        self.passes = 0
+
+    def at(self, kept: Array, noise: Noise) -> _Place:
+        """Evaluate a vector; raises `SimulationError` where it can't be simulated."""
+        if self._tick is not None:
+            self._tick()
+        self.passes += 1
+        problem = self._problem
+        problem.require_stable(kept)
+        objective = None
+        if self._reweighs:
+            vector, sums = self._elimination.complete(kept, noise)
+            own = problem.priors(vector)[:, -1]
+            noise, objective = problem.noise_at(vector, noise, *mean_scatter(sums))
+            objective += float(own @ own)
+        residual, jacobian = self._elimination(kept, noise)
+        cost = float(residual @ residual)
+        return _Place(Point(kept, residual, jacobian, cost), noise, cost if objective is None else objective)
+
+    def tried(self, place: _Place, step: Step) -> tuple[_Place | None, float]:
+        """Return the place behind a step, None where the deviance is no lower there, and the part of the promise kept."""
+        vector = self.bounds.clip(self._problem.curved(place.point.vector, step.step))
+        try:
+            trial = self.at(vector, place.noise)
+            residual, _ = self._elimination(vector, place.noise)
+        except (SimulationError, ArithmeticError, np.linalg.LinAlgError):
+            return None, -1.0
+        fall = place.point.cost - float(residual @ residual)
+        return (trial if trial.objective < place.objective else None), fall / max(step.promise, 1e-300)

@@ -1,0 +1,151 @@
+"""One estimate and what the data tell of all of them: the parts of a fingerprint, and their rounding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
+
+STATUS: Mapping[str, str] = {
+    "free": "estimated",
+    "fixed": "given",
+    "prior": "estimated, with prior",
+    "at_bound": "on its bound",
+    "unidentifiable": "not identifiable",
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter or combination: value, standard deviation, 95 % interval, unit, status.
+
+    `value`, `std` and `ci95` are None where the data do not determine them; `reason` then says why.
+    """
+
+    value: float | None
+    std: float | None = None
+    ci95: tuple[float, float] | None = None
+    unit: str = "-"
+    status: Status = "free"
+    reason: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "value": self.value,
+            "std": self.std,
+            "ci95": None if self.ci95 is None else list(self.ci95),
+            "unit": self.unit,
+            "status": self.status,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Numerical rank of the sensitivities at the estimate, and the directions that the data leave open.
+
+    `null_space` holds one entry a direction: {"combination": text, "direction": {parameter: relative change}};
+    `closes_gap` the parameters any of which, once known, makes the rest identifiable.
+    """
+
+    rank: int
+    free: int
+    condition: float
+    null_space: tuple[Mapping[str, Any], ...] = ()
+    closes_gap: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "rank": self.rank,
+            "free": self.free,
+            "condition": self.condition if math.isfinite(self.condition) else None,
+            "null_space": [dict(entry) for entry in self.null_space],
+            "closes_gap": list(self.closes_gap),
+        }
+
+
+def estimate_of(entry: dict[str, Any]) -> Estimate:
+    """Return the estimate of its JSON form."""
+    status = entry["status"]
+    if status not in get_args(Status):
+        raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
+    interval = entry["ci95"]
+    return Estimate(
+        value=_figure(entry, "value"),
+        std=_figure(entry, "std"),
+        ci95=None if interval is None else (_end(interval[0], -math.inf), _end(interval[1], math.inf)),
+        unit=entry["unit"],
+        status=status,
+        reason=entry["reason"],
+    )
+
+
+def _figure(entry: Mapping[str, Any], key: str) -> float | None:
+    value = entry[key]
+    if value is not None and (
+        isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e100
+    ):
+        raise ValueError(f"{key}: {str(value)[:40]!r}, expected a number or null")
+    return value
+
+
+def _end(value: float | None, open_end: float) -> float:
+    """End of an interval; null in JSON is none."""
+    return open_end if value is None else float(value)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
+
+    name: str
+    value: str
+    std: str
+    low: str
+    high: str
+    unit: str
+    status: str
+    reason: str
+    truth: str = ""
+    holds_truth: bool | None = None
+
+
+def rounded_rows(
+    estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
+) -> Iterator[Row]:
+    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
+    for name, estimate in estimates.items():
+        places = decimals(estimate.std)
+        real = (truth or {}).get(name)
+        low, high = estimate.ci95 if estimate.ci95 is not None else (None, None)
+        yield Row(
+            name=name,
+            value=rounded(estimate.value, places),
+            std=rounded(estimate.std, places),
+            low=rounded(low, places),
+            high=rounded(high, places),
+            unit=estimate.unit,
+            status=STATUS[estimate.status],
+            reason=estimate.reason,
+            truth=rounded(real, places),
+            holds_truth=None if real is None or low is None or high is None else low <= real <= high,
+        )
+
+
+def decimals(std: float | None) -> int | None:
+    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
+    if not std or not math.isfinite(std):
+        return None
+    return min(max(1 - math.floor(math.log10(std)), 0), 9)
+
+
+def rounded(value: float | None, places: int | None) -> str:
+    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
+    if value is None:
+        return ""
+    return f"{value:.4g}" if places is None else f"{value:.{places}f}"

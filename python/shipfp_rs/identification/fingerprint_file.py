@@ -1,0 +1,91 @@
+"""The layout of `fingerprint.json`, held against what a file holds before anything is made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+TABLES = (
+    "parameters",
+    "derived",
+    "identifiability",
+    "fit",
+    "structure",
+    "settings",
+    "versions",
+    "covariance",
+)
+OPTIONAL_TABLES = ("residuals", "elements", "adequate", "si")
+ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
+"""Tables of tables."""
+
+
+def require_layout(content: Mapping[str, Any]) -> None:
+    """Raise `ValueError`, a line about one key, where a file is not laid out as a fingerprint is."""
+    for key in (*TABLES, *(key for key in OPTIONAL_TABLES if key in content)):
+        _table(content[key], key)
+    for key in ROWS:
+        for name, row in content.get(key, {}).items():
+            _table(row, f"{key}.{name}")
+    for key in ("parameters", "derived"):
+        for name, row in content[key].items():
+            for text in ("unit", "status", "reason"):
+                _require(isinstance(row[text], str), f"{key}.{name}.{text}", row[text], "a text")
+            _require_interval(f"{key}.{name}.ci95", row["ci95"])
+    vessel, structure = content["vessel"], content["structure"]
+    _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
+    for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
+        _table(row, f"structure.parameters.{name}")
+    _require(isinstance(structure.get("name", ""), str), "structure.name", structure.get("name"), "a text")
+    outputs = structure.get("outputs", [])
+    texts = isinstance(outputs, list) and all(isinstance(output, str) for output in outputs)
+    _require(texts, "structure.outputs", outputs, "a list of texts")
+    for key, kind in (("verdict", str), ("data", dict)):
+        entries = content[key]
+        _require(
+            isinstance(entries, list) and all(isinstance(one, kind) for one in entries),
+            key,
+            entries,
+            "a list",
+        )
+    _require_covariance(content["covariance"], content["parameters"])
+
+
+def _require_interval(key: str, ends: object) -> None:
+    fits = ends is None or (
+        isinstance(ends, list) and len(ends) == 2 and all(end is None or _is_number(end) for end in ends)
+    )
+    _require(fits, key, ends, "null or two numbers")
+
+
+def _require_covariance(table: Mapping[str, Any], parameters: Mapping[str, Any]) -> None:
+    names, matrix = table.get("names", []), table.get("matrix", [])
+    known = isinstance(names, list) and all(isinstance(name, str) and name in parameters for name in names)
+    _require(known, "covariance.names", names, "names of parameters")
+    square = (
+        isinstance(matrix, list)
+        and len(matrix) == len(names)
+        and all(_is_row(row, len(names)) for row in matrix)
+    )
+    _require(square, "covariance.matrix", matrix, f"{len(names)} rows of as many numbers")
+
+
+def _is_row(row: object, size: int) -> bool:
+    return isinstance(row, Sequence) and len(row) == size and all(map(_is_number, row))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e100
+
+
+def _table(found: Any, key: str) -> Mapping[str, Any]:
+    _require(isinstance(found, dict), key, found, "a table")
+    return dict(found)
+
+
+def _require(holds: bool, key: str, found: object, expected: str) -> None:
+    if not holds:
+        shown = repr(found)
+        raise ValueError(
+            f"{key}: found {shown if len(shown) < 60 else shown[:57] + '...'}, expected {expected}"
+        )

@@ -1,0 +1,221 @@
+"""What an element promises beside a fit without it, by a score test, and what leaving it out does to the estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.blocks import Evaluation, prewhiten
+from shipfp_rs.identification.weighted_problem import Minimum, WeightedProblem
+from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.ship import TORQUE_SCALE, ShipEquations
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import bare
+from shipfp_rs.support.arrays import Array
+
+FALSE_ALARM = 0.01
+"""Probability that any element is taken on that does not act, if the model is right otherwise."""
+REJECTED = 0.05
+"""Probability below which an alternative structure is rejected: its intervals then do not count."""
+STARTS: Mapping[str, tuple[float, ...]] = {
+    "T_d": (0.02,),
+    "T_set": (0.05,),
+    "tau_act": (0.03, 0.12),
+    "tau_twist": (1e-3, 4e-3),
+    "T_M": (2e-3,),
+    "T_n": (2e-3,),
+    "T_s": (0.0137,),
+}
+"""Where the search for a new element's parameter starts."""
+BESIDE: Mapping[str, tuple[dict[str, float], ...]] = {
+    "twist": ({"zeta_twist": 0.2}, {"zeta_twist": 1.5}),
+    "sampling": ({"update": 0.0}, {"update": 1.0}),
+}
+"""Where an element's other parameters start, each with all starts of the first one."""
+SMALL = 0.1
+"""Part of an element's start by which its effect is judged to first order."""
+LEVELS = (0.98, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5)
+"""Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
+PHASES = 4
+"""Times within a sampling period at which the governor may sample, over which its effect is averaged."""
+PROPELLER_PART = 0.3
+"""Part of the inertia that is taken to be the propeller's where no torque between the two tells it."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What an element promises: the fall of the deviance, from which start, and how strongly it may act at 95 %."""
+
+    fall: float
+    start: Mapping[str, float]
+    limit: float | None
+    neglect: tuple[Neglect, ...] = ()
+
+
+@dataclass(frozen=True)
+class Neglect:
+    """What leaving an element out does to the estimates, to first order in its strength."""
+
+    estimate: float
+    """Strength that the residuals ask for, which may be below zero."""
+    deviation: float
+    """Standard deviation of that strength."""
+    shift: Mapping[str, float]
+    """Change of each parameter for a unit of strength."""
+    power: int = 1
+    """What the residuals see grows with this power of the strength; estimate and deviation are of that power."""
+
+
+def threshold(candidates: int, probability: float = FALSE_ALARM) -> float:
+    """Return the fall of the deviance that takes an element on.
+
+    An element that is off stands on a bound, so half of its chance is at zero (Chernoff 1954, Self and Liang 1987); the
+    probability is shared among the candidates (Bonferroni).
+    """
+    return float(chi2.isf(2.0 * probability / candidates, 1))
+
+
+def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structure) -> Promise:
+    """Return what an element promises beside a fit; `made` is the structure with it.
+
+    Rao's score test, with the change of the outputs that a start makes in place of the derivative, which a torque
+    limit does not have: of the change D, cleared of what the fit's own unknowns explain, the residual e explains
+    (D'e)^2 / D'D. Elements that would have to act the other way promise nothing.
+    """
+    main = ELEMENTS[name].parameters[0]
+    firsts = _levels(search, minimum) if name == "torque_limit" else STARTS.get(main.name, (main.start,))
+    begins = [{main.name: start, **beside} for beside in BESIDE.get(name, ({},)) for start in firsts]
+    others = {parameter.name: parameter.start for parameter in made.parameters}
+    others["tau_prop"] = PROPELLER_PART * search.values(minimum.vector)["tau_n"]
+    gram = np.zeros((search.size + 1 + len(begins),) * 2)
+    parts = search.parts(search.filtered(minimum.vector, minimum.noise), minimum.noise)
+    for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
+        experiment = block.data
+        assert isinstance(experiment, Experiment)
+        still = search.structure.equations.simulate(values, experiment)
+        changes = np.zeros((len(begins), *still.shape))
+        for change, begin in zip(changes, begins, strict=True):
+            try:
+                if name == "torque_limit":
+                    change[:] = _limited(search.structure, values, experiment, begin[main.name]) - still
+                elif name == "sampling":
+                    change[:] = _sampled(made.equations, values, experiment, begin) - still
+                else:
+                    # A small step: what the others take over of a large one, they don't to first order.
+                    full = {**others, **values, **begin, main.name: SMALL * begin[main.name]}
+                    change[:] = (made.equations.simulate(full, experiment) - still) / SMALL
+            except SimulationError:
+                continue
+        changed = Evaluation(np.zeros_like(still), changes * block.valid, block.valid)
+        if minimum.noise.models is not None:
+            changed = prewhiten(changed, minimum.noise.models)
+        rows = np.concatenate([part, minimum.noise.root @ changed.jacobian])
+        flat = rows.reshape(len(rows), -1)
+        gram += flat @ flat.T
+    # With a dead time beside it, which takes over half its period, a sampling governor shows to second order only.
+    power = 2 if name == "sampling" and "T_d" in search.names else 1
+    starts = tuple(begin[main.name] for begin in begins)
+    return _best_promise(gram, search.unknowns, begins, starts, falling=name == "torque_limit", power=power)
+
+
+def _levels(search: WeightedProblem, minimum: Minimum) -> tuple[float, ...]:
+    """Levels of a torque limit near the top of what the engine gives in the fit without one."""
+    top = -np.inf
+    for block, values in search.each(minimum.vector):
+        assert isinstance(block.data, Experiment)
+        top = max(top, float(np.max(_engine_torque(search.structure, values, block.data))))
+    return tuple(1.0 + share * top for share in LEVELS)
+
+
+def _engine_torque(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> Array:
+    """Deviation of the engine's own torque, shape (N,)."""
+    equations = bare(structure.equations)
+    assert isinstance(equations, ShipEquations)
+    engine = replace(equations, outputs=("dM",), gauge=False)
+    return np.asarray(engine.simulate({**values, TORQUE_SCALE: 0.0}, experiment)[0])
+
+
+def _limited(
+    structure: Structure, values: Mapping[str, float], experiment: Experiment, level: float
+) -> Array:
+    """Outputs with the torque limited, to first order: what is above the level is a load that slows the shaft down."""
+    equations = bare(structure.equations)
+    assert isinstance(equations, ShipEquations)
+    above = np.maximum(1.0 + _engine_torque(structure, values, experiment) - level, 0.0)
+    outputs = equations.simulate_loaded(values, experiment, above)
+    if "dM" in equations.outputs:
+        outputs[equations.outputs.index("dM")] -= (1.0 + values[TORQUE_SCALE]) * above
+    return outputs
+
+
+def _best_promise(
+    gram: Array,
+    names: Sequence[str],
+    begins: Sequence[Mapping[str, float]],
+    starts: Sequence[float],
+    *,
+    falling: bool,
+    power: int = 1,
+) -> Promise:
+    """Judge each start from the products of [-J, e, D1, D2, ...].
+
+    A limit of an effect in proportion to its parameter follows from its estimate and deviation; of one that acts the
+    more, the lower it is, it is the highest level that the residual contradicts.
+    """
+    unknowns = len(names)
+    own, residual = slice(0, unknowns), unknowns
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    unit = gram / np.outer(size, size)
+    inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
+    best, begin, limit = 0.0, begins[0], None
+    neglects: list[Neglect] = []
+    for place, start in enumerate(starts, start=unknowns + 1):
+        along = unit[own, place]
+        across = (
+            (unit[place, residual] - along @ inverse @ unit[own, residual]) * size[place] * size[residual]
+        )
+        left = (1.0 - along @ inverse @ along) * size[place] ** 2
+        if gram[place, place] <= 0.0 or left < 1e-9 * size[place] ** 2:
+            continue
+        share, deviation = across / left, left**-0.5
+        # What the element does along the unknowns, they take over with the other sign.
+        taken = (inverse @ along) * size[place] / size[own]
+        if falling:
+            if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
+                limit = start if limit is None else max(limit, start)
+            # Its effect is not in proportion to anything: it is there as a whole, or not.
+            fall = left * (2.0 * share - 1.0)
+        else:
+            fall = share * across if share > 0.0 else 0.0
+        if not falling and start == starts[0]:
+            # The least start is where what is seen grows in proportion.
+            top = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
+            limit = top if limit is None else max(top, limit)
+            shift = dict(zip(names, map(float, taken / start), strict=True))
+            if "T_s" in begins[0] and "T_d" in shift:
+                shift["T_d"] -= 0.5
+            seen = float(share * start**power), float(deviation * start**power)
+            neglects.append(Neglect(*seen, shift, power))
+        if fall > best:
+            best, begin = float(fall), begins[place - unknowns - 1]
+    return Promise(best, begin, limit, tuple(neglects))
+
+
+def _sampled(
+    equations: Equations, values: dict[str, float], experiment: Experiment, begin: Mapping[str, float]
+) -> Array:
+    """Outputs with a governor that samples, averaged over when it does; half its period is taken off a dead time."""
+    period = begin["T_s"]
+    if "T_d" in values:
+        values = {**values, "T_d": max(values["T_d"] - 0.5 * period, 0.0)}
+    phases = [
+        equations.simulate({**values, **begin, "T_0": period * phase / PHASES}, experiment)
+        for phase in range(PHASES)
+    ]
+    return np.asarray(np.mean(phases, axis=0))

@@ -1,0 +1,63 @@
+"""Which faults an inspection looked for in which channels: a log that stands alone does not say what its channels are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from shipfp_rs.inspection.channels import ChannelReport
+from shipfp_rs.logs.faults.record import KINDS
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_channels import Rack, Torque
+
+OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated")
+"""Faults of level, told by the samples of any channel that is no pulse train."""
+OF_A_TRAIN = ("gap",)
+OF_ROLES: Mapping[str, tuple[str, ...]] = {
+    "set_point": ("D1", "D2", "D3"),
+    "torque": ("C", "sign"),
+    "rack": ("spike",),
+    "train": ("A", "B", "faint"),
+}
+"""Faults that only a channel of this role can have; a trial names the roles."""
+
+
+def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[str, Any]:
+    """Return the JSON form: "channels", name to kinds of fault, and "left_out", kinds that were looked for in none."""
+    found = {
+        report.channel.name: [*(OF_ANY if report.pulses_hz is None else OF_A_TRAIN)]
+        for report in reports
+        if report.channel.samples
+    }
+    if trial is not None:
+        roles = {trial.channels.set_point.column: "set_point"}
+        roles |= {
+            sensor.column: "torque" if isinstance(sensor, Torque) else "rack"
+            for sensor in trial.channels.levels.values()
+            if isinstance(sensor, Torque | Rack)
+        }
+        roles |= {tacho.column: "train" for tacho in trial.channels.tachos.values() if tacho.kind == "pulses"}
+        for name, role in roles.items():
+            if name in found:
+                found[name] += OF_ROLES[role]
+    told = {kind for kinds in found.values() for kind in kinds}
+    left_out = [kind for kinds in OF_ROLES.values() for kind in kinds if kind not in told]
+    return {"channels": found, "left_out": left_out}
+
+
+def sentences(told: Mapping[str, Any], *, trial: bool) -> list[str]:
+    """Say it in words, channels with the same faults together."""
+    together: dict[tuple[str, ...], list[str]] = {}
+    for name, kinds in told["channels"].items():
+        together.setdefault(tuple(kinds), []).append(name)
+    lines = [
+        f"Looked for {', '.join(KINDS[kind] for kind in kinds)} in {', '.join(names)}."
+        for kinds, names in together.items()
+    ]
+    if told["left_out"] and not trial:
+        kinds = ", ".join(KINDS[kind] for kind in told["left_out"])
+        lines.append(
+            f"Not looked for: {kinds}; "
+            "a log does not tell which channel is what, its trial does (shipfp inspect LOG TRIAL.toml)"
+        )
+    return lines

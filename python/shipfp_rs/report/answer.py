@@ -1,0 +1,210 @@
+"""The first screen: what the fingerprint is good for, the ship, its loop, and one picture of model and measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from shipfp_rs import plot
+from shipfp_rs.assessment.si import QUANTITIES
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.estimate import Estimate, Row, decimals, rounded, rounded_rows
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.report.language import Say
+from shipfp_rs.report.markup import piece
+from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.support.arrays import Array
+
+SHOWN_S = (8.0, 30.0)
+"""Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
+ROUGH = 0.25
+"""Half of an interval over its value above which a parameter is told roughly."""
+RELATED = 0.9
+"""Correlation above which parameters are told roughly because of each other."""
+CHANNELS = ("T_M", "T_n", "T_0")
+"""Parameters of the measurement, no part of the ship."""
+OF_ELEMENTS = frozenset(parameter.name for element in ELEMENTS.values() for parameter in element.parameters)
+WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
+
+
+def answer(
+    fingerprint: Fingerprint,
+    experiments: Sequence[Experiment],
+    simulated: Sequence[Mapping[str, Any]],
+    loop: Mapping[str, Estimate],
+    pictures: Pictures,
+    say: Say,
+) -> Iterable[str]:
+    """Yield the verdict's first sentence, the ship and its loop beside a picture, and what can't be told."""
+    lead = fingerprint.usable or (fingerprint.verdict[0] if fingerprint.verdict else "")
+    tone = "bad" if lead.startswith("Not usable") else "warn" if ", except" in lead else "good"
+    yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone if lead else "")
+    parts = [_picture(experiments, simulated, pictures, say)]
+    if loop:
+        parts.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
+    right = Markup("\n").join(part for part in parts if part)
+    ship = piece("facts", say("The ship"), ship_rows(fingerprint, say))
+    yield piece("columns", [part for part in (ship, right) if part])
+    for line in open_questions(fingerprint, say):
+        yield piece("paragraph", line, "open")
+
+
+def interval(row: Row, estimate: Estimate, say: Say) -> str:
+    """Write an interval; one that begins on a bound has one end only."""
+    if estimate.ci95 is None:
+        return ""
+    if estimate.status == "at_bound" and estimate.value is not None:
+        below, above = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
+        return f"≤ {row.high}" if above >= below else f"≥ {row.low}"
+    return say("{low} to {high}", low=row.low, high=row.high)
+
+
+def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str]]:
+    """Return plain name, value with unit, interval, and the same in SI units, of each parameter of the ship."""
+    rows = []
+    known = dict(fingerprint.parameters)
+    if any(estimate.value is None for estimate in known.values()):
+        known |= fingerprint.derived
+    for row in rounded_rows(known):
+        if row.name in CHANNELS:
+            continue
+        estimate = known[row.name]
+        value = f"{row.value}\u00a0{unit_shown(row.unit)}".strip() if row.value else say.word(row.status)
+        told = interval(row, estimate, say) or (say.word(row.status) if row.value else "")
+        rows.append((say.name(row.name) or row.name, value, told, _in_si(fingerprint, row.name)))
+    return rows
+
+
+def _in_si(fingerprint: Fingerprint, symbol: str) -> str:
+    quantity = fingerprint.si.get(QUANTITIES.get(symbol, ""))
+    if quantity is None or quantity["unit"] in ("-", fingerprint[symbol].unit):
+        return ""
+    places = decimals(quantity["std"])
+    spread = "" if quantity["std"] is None else f" ± {rounded(1.96 * quantity['std'], places)}"
+    return f"{rounded(quantity['value'], places)}{spread} {unit_shown(quantity['unit'])}"
+
+
+def unit_shown(unit: str) -> str:
+    """Return a unit as a reader writes it; nothing for a ratio."""
+    return "" if unit == "-" else unit.replace("kg m2", "kg m²").replace("1/s2", "1/s²").replace("deg", "°")
+
+
+def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str]]:
+    """Return what a control engineer asks first: name, value with unit, interval, and what it means."""
+    meanings = {
+        "bandwidth": say("the speed follows the set point up to here"),
+        "phase margin": _damped(loop["phase margin"].value, say),
+        "gain margin": say("what the gains may grow by before the loop swings"),
+        "recovery time": say("until the speed stays within 5 % of a step of the set point"),
+    }
+    rows = []
+    for row in rounded_rows({name: loop[name] for name in WORTH if name in loop}):
+        estimate = loop[row.name]
+        value = (
+            f"{row.value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
+            if row.value
+            else say("none")
+        )
+        if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
+            value = say("without limit")
+        rows.append((say.word(row.name), value, interval(row, estimate, say), meanings[row.name]))
+    return rows
+
+
+def _damped(margin: float | None, say: Say) -> str:
+    if margin is None:
+        return ""
+    if margin >= 60.0:
+        return say("well damped")
+    return say("lively") if margin >= 30.0 else say("close to swinging")
+
+
+def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
+    """Return a line for what can't be told, or only roughly, and what would settle it."""
+    unknown = [
+        name
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None
+    ]
+    rough = [name for name, estimate in fingerprint.parameters.items() if _is_rough(name, estimate)]
+    lines = []
+    if unknown:
+        closing = fingerprint.identifiability.closes_gap
+        settled = say(
+            "Known from elsewhere (torsional calculation, factory test), any of {names} would settle it."
+        )
+        told = (
+            settled.format(names=_listed(closing, say))
+            if closing
+            else say("More excitation or another signal may.")
+        )
+        lines.append(say("Cannot be told: {names}.", names=_listed(unknown, say)) + " " + told)
+    if rough:
+        related = fingerprint.correlations
+        linked = [
+            name
+            for name in rough
+            if any(abs(related.get(name, {}).get(other, 0.0)) > RELATED for other in rough if other != name)
+        ]
+        line = say("Told only roughly: {names}.", names=_listed(rough, say))
+        if linked:
+            names = ", ".join(linked)
+            line += " " + say(
+                "Any one of {names}, known from elsewhere, would sharpen the others.", names=names
+            )
+        lines.append(line)
+    if not lines and fingerprint.parameters:
+        lines.append(say("Nothing is left open: the data tell every parameter that was asked for."))
+    return lines
+
+
+def _is_rough(name: str, estimate: Estimate) -> bool:
+    if estimate.ci95 is None or not estimate.value or estimate.status not in ("free", "prior"):
+        return False
+    low, high = estimate.ci95
+    # An element whose strength may be zero is told by how strong it is at most.
+    bounded = name in OF_ELEMENTS and low <= 0.0 <= high
+    return not bounded and 0.5 * (high - low) > ROUGH * abs(estimate.value)
+
+
+def _listed(symbols: Iterable[str], say: Say) -> str:
+    return ", ".join(f"{say.name(symbol) or symbol} ({symbol})" for symbol in symbols)
+
+
+def _picture(
+    experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], pictures: Pictures, say: Say
+) -> str:
+    """Draw the stretch of the first experiment in which its speed moves most, measured and modelled."""
+    if not experiments or not simulated or not simulated[0]:
+        return ""
+    experiment, model = experiments[0], dict(list(simulated[0].items())[:2])
+    stretch = _liveliest(experiment, np.asarray(next(iter(model.values())), dtype=np.float64))
+    return pictures.draw(
+        len(model),
+        partial(plot.fit, experiment, model, stretch_s=stretch),
+        say(
+            "{name}, {start} to {stop} s: measured, and the model's answer to the same set point.",
+            name=experiment.name,
+            start=f"{stretch[0]:.0f}",
+            stop=f"{stretch[1]:.0f}",
+        ),
+        width=NARROW,
+        height=2.1,
+    )
+
+
+def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:
+    """Return the stretch in which a model's output goes up and down most [s]."""
+    shortest, longest = SHOWN_S
+    length = min(max(experiment.duration / 20.0, shortest), longest, experiment.duration)
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(model)))])
+    begins = np.arange(0.0, experiment.duration - length + 1e-9, length / 4.0)
+    rows = np.rint(begins * experiment.rate_hz).astype(np.intp)
+    last = np.minimum(rows + round(length * experiment.rate_hz), len(way) - 1)
+    begin = float(begins[int(np.argmax(way[last] - way[rows]))])
+    return begin, begin + length

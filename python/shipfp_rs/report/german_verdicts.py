@@ -1,0 +1,122 @@
+"""Sentences of a fingerprint's verdict in German, by the pattern of the English ones."""
+
+from __future__ import annotations
+
+from shipfp_rs.report.german import ELEMENTS
+
+PHRASES: tuple[tuple[str, str], ...] = (
+    (
+        r"^Not usable, because the data tell no parameter by itself\.",
+        "Nicht brauchbar, weil die Daten keinen Parameter für sich bestimmen.",
+    ),
+    (
+        r"^Not usable, because the model misses (\S+) % of the response that the set point still explains\.",
+        r"Nicht brauchbar, weil dem Modell \1 % der Antwort fehlen, die der Sollwert noch erklärt.",
+    ),
+    (
+        r"^Usable for simulation and comparison, except where (.+) must be known alone\.",
+        r"Brauchbar für Simulation und Vergleich, außer wo \1 einzeln bekannt sein muss.",
+    ),
+    (
+        r"^Usable for simulation, control tuning and comparison: the data tell every parameter, but (.+) only roughly\.",
+        r"Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter, \1 aber nur grob.",
+    ),
+    (
+        r"^Usable for simulation, control tuning and comparison: the data tell every parameter\.",
+        "Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter.",
+    ),
+    (r"^Known only together: ", "Nur gemeinsam bekannt: "),
+    (r"^Known: ", "Bekannt: "),
+    (r"^Acting elements: ", "Wirkende Elemente: "),
+    (r"^Not found to act: ", "Keine Wirkung gefunden: "),
+    (r"^Not identifiable from these data: ", "Aus diesen Daten nicht bestimmbar: "),
+    (
+        r"^Undecided, with and without it the model fits as well: (.+); the intervals hold for both\.",
+        r"Unentschieden, mit und ohne passt das Modell gleich gut: \1; die Bereiche gelten für beide.",
+    ),
+    (
+        r"^The residuals show that something small is missing \((.+)\); every interval is widened by what that can do\.",
+        r"Die Residuen zeigen, dass etwas Kleines fehlt (\1); jeder Bereich ist um das erweitert, was das anrichten kann.",
+    ),
+    (
+        r"^The data tell (\d+) of (\d+) free parameters apart; the response stays the same along: ",
+        r"Die Daten unterscheiden \1 von \2 freien Parametern; die Antwort bleibt gleich entlang: ",
+    ),
+    (
+        r"^Any of these, known from elsewhere \(torsional calculation, factory test\), would settle the rest: ",
+        "Jedes davon, aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde den Rest klären: ",
+    ),
+    (
+        r"^The noise is not what was assumed: whitened residuals are still correlated in (.+), so the intervals may be too narrow\.",
+        r"Das Rauschen ist nicht wie angenommen: Geweißte Residuen hängen noch zusammen in \1; die Bereiche sind vielleicht zu schmal.",
+    ),
+    (
+        r"^The residuals contradict the structure (.+): the set point still explains some of (.+)\. Dynamics are missing, a dead "
+        r"time for instance; the intervals hold for the structure, not for the ship\.",
+        r"Die Residuen widersprechen der Struktur \1: Der Sollwert erklärt noch einen Teil von \2. Es fehlt Dynamik, etwa eine "
+        r"Totzeit; die Bereiche gelten für die Struktur, nicht für das Schiff.",
+    ),
+    (r"it explains (\S+) % of what was left", r"er erklärt \1 % des Rests"),
+    (
+        r"^The structure (.+) explains the data poorly \((.+)\): its intervals hold for the structure, not for the ship\.",
+        r"Die Struktur \1 erklärt die Daten schlecht (\2): Ihre Bereiche gelten für die Struktur, nicht für das Schiff.",
+    ),
+    (r"\bfit of (\w+)", r"Anpassung von \1"),
+    (
+        r"^v and g are left out: (.+) are those of the full structure times p / \(p - g\)\.",
+        r"v und g sind ausgelassen: \1 sind die der vollen Struktur mal p / (p - g).",
+    ),
+    (
+        r"^The search did not end in a minimum, so take no figure for an estimate: ",
+        "Die Suche endete in keinem Minimum, keine Zahl ist ein Schätzwert: ",
+    ),
+    (
+        r"^On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: (.+)\. The other intervals "
+        r"hold only if they are there\.",
+        r"Auf einer Grenze, also kein Schätzwert, sondern ein Zeichen, dass Struktur oder Grenzen nicht zu den Daten passen: \1. Die "
+        r"übrigen Bereiche gelten nur, wenn sie dort sind.",
+    ),
+    (
+        r"^On a bound that the data do not contradict, known from one side: ",
+        "Auf einer Grenze, der die Daten nicht widersprechen, von einer Seite bekannt: ",
+    ),
+    (r"only known together with ", "nur bekannt gemeinsam mit "),
+    (r"changes along what the data leave open: ", "ändert sich entlang dessen, was die Daten offen lassen: "),
+    (
+        r"the data allow everything between its bounds (\S+) and (\S+)",
+        r"die Daten erlauben alles zwischen den Grenzen \1 und \2",
+    ),
+    (r"too few samples for an uncertainty", "zu wenige Messwerte für eine Unsicherheit"),
+    (r"not told by a structure that fits as well", "nicht bestimmt von einer Struktur, die ebenso gut passt"),
+    (
+        r"on its lower bound (\S+); the data allow up to ",
+        r"auf seiner unteren Grenze \1; die Daten erlauben bis ",
+    ),
+    (
+        r"on its upper bound (\S+); the data allow down to ",
+        r"auf seiner oberen Grenze \1; die Daten erlauben hinab bis ",
+    ),
+    (r"pressed against its lower bound ", "an seine untere Grenze gedrückt, "),
+    (r"pressed against its upper bound ", "an seine obere Grenze gedrückt, "),
+    (
+        r"its standard deviation (\S+) says less than its bounds (\S+) to ",
+        r"seine Standardabweichung \1 sagt weniger als seine Grenzen \2 bis ",
+    ),
+    (r"the data do not depend on it", "die Daten hängen nicht davon ab"),
+    (r"the data only say that it is below ", "die Daten sagen nur: unter "),
+    (r"the data only say that it is above ", "die Daten sagen nur: über "),
+    (
+        r"the fit wants it beyond (\S+), where no ship is",
+        r"die Anpassung will ihn jenseits von \1, wo kein Schiff ist",
+    ),
+    *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
+    (r"(?<=\w) and (?=\w+ aber nur grob)", " und "),
+    (r" % of dn\b", " % der Drehzahl"),
+    (r" % of dM\b", " % des Drehmoments"),
+    (r" % of dX\b", " % der Füllung"),
+    (r"(?<=\d) to (?=-?\d)", " bis "),
+    (r" below (?=\d)", " unter "),
+    (r" above (?=\d)", " über "),
+    (r", (\w+) or (\w+)\b", r", \1 oder \2"),
+)
+"""Patterns of a fingerprint's sentences and what they become, one after the other."""

@@ -1,0 +1,54 @@
+"""The language of a report: English sentences are their own keys, German ones stand in one table."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from shipfp_rs.report.german import LABELS, SENTENCES, WORDS
+from shipfp_rs.report.german_verdicts import PHRASES
+from shipfp_rs.structures.names import Language, plain_name
+from shipfp_rs.support.checks import one_of
+
+LANGUAGES = ("en", "de")
+
+
+class Say:
+    """Says what a report has to say in one language.
+
+    Parameters
+    ----------
+    language
+        "en" or "de".
+    """
+
+    def __init__(self, language: Language = "en") -> None:
+        one_of("language", language, LANGUAGES)
+        self.language = language
+
+    def __call__(self, text: str, **values: Any) -> str:
+        """Return a sentence of the report, its names in braces filled in."""
+        said = SENTENCES[text] if self.language == "de" else text
+        return said.format(**values) if values else said
+
+    def word(self, text: str) -> str:
+        """Return a word or name that a fingerprint or an experiment holds; as it is where it has no translation."""
+        return WORDS.get(text, text) if self.language == "de" else text
+
+    def name(self, symbol: str) -> str:
+        """Return the plain name of a parameter or combination."""
+        return plain_name(symbol, self.language)
+
+    def label(self, text: str) -> str:
+        """Return the label of an axis or of a legend, its symbols and units as they are."""
+        for english, german in LABELS:
+            text = re.sub(rf"\b{re.escape(english)}\b", german, text) if self.language == "de" else text
+        return text
+
+    def sentence(self, text: str) -> str:
+        """Return a sentence of a fingerprint's verdict; as it is where none of the patterns is its own."""
+        if self.language == "en":
+            return text
+        for pattern, said in PHRASES:
+            text = re.sub(pattern, said, text)
+        return text

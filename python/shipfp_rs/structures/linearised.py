@@ -1,0 +1,192 @@
+"""The drive train linearised about its operating point: its loop exactly, its state space with dead times approximated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import comb, factorial
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.structures.linear_extended import DERIVATIVE_FILTER, ExtendedLinear, Place
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+Values = Mapping[str, float]
+Form = Array
+"""A signal as what it takes of each state and, last, of the set point."""
+
+KINDS = ("linear", "ship", "plant")
+"""Structures that have a linearisation in these terms."""
+MOST_STATES = 64
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + B dn_set, y = C x + D dn_set, with y the outputs in their order."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    outputs: tuple[str, ...]
+
+    def response(self, frequency_hz: npt.ArrayLike) -> ComplexArray:
+        """Return the response (O, F) at frequencies (F,) [Hz]."""
+        s = 2j * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        states = np.linalg.solve(s[:, None, None] * np.eye(len(self.A)) - self.A, self.B[:, None])[..., 0]
+        return np.asarray(self.C @ states.T + self.D[:, None], dtype=np.complex128)
+
+    def step(self, times: Array) -> Array:
+        """Return the outputs (O, N) after a step of the set point at time 0, at times (N,) [s]."""
+        poles, modes = np.linalg.eig(self.A)
+        parts = np.linalg.solve(modes, self.B)
+        grown = np.expm1(np.outer(poles, times)) * (parts / poles)[:, None]
+        return np.asarray((self.C @ modes @ grown).real + self.D[:, None])
+
+
+def require_linear(structure: Structure) -> None:
+    """Refuse a structure that has no linearisation in the terms of the linear drive train."""
+    if structure.settings.get("kind") not in KINDS:
+        raise InputError(
+            f"structure {structure.name!r} of the fingerprint is not linear, expected one of kind {', '.join(KINDS)}; "
+            "another has no poles"
+        )
+
+
+def loop_of(structure: Structure, values: Values) -> tuple[ExtendedLinear, dict[str, float]]:
+    """Return the transfer functions of a structure about its operating point, and the values by their names."""
+    require_linear(structure)
+    place: Place = "engine"
+    if structure.settings.get("speed") == "propeller" or structure.settings.get("propeller_speed"):
+        place = "propeller"
+    known = structure.complete(values)
+    known["p"] = known["p"] + known.pop("damping", 0.0)
+    return ExtendedLinear(structure.outputs, "tau_prop" in structure.names, place), known
+
+
+def open_loop(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -> ComplexArray:
+    """Return the open loop L (F,), dead times exact: minus the returned signal over the one sent round."""
+    equations, known = loop_of(structure, values)
+    s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+    return np.asarray(equations.return_difference(known, s) - 1.0)
+
+
+def state_space(structure: Structure, values: Values, order: int = 3) -> StateSpace:
+    """Return the linearisation as a state space from the set point to the outputs.
+
+    Parameters
+    ----------
+    structure
+        Linear, the ship or a vessel's plant.
+    values
+        Parameters by name.
+    order
+        Order of the Pade approximation of each dead time; a governor that samples and holds is late by half its period.
+
+    Raises
+    ------
+    InputError
+        For another structure.
+
+    Notes
+    -----
+    Without a twisting shaft tau_n dn/dt = M_b - p n, M_g = p n + tau_prop dn/dt; with one the engine's side
+    (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft tau_twist dM_g/dt = n_e - n_s, and tau_prop dn_s/dt = M_g - p n_s.
+    """
+    equations, q = loop_of(structure, values)
+    wiring = _Wiring(order)
+    set_point = wiring.delayed(wiring.set_point, q.get("T_set", 0.0))
+    n_e, error = wiring.state(), wiring.state()
+    v = q.get("v", 1.0)
+    gains = {name: q.get(f"v{name}", v * q.get(name, 0.0)) for name in ("K_p", "K_i", "K_d")}
+    wiring.rates[error] = set_point - wiring.form(n_e)
+    command = gains["K_p"] * (set_point - wiring.form(n_e)) + gains["K_i"] * wiring.form(error)
+    if gains["K_d"]:
+        command -= wiring.differentiated(wiring.form(n_e), gains["K_d"], gains["K_p"])
+    fuel = wiring.delayed(command, q.get("T_d", 0.0) + 0.5 * q.get("T_s", 0.0))
+    fuel = wiring.lagged(fuel, q.get("tau_act", 0.0))
+    brake = q["g"] * wiring.form(n_e) + fuel
+    tau_prop = q.get("tau_prop", 0.0)
+    if q.get("tau_twist"):
+        n_s, twist = wiring.state(), wiring.state()
+        gauge, propeller = wiring.form(twist), wiring.form(n_s)
+        wiring.rates[n_e] = (brake - gauge) / (q["tau_n"] - tau_prop)
+        wiring.rates[twist] = (wiring.form(n_e) - propeller) / q["tau_twist"]
+        wiring.rates[n_s] = (gauge - q["p"] * propeller) / tau_prop
+    else:
+        propeller = wiring.form(n_e)
+        wiring.rates[n_e] = (brake - q["p"] * propeller) / q["tau_n"]
+        gauge = q["p"] * propeller + tau_prop * wiring.rates[n_e]
+    speed = wiring.form(n_e) if equations.speed == "engine" else propeller
+    rows = {
+        "dn": wiring.delayed(speed, q.get("T_n", 0.0)),
+        "dM": wiring.delayed(gauge if equations.gauge else brake, q.get("T_M", 0.0)),
+        "dE": wiring.form(error),
+        "dX": fuel / v,
+    }
+    return wiring.built({output: rows[output] for output in equations.outputs})
+
+
+class _Wiring:
+    """Signals as forms of the states and the set point; states are added as they are needed."""
+
+    def __init__(self, order: int) -> None:
+        self.order = order
+        self.count = 0
+        self.rates: dict[int, Form] = {}
+        self.set_point = np.zeros(MOST_STATES + 1)
+        self.set_point[-1] = 1.0
+
+    def state(self) -> int:
+        self.count += 1
+        return self.count - 1
+
+    def form(self, state: int) -> Form:
+        row = np.zeros(MOST_STATES + 1)
+        row[state] = 1.0
+        return row
+
+    def lagged(self, signal: Form, time_constant: float) -> Form:
+        """Return a signal behind 1 / (1 + time_constant s)."""
+        if not time_constant:
+            return signal
+        state = self.state()
+        self.rates[state] = (signal - self.form(state)) / time_constant
+        return self.form(state)
+
+    def differentiated(self, signal: Form, gain: float, proportional: float) -> Form:
+        """Return gain s / (1 + T_f s) times a signal, with the filter of `ExtendedLinear`."""
+        filter_s = DERIVATIVE_FILTER * gain / proportional
+        return np.asarray(gain / filter_s * (signal - self.lagged(signal, filter_s)))
+
+    def delayed(self, signal: Form, dead_time: float) -> Form:
+        """Return a signal behind a dead time, its Pade approximation in states that count time in dead times."""
+        if not dead_time:
+            return signal
+        m = self.order
+        # Denominator from the highest power; the numerator's odd powers have the other sign.
+        late = np.array([comb(m, k) * factorial(2 * m - k) for k in range(m, -1, -1)], dtype=np.float64)
+        early = late * (-1.0) ** np.arange(m, -1, -1)
+        late, early = late / late[0], early / late[0]
+        direct = early[0]
+        rest = (early - direct * late)[1:]
+        states = [self.state() for _ in range(m)]
+        first = signal - sum((part * self.form(one) for part, one in zip(late[1:], states, strict=True)), 0.0)
+        self.rates[states[0]] = np.asarray(first / dead_time)
+        for one, before in zip(states[1:], states, strict=False):
+            self.rates[one] = self.form(before) / dead_time
+        told = direct * signal + sum(
+            (part * self.form(one) for part, one in zip(rest, states, strict=True)), 0.0
+        )
+        return np.asarray(told)
+
+    def built(self, outputs: Mapping[str, Form]) -> StateSpace:
+        """Return the state space of these outputs."""
+        rates = np.array([self.rates[state] for state in range(self.count)])
+        rows = np.array([*outputs.values()])
+        return StateSpace(
+            rates[:, : self.count], rates[:, -1], rows[:, : self.count], rows[:, -1], tuple(outputs)
+        )

@@ -1,0 +1,65 @@
+"""Plain names of parameters and combinations, in English and German, for tables and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+from shipfp_rs.structures import glossary
+
+Language = Literal["en", "de"]
+
+NAMES: Mapping[str, tuple[str, str]] = {
+    "tau_n": ("inertia time constant", "Zeitkonstante der Trägheit"),
+    "tau_prop": ("inertia time constant behind the gauge", "Zeitkonstante hinter der Messstelle"),
+    "g": ("slope of engine torque with speed", "Steigung des Motormoments über der Drehzahl"),
+    "v": ("slope of engine torque with fuel rack", "Steigung des Motormoments über der Füllung"),
+    "p": ("propeller exponent", "Exponent des Propellers"),
+    "K_p": ("proportional gain of the governor", "P-Beiwert des Reglers"),
+    "K_i": ("integral gain of the governor", "I-Beiwert des Reglers"),
+    "K_d": ("derivative gain of the governor", "D-Beiwert des Reglers"),
+    "vK_p": ("proportional gain of the loop", "P-Verstärkung des Kreises"),
+    "vK_i": ("integral gain of the loop", "I-Verstärkung des Kreises"),
+    "vK_d": ("derivative gain of the loop", "D-Verstärkung des Kreises"),
+    "T_d": ("dead time in the loop", "Totzeit im Kreis"),
+    "T_set": ("dead time of the set point", "Totzeit des Sollwerts"),
+    "T_s": ("sampling period of the governor", "Abtastzeit des Reglers"),
+    "T_0": ("first sample of the governor", "erster Abtastzeitpunkt des Reglers"),
+    "T_M": ("delay of the torque channel", "Verzug des Drehmomentkanals"),
+    "T_n": ("delay of the speed channel", "Verzug des Drehzahlkanals"),
+    "tau_act": ("lag of the fuel actuator", "Zeitkonstante des Stellglieds"),
+    "tau_twist": ("give of the shaft", "Nachgiebigkeit der Welle"),
+    "zeta_twist": ("damping of the twisting shaft", "Dämpfung der Wellenverdrehung"),
+    "misread": ("misreading of the speed", "Messfehler der Drehzahl im Regler"),
+    "damping": ("load damping", "Dämpfung der Last"),
+    "M_max": ("upper torque limit", "obere Momentengrenze"),
+    "rate": ("rate limit of the fuel rack", "Stellgeschwindigkeit der Füllung"),
+    "k_L": ("gain of the measured load", "Beiwert der gemessenen Last"),
+    "limit": ("factor on the torque envelope", "Faktor auf die Momentengrenzlinie"),
+    "inertia": ("moment of inertia", "Trägheitsmoment"),
+    "propeller_inertia": ("inertia behind the gauge", "Trägheitsmoment hinter der Messstelle"),
+    "dM_b(0)": ("torque over speed, slow", "Moment je Drehzahl, langsam"),
+    "dM_g(0)": ("torque over speed, slow", "Moment je Drehzahl, langsam"),
+    "dM_b(inf)": ("torque over set point, fast", "Moment je Sollwert, schnell"),
+    "dM_g(inf)": ("torque over set point, fast", "Moment je Sollwert, schnell"),
+    "K_p/K_i": ("reset time of the governor", "Nachstellzeit des Reglers"),
+    "p-g": ("self-regulation", "Selbstausgleich"),
+    "(p-g)/tau_n": ("corner of the shaft alone", "Eckfrequenz der Welle allein"),
+    "vK_p/tau_n": ("proportional gain over inertia", "P-Verstärkung je Trägheit"),
+    "vK_i/tau_n": ("integral gain over inertia", "I-Verstärkung je Trägheit"),
+    "tau_prop/tau_n": ("share of the inertia behind the gauge", "Anteil der Trägheit hinter der Messstelle"),
+    "(p-g)/(vK_i)": ("delay of slow motions", "Nacheilung langsamer Bewegungen"),
+    "(p-g)/(vK_i)+T_set": ("delay of slow motions in all", "Nacheilung langsamer Bewegungen insgesamt"),
+}
+"""Symbol, or figure of the loop, to its plain name in English and in German."""
+
+
+def plain_name(symbol: str, language: Language = "en") -> str:
+    """Return a symbol's plain name; the glossary's meaning where it has none, empty for a parameter of a user's own.
+
+    A joint structure's part stays behind the name: "inertia time constant (fast)".
+    """
+    own, bracket, part = symbol.partition(" (")
+    if own in NAMES:
+        return NAMES[own][language == "de"] + bracket + part
+    return glossary.meaning(symbol)

@@ -1,0 +1,57 @@
+"""What a structure with given parameters makes of an experiment, its unknown beginning fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
+
+CURVED, SETTLED = 30, 1e-9
+"""Steps at most to the initial state of a model that is not linear in it, and a step that is the last."""
+
+
+def simulated_about(
+    structure: Structure, values: Mapping[str, float], experiment: Experiment
+) -> Mapping[str, Array]:
+    """Return the normalised outputs by signal, the initial state and an offset of each fitted to what was measured.
+
+    Parameters
+    ----------
+    structure
+        The model.
+    values
+        Parameters by name.
+    experiment
+        Set point and measured outputs.
+
+    Returns
+    -------
+    dict
+        Signal name to normalised deviation, shape (N,).
+    """
+    signals = tuple(
+        structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
+    )
+    measured = structure.measured(experiment)
+    equations = structure.equations
+    offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
+    valid = np.isfinite(measured).all(axis=0)
+    state = dict.fromkeys(equations.states, 0.0)
+    # A linear model is linear in its initial state, too: one least-squares solution is exact.
+    for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
+        model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
+        basis = np.concatenate([slopes, offsets])
+        error = (measured - model)[:, valid]
+        weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
+        left = (basis[:, :, valid] * weight).reshape(len(basis), -1).T
+        fitted, *_ = np.linalg.lstsq(left, (error * weight).ravel(), rcond=None)
+        if not (np.abs(fitted[: len(state)]) > SETTLED).any():
+            break
+        state = {
+            name: value + float(step) for (name, value), step in zip(state.items(), fitted, strict=False)
+        }
+    return dict(zip(signals, model + np.tensordot(fitted, basis, axes=1), strict=True))

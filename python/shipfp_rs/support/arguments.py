@@ -1,0 +1,285 @@
+"""Arguments of public functions, held against their annotations: one line in place of an error from deep within."""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import inspect
+import math
+import numbers
+import sys
+import types
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+LOOKED_AT = 1000
+"""Entries of a sequence that are held against its annotation; arrays are checked where they are taken on."""
+PLAIN: Mapping[Any, str] = {
+    float: "a number",
+    int: "a whole number",
+    str: "a text",
+    bool: "True or False",
+    type(None): "None",
+}
+
+
+class _Range(Protocol):
+    words: str
+
+    def __call__(self, value: Any) -> bool: ...
+
+
+class _Positive:
+    words = "a positive number"
+
+    def __call__(self, value: Any) -> bool:
+        return bool(math.isfinite(value) and value > 0.0)
+
+
+class _AtLeast:
+    def __init__(self, least: int) -> None:
+        self.least, self.words = least, f"a whole number of {least} or more"
+
+    def __call__(self, value: Any) -> bool:
+        return bool(value >= self.least)
+
+
+Positive = Annotated[float, _Positive()]
+Count = Annotated[int, _AtLeast(1)]
+Whole = Annotated[int, _AtLeast(0)]
+
+
+def checked(function: F) -> F:
+    """Return a function that refuses arguments which its annotations exclude.
+
+    Values of a `Literal` are left to the function, whose own words name the nearest one; so is what an array holds.
+
+    Raises
+    ------
+    InputError
+        On a call with such an argument: the function, the argument, what was found and what was expected.
+    """
+    signature = inspect.signature(function)
+
+    @functools.cache
+    def hints() -> Mapping[str, Any]:
+        return _hints(function)
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError:
+            return function(*args, **kwargs)  # Python's own words for what is missing or too much
+        _require(function.__name__, given, hints(), signature.parameters)
+        return function(*args, **kwargs)
+
+    call.__kwdefaults__ = function.__kwdefaults__  # type: ignore[attr-defined]
+    return call  # type: ignore[return-value]
+
+
+def check_fields(made: Any, label: str) -> None:
+    """Refuse values of a dataclass that its annotations exclude; `label` says in errors which object it is."""
+    assert is_dataclass(made)
+    hints = _hints(made.__class__)
+    for field in fields(made):
+        value = getattr(made, field.name)
+        if not fits(value, hints.get(field.name, Any)):
+            where, found, expected = _culprit(field.name, value, hints[field.name])
+            raise InputError(f"{label}: {where} is {told(found)}, expected {words(expected)}")
+
+
+def _is_array(value: Any, kinds: str) -> bool:
+    """Whether NumPy makes numbers of a value; `kinds` are those of `numpy.dtype.kind` that will do."""
+    try:
+        given = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
+    if given.dtype.kind == "O":
+        # Whole numbers of any size, or None for what is missing, as pandas and JSON have it.
+        entries = [one for one in given.ravel() if one is not None]
+        return bool(entries) and all(isinstance(one, numbers.Real) for one in entries)
+    return given.dtype.kind in kinds
+
+
+@functools.cache
+def _hints(owner: Any) -> Mapping[str, Any]:
+    """Return the annotations; a name that only type checkers load is looked up among the public ones, or fits all."""
+    try:
+        return get_type_hints(owner, include_extras=True)
+    except NameError:
+        names = _Names(vars(inspect.getmodule(owner)))
+        annotations = inspect.get_annotations(owner)
+        return get_type_hints(
+            types.SimpleNamespace(__annotations__=annotations), {}, names, include_extras=True
+        )
+
+
+class _Names(dict[str, Any]):
+    """Names of a module, and beside them the package's public ones, which a type checker only may have loaded."""
+
+    def __missing__(self, name: str) -> Any:
+        if hasattr(builtins, name):
+            raise KeyError(name)
+        return getattr(sys.modules["shipfp_rs"], name, Any)
+
+
+def _require(
+    function: str,
+    given: Mapping[str, Any],
+    hints: Mapping[str, Any],
+    parameters: Mapping[str, inspect.Parameter],
+) -> None:
+    for name, value in given.items():
+        hint = hints.get(name, Any)
+        if parameters[name].kind is inspect.Parameter.VAR_KEYWORD:
+            entries = value.items()
+        elif parameters[name].kind is inspect.Parameter.VAR_POSITIONAL:
+            entries = [(name, one) for one in value]
+        else:
+            entries = [(name, value)]
+        for label, one in entries:
+            if fits(one, hint):
+                continue
+            other = next((key for key, v in given.items() if _swapped(name, key, one, v, hints)), None)
+            advice = f"; swap it with {other}" if other else ""
+            where, found, expected = _culprit(label, one, hint)
+            raise InputError(f"{function}: {where} is {told(found)}, expected {words(expected)}{advice}")
+
+
+def _culprit(label: str, value: Any, hint: Any) -> tuple[str, Any, Any]:
+    """Return the entry of a mapping or sequence that does not fit, with its place; the value itself if it is neither."""
+    for option in get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,):
+        origin, inner = get_origin(option), get_args(option)
+        if not inspect.isclass(origin):
+            continue
+        if issubclass(origin, Mapping) and isinstance(value, Mapping):
+            entries, kind = list(value.items()), inner[1]
+        elif issubclass(origin, Sequence) and origin is not tuple and isinstance(value, list | tuple):
+            entries, kind = list(enumerate(value)), inner[0]
+        else:
+            continue
+        for key, entry in entries:
+            if not fits(entry, kind):
+                return _culprit(f"{label}[{key!r}]", entry, kind)
+    return label, value, hint
+
+
+def _swapped(name: str, other: str, value: Any, its: Any, hints: Mapping[str, Any]) -> bool:
+    """Whether two arguments would both fit if each stood in the other's place."""
+    if name == other or other not in hints or name not in hints or its is None or value is None:
+        return False
+    return fits(value, hints[other]) and fits(its, hints[name])
+
+
+def fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of the type that an annotation names; an annotation that tells nothing fits all."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return True
+    if hint == npt.ArrayLike or origin is np.ndarray:
+        return _is_array(value, "biufc" if "complex" in str(hint) and origin is np.ndarray else "biuf")
+    if origin is Annotated:
+        return fits(value, inner[0]) and all(rule(value) for rule in inner[1:] if callable(rule))
+    if origin in (Union, types.UnionType):
+        return any(fits(value, one) for one in inner)
+    if origin is Literal:
+        return type(value) in {type(one) for one in inner}
+    if origin is tuple:
+        return _fits_tuple(value, inner)
+    if inspect.isclass(origin) and issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(
+            fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items()
+        )
+    if inspect.isclass(origin) and issubclass(origin, Sequence):
+        return _fits_sequence(value, inner[0])
+    if origin is Callable or hint is Callable:
+        return callable(value)
+    return _fits_plain(value, hint)
+
+
+def _fits_plain(value: Any, hint: Any) -> bool:
+    if hint is None or hint is type(None):
+        return value is None
+    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
+        value = value[()]
+    if hint is float:
+        return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+    if hint is int:
+        return isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_)
+    if hint is bool:
+        return isinstance(value, bool | np.bool_)
+    if inspect.isclass(hint) and not getattr(hint, "_is_protocol", False) and get_origin(hint) is None:
+        return isinstance(value, hint)
+    return True
+
+
+def _fits_sequence(value: Any, inner: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0 and (inner not in (float, int) or value.dtype.kind in "iuf")
+    if (
+        isinstance(value, str | bytes | Mapping)
+        or not hasattr(value, "__len__")
+        or not hasattr(value, "__iter__")
+    ):
+        return False
+    return all(fits(one, inner) for _, one in zip(range(LOOKED_AT), value, strict=False))
+
+
+def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
+    if not isinstance(value, tuple | list):
+        return False
+    if len(inner) == 2 and inner[1] is Ellipsis:
+        return all(fits(one, inner[0]) for one in value)
+    # Of another length is left to the function, which knows what its parts are called.
+    return all(map(fits, value, inner))
+
+
+def words(hint: Any) -> str:
+    """Return what an annotation asks for, as a sentence has it."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint == npt.ArrayLike or origin is np.ndarray:
+        return "an array of numbers" if "complex" in str(inner) else "an array of real numbers"
+    if hint in PLAIN or hint is None:
+        return PLAIN.get(hint, "None")
+    if origin is Annotated:
+        return next((rule.words for rule in inner[1:] if hasattr(rule, "words")), words(inner[0]))
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(words(one) for one in inner))
+    if origin is Literal:
+        return " or ".join(repr(one) for one in inner)
+    if inspect.isclass(origin) and issubclass(origin, Mapping):
+        return f"a mapping from {words(inner[0])} to {words(inner[1])}"
+    if origin is tuple and Ellipsis not in inner:
+        return f"({', '.join(words(one) for one in inner)})"
+    if origin is tuple or (inspect.isclass(origin) and issubclass(origin, Sequence)):
+        return f"a list, each {words(inner[0])}"
+    if origin is Callable or hint is Callable:
+        return "a function"
+    name = getattr(hint, "__name__", "")
+    return (
+        f"{'an' if name[:1] in 'AEIOUaeiou' else 'a'} {name}"
+        if inspect.isclass(hint)
+        else "an array of numbers"
+    )
+
+
+def told(value: Any) -> str:
+    """Return what was found, short."""
+    if value is None or isinstance(value, bool | numbers.Number | str):
+        shown = repr(value)
+        return shown if len(shown) <= 60 else f"{shown[:57]}..."
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype}"
+    if isinstance(value, list | tuple) and value and len({type(one) for one in value}) == 1:
+        return f"a {type(value).__name__} of {type(value[0]).__name__}"
+    name = type(value).__name__
+    return f"{'an' if name[:1] in 'AEIOUaeiou' else 'a'} {name}"

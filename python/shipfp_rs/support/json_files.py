@@ -1,0 +1,64 @@
+"""JSON without numbers that JSON has not: what is not finite is null, and is refused where it is read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.files import read_text
+
+
+def finite(content: Any) -> Any:
+    """Return content with None for what JSON has no number for."""
+    if isinstance(content, float):
+        return content if math.isfinite(content) else None
+    if isinstance(content, Mapping):
+        return {key: finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [finite(value) for value in content]
+    return content
+
+
+def json_text(content: Any, *, ascii_only: bool = True) -> str:
+    """Return one JSON document, indented, with an end of line."""
+    return json.dumps(finite(content), indent=2, ensure_ascii=ascii_only, allow_nan=False) + "\n"
+
+
+def read_json(path: Path, expected: str) -> Any:
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    path
+        File to read, UTF-8.
+    expected
+        What it should be, as a message calls it: "a fingerprint, as `shipfp run` writes it".
+
+    Raises
+    ------
+    InputError
+        Where it can't be read, is not JSON, or holds NaN or a number without end; one line.
+    """
+
+    def refused(word: str) -> NoReturn:
+        raise InputError(f"{path}: found {word[:40]}, expected finite numbers; write the file anew")
+
+    def number(text: str) -> float:
+        value = float(text)
+        return value if math.isfinite(value) else refused(text)
+
+    text = read_text(path, expected)
+    try:
+        return json.loads(text, parse_constant=refused, parse_float=number)
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply, expected {expected}") from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not JSON ({error}), expected {expected}") from error
+    except InputError:
+        raise
+    except ValueError as error:  # a whole number of more digits than Python takes
+        raise InputError(f"{path}: {str(error).split(';')[0]}, expected {expected}") from error

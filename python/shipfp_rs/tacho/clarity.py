@@ -1,0 +1,191 @@
+"""Which crossings of a pulse train are pulses, and where pulses can't be told from noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.spans import Spans, runs
+
+Flags = npt.NDArray[np.bool_]
+
+AT_REST = 1 / 3
+"""Pulses lower than this part of the usual height are doubted: they may be the noise or the hum of a shaft at rest."""
+NEAR_LIMIT = 1.2
+"""Pulses that are not as much higher than the limit may have lost others beside them."""
+FAR_FROM_LIMIT = 2.0
+"""Nor does noise make a height look this much higher than the limit."""
+_LIMIT = 14.0
+"""Standard deviations of the noise that are the limit."""
+_DENSE = 10.0
+"""Below so many samples a pulse the noise can't be told from the train, and the limit says nothing of pulses lost."""
+_IN_A_ROW = 20
+"""So many even periods in a row have pulses and noise has not: of its periods less than half are even."""
+_EVEN, _STRICTLY_EVEN = 0.25, 0.12
+"""Relative differences of the periods of an even row; of pulses below the limit noise makes larger ones."""
+_MARGIN = 2
+_UNTOLD = 16
+_NEIGHBOURS = 7
+_GRID = 1.2
+"""Samples by which the periods of an even train differ at most, since they begin and end between two of them."""
+_MOST_TEETH = 3
+"""A wheel's gap lasts two or three periods."""
+_SAME_HEIGHT, _SAME_PERIOD = 2.0, 1.6
+"""Ratios up to which low pulses go on from the others; hum at rest has neither their height nor their period."""
+_SILENCE = 5.5
+"""Periods without a pulse after which there are none; fewer are missed pulses."""
+
+
+def without_noise(times: Array, heights: Array, limits: Array) -> Array:
+    """Return heights less what noise adds to the extremes of half a pulse, shape (N,); 0 stays 0.
+
+    The greatest of m normal numbers is about sqrt(2 ln m) - 0.6 standard deviations above their mean.
+    """
+    if len(times) < 2:
+        return heights
+    periods = np.diff(times)
+    samples = 0.5 * np.maximum(np.append(periods[0], periods), np.append(periods, periods[-1]))
+    pushed = np.maximum(np.sqrt(2.0 * np.log(np.maximum(samples, 1.0))) - 0.6, 0.0)
+    return np.asarray(
+        np.where(heights > 0.0, np.maximum(heights - 2.0 * pushed * limits / _LIMIT, 1e-300), heights)
+    )
+
+
+def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> Flags:
+    """Tell which crossings are pulses: those that are high enough, and those that follow one another evenly.
+
+    Parameters
+    ----------
+    times
+        Of the crossings [samples], shape (N,).
+    heights
+        Of the train at each, 0 where no turning points tell of it, NaN where not asked for, shape (N,).
+    limits
+        Heights from which on they can't be noise, shape (N,).
+    usual
+        The train's usual height.
+    """
+    clear = ~((heights < limits) | (heights < AT_REST * usual))
+    if clear.all():
+        return clear
+    kept = clear | _in_rows(times, ~clear, (heights < limits) & (heights > 0.0))
+    # What is told by no turning point counts on the way from pulses to pulses only, as beside a spike.
+    for first, stop in runs(heights == 0.0).tolist():
+        beside = first > 0 and stop < len(times) and kept[first - 1] and kept[stop]
+        kept[first:stop] &= beside and stop - first <= _UNTOLD
+    low = kept & (heights < AT_REST * usual)
+    return _joined(times, heights, kept & ~low, runs(low)) if clear.any() else kept
+
+
+def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
+    """Which of the doubted crossings are in rows of even periods, and the faint ones in very even ones."""
+    found = np.zeros(len(times), dtype=np.bool_)
+    for first, stop in runs(doubted).tolist():
+        # With as many on either side as may belong to a row.
+        begin, end = max(first - _IN_A_ROW, 0), min(stop + _IN_A_ROW, len(times))
+        periods = np.diff(times[begin:end])
+        for tolerance, margin, taken in ((_EVEN, 0, ~faint), (_STRICTLY_EVEN, _MARGIN, faint)):
+            for start, last in (runs(_even(periods, tolerance)) + begin).tolist():
+                if last - start >= _IN_A_ROW:
+                    # The ends of a faint row may be the noise beside it.
+                    start += margin if start > 0 else 0
+                    last -= margin if last + 1 < len(times) else 0
+                    row = slice(max(start, first), min(last + 1, stop))
+                    found[row] |= taken[row]
+    return found
+
+
+def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
+    """Return the sure pulses and those low ones that go on from them, or from others that do."""
+    kept = sure.copy()
+    left = low.tolist()
+    while left:
+        joining = [
+            (first, stop)
+            for first, stop in left
+            if any(
+                0 <= beyond < len(times) and _goes_on(times, heights, end, beyond, kept)
+                for end, beyond in ((first, first - 1), (stop - 1, stop))
+            )
+        ]
+        if not joining:
+            break
+        for first, stop in joining:
+            kept[first:stop] = True
+        left = [span for span in left if tuple(span) not in joining]
+    return kept
+
+
+def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int) -> Array:
+    """Return the stretches without pulses that are no missing samples, from pulse to pulse [samples], shape (K, 2).
+
+    Parameters
+    ----------
+    times
+        Of all crossings [samples], shape (N,).
+    kept, low
+        Which of them are pulses, and which are hardly higher than noise, shape (N,).
+    missing
+        Stretches without samples, first and first after, shape (K, 2).
+    samples
+        How many the record has.
+    """
+    pulses = times if kept.all() else times[kept]
+    if not len(pulses):
+        return np.array([[0.0, float(samples)]])
+    ends = pulses[0], samples - pulses[-1]
+    inner = np.diff(pulses)
+    doubted = np.zeros(len(inner) + 2, dtype=np.bool_)
+    if len(inner) > 2:
+        low = low[kept]
+        if inner.max() > _SILENCE * inner.min() or low.any():
+            before, after = np.append(inner[1], inner[:-1]), np.append(inner[1:], inner[-2])
+            doubted[1:-1] = inner > _SILENCE * np.maximum(before, after)
+            usual = np.minimum(before, after)
+            low = (low[1:] | low[:-1]) & (usual >= _DENSE)
+            doubted[1:-1] |= low & (inner > _SAME_PERIOD * usual)
+        doubted[0] = ends[0] > _SILENCE * inner[:3].max()
+        doubted[-1] = ends[1] > _SILENCE * inner[-3:].max()
+    if len(pulses) < len(times):
+        doubted |= np.bincount(np.searchsorted(pulses, times[~kept]), minlength=len(doubted)) > 0
+    at = np.flatnonzero(doubted)
+    edges = np.concatenate([[0.0], pulses, [float(samples)]]) if at.size else np.zeros(1)
+    found = np.column_stack([edges[at], edges[at + 1]]) if at.size else np.empty((0, 2))
+    # What lies beside missing samples is silent because of them.
+    lost = np.zeros(len(found))
+    for first, stop in missing.tolist():
+        lost += np.clip(np.minimum(found[:, 1], stop) - np.maximum(found[:, 0], first), 0.0, None)
+    return np.asarray(found[lost < 0.5 * (found[:, 1] - found[:, 0])])
+
+
+def _even(periods: Array, tolerance: float) -> Flags:
+    """Whether each period is the usual one of its neighbours, or, alone among such, two or three of it."""
+    if not len(periods):
+        return np.zeros(0, dtype=np.bool_)
+    usual = median_filter(periods, size=_NEIGHBOURS, mode="nearest")
+    allowed = np.maximum(tolerance * usual, _GRID)
+    single = np.abs(periods - usual) <= allowed
+    beside = np.append(True, single[:-1]) & np.append(single[1:], True)
+    teeth = np.clip(np.rint(periods / usual), 2.0, _MOST_TEETH)
+    even = single | (beside & (np.abs(periods - teeth * usual) <= np.maximum(allowed, teeth * _GRID)))
+    # Where noise goes over into pulses, each has its own usual period.
+    jumps = np.abs(np.diff(usual)) > allowed[1:] + allowed[:-1]
+    return np.asarray(even & ~(np.append(False, jumps) | np.append(jumps, False)))
+
+
+def _goes_on(times: Array, heights: Array, end: int, beyond: int, kept: Flags) -> bool:
+    """Whether a row of low pulses goes on from its end to the pulses beyond."""
+    step = 1 if beyond > end else -1
+    others = np.flatnonzero(kept[beyond::step])
+    if not len(others):
+        return False
+    other = beyond + step * int(others[0])
+    high, low = max(heights[end], heights[other]), min(heights[end], heights[other])
+    if high <= _SAME_HEIGHT * low:
+        return True
+    if not (0 <= end - 2 * step < len(times) and 0 <= other + 2 * step < len(times)):
+        return False
+    periods = abs(times[end] - times[end - 2 * step]), abs(times[other + 2 * step] - times[other])
+    return bool(max(periods) <= _SAME_PERIOD * min(periods))

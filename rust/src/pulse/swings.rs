@@ -1,0 +1,310 @@
+//! The swings of a pulse train: its turning points, found in the extremes of short blocks, and its levels from them.
+
+use std::collections::VecDeque;
+
+use multiversion::multiversion;
+
+use super::sample::Sample;
+
+/// Samples of a block; turning points are known to one.
+pub const BLOCK: usize = 32;
+const LANES: usize = 16;
+
+/// A swing must exceed this many standard deviations of the noise: noise does so once in millions of samples.
+const CLEAR: f64 = 10.0;
+/// ... or this share of the usual range of a block, where every block holds a whole pulse and noise can't be told;
+/// swings below this share of the largest nearby are ringing or noise on the greater ones.
+const SHARE: f64 = 0.35;
+/// Blocks whose ranges are compared.
+const LOOKED_AT: usize = 256;
+/// A ripple below this share of the range is none where noise is nil.
+const RIPPLE: f64 = 0.01;
+/// Swings on either side among which one is compared.
+const NEAR: usize = 8;
+/// Turning points of a group, whose medians are a pair of levels.
+const GROUP: usize = 18;
+/// A group of fewer tells nothing.
+const LEAST: usize = 4;
+/// Times the usual time between two turning points after which a group has ended.
+const SILENCE: f64 = 8.0;
+
+/// Least and greatest usable sample of each block of 32, the last of which may be shorter; least above greatest where
+/// no sample is usable.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
+pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) {
+    let (blocks, rest) = samples.as_chunks::<BLOCK>();
+    extremes.clear();
+    extremes.reserve(blocks.len() + 1);
+    for block in blocks {
+        let mut low = [T::MOST; LANES];
+        let mut high = [T::LEAST; LANES];
+        for row in block.as_chunks::<LANES>().0 {
+            // By index, since an iterator over the lanes would keep them in memory; both sides of `&` are taken, so
+            // that a select replaces the branch.
+            #[allow(clippy::needless_range_loop, clippy::needless_bitwise_bool)]
+            for lane in 0..LANES {
+                let x = row[lane];
+                low[lane] = if (x >= T::LEAST) & (x < low[lane]) { x } else { low[lane] };
+                high[lane] = if (x <= T::MOST) & (x > high[lane]) { x } else { high[lane] };
+            }
+        }
+        extremes.push((reduced(&low, least).into(), reduced(&high, most).into()));
+    }
+    if !rest.is_empty() {
+        let usable = || rest.iter().copied().filter(|&x| x >= T::LEAST && x <= T::MOST).map(Into::into);
+        extremes.push((usable().fold(T::MOST.into(), f64::min), usable().fold(T::LEAST.into(), f64::max)));
+    }
+}
+
+/// One of all lanes, by halves: each half is one vector.
+#[inline(always)]
+fn reduced<T: Sample>(lanes: &[T; LANES], of: impl Fn(T, T) -> T) -> T {
+    let eight: [T; 8] = std::array::from_fn(|k| of(lanes[k], lanes[k + 8]));
+    let four: [T; 4] = std::array::from_fn(|k| of(eight[k], eight[k + 4]));
+    let two: [T; 2] = std::array::from_fn(|k| of(four[k], four[k + 2]));
+    of(two[0], two[1])
+}
+
+#[inline(always)]
+fn least<T: Sample>(one: T, other: T) -> T {
+    if other < one { other } else { one }
+}
+
+#[inline(always)]
+fn most<T: Sample>(one: T, other: T) -> T {
+    if other > one { other } else { one }
+}
+
+/// By how much a signal must turn back to have turned.
+pub fn reversal(extremes: &[(f64, f64)], noise: f64) -> f64 {
+    let every = (extremes.len() / LOOKED_AT).max(1);
+    let mut ranges: Vec<f64> = extremes
+        .iter()
+        .step_by(every)
+        .filter(|(low, high)| low <= high)
+        .map(|(low, high)| high - low)
+        .collect();
+    if ranges.is_empty() {
+        return 0.0;
+    }
+    let rare = ranges.len() * 95 / 100;
+    let rare = *ranges.select_nth_unstable_by(rare, f64::total_cmp).1;
+    let middle = ranges.len() / 2;
+    let usual = *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let clear = CLEAR * noise;
+    let least = if usual > 0.5 * rare { clear.min(SHARE * usual) } else { clear };
+    least.max(RIPPLE * rare)
+}
+
+/// Where a signal turns: the first sample of the block, and the extreme.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn {
+    pub at: u64,
+    pub value: f64,
+}
+
+/// Both levels of a few pulses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Sample in the middle of them.
+    pub centre: u64,
+    /// Sample before the first and after the last turning point.
+    pub span: (u64, u64),
+    pub bottom: f64,
+    pub top: f64,
+    /// Standard deviation of the noise.
+    pub noise: f64,
+}
+
+impl Level {
+    pub fn height(&self) -> f64 {
+        self.top - self.bottom
+    }
+
+    pub fn middle(&self) -> f64 {
+        0.5 * (self.bottom + self.top)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Going {
+    Nowhere,
+    Up,
+    Down,
+}
+
+/// Finds turning points in the extremes of blocks.
+#[derive(Debug, Clone)]
+pub struct Swings {
+    going: Going,
+    /// The least and the greatest since the last turn; only that in the direction of going is kept up.
+    low: Turn,
+    high: Turn,
+    /// Extremes of the block before.
+    before: (f64, f64),
+}
+
+impl Default for Swings {
+    fn default() -> Self {
+        let nothing = Turn { at: 0, value: f64::NAN };
+        Self { going: Going::Nowhere, low: nothing, high: nothing, before: (f64::NAN, f64::NAN) }
+    }
+}
+
+impl Swings {
+    /// Go on with the blocks from sample `first` on.
+    pub fn feed(&mut self, extremes: &[(f64, f64)], reversal: f64, first: u64, mut found: impl FnMut(Turn)) {
+        for (&(low, high), at) in extremes.iter().zip((first..).step_by(BLOCK)) {
+            if low > high {
+                continue;
+            }
+            let before = std::mem::replace(&mut self.before, (low, high));
+            let (low, high) = (Turn { at, value: low }, Turn { at, value: high });
+            let first = self.low.value.is_nan();
+            let lower = self.going != Going::Up && (first || low.value < self.low.value);
+            let higher = self.going != Going::Down && (first || high.value > self.high.value);
+            if lower {
+                self.low = low;
+            }
+            if higher {
+                self.high = high;
+            }
+            // Of a block on a steep edge the one extreme is new, and the other came before it.
+            let (rising, falling) = (higher && low.value > before.0, lower && high.value < before.1);
+            match self.going {
+                Going::Nowhere if self.high.value - self.low.value > reversal => {
+                    let up = self.low.at <= self.high.at;
+                    found(if up { self.low } else { self.high });
+                    self.going = if up { Going::Up } else { Going::Down };
+                }
+                Going::Up if !rising && low.value < self.high.value - reversal => {
+                    found(self.high);
+                    (self.going, self.low) = (Going::Down, low);
+                }
+                Going::Down if !falling && high.value > self.low.value + reversal => {
+                    found(self.low);
+                    (self.going, self.high) = (Going::Up, high);
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Turning points to levels: those of swings much smaller than others nearby are left out, the rest taken in groups.
+#[derive(Debug, Clone, Default)]
+pub struct Grouping {
+    /// The turns that were not yet compared.
+    turns: VecDeque<Turn>,
+    /// The last one that was.
+    before: Option<Turn>,
+    /// Number of the swing that leads to the first of the turns; of the first turn of all there is none.
+    next: usize,
+    /// Swings that may be the largest nearby, with their numbers: each is larger than all that follow it.
+    largest: VecDeque<(usize, f64)>,
+    /// The extreme since the last turn that was taken.
+    held: Option<(Turn, bool)>,
+    group: Vec<Turn>,
+}
+
+impl Grouping {
+    /// Take a turning point; a group that it completes goes to `found`.
+    pub fn push(&mut self, turn: Turn, noise: f64, found: &mut Vec<Level>) {
+        if let Some(last) = self.turns.back().or(self.before.as_ref()) {
+            let size = (turn.value - last.value).abs();
+            while self.largest.back().is_some_and(|&(_, other)| other <= size) {
+                self.largest.pop_back();
+            }
+            self.largest.push_back((self.next + self.turns.len(), size));
+        }
+        self.turns.push_back(turn);
+        if self.turns.len() > NEAR {
+            self.compare(noise, found);
+        }
+    }
+
+    /// The levels of what was taken since the last group was complete, as if nothing more came.
+    pub fn rest(&self, noise: f64) -> Vec<Level> {
+        let mut end = self.clone();
+        let mut found = Vec::new();
+        while !end.turns.is_empty() {
+            end.compare(noise, &mut found);
+        }
+        if let Some((turn, _)) = end.held {
+            end.take(turn, noise, &mut found);
+        }
+        end.close(noise, &mut found);
+        found
+    }
+
+    /// Take the next turn, if the swing to it is large among those nearby.
+    fn compare(&mut self, noise: f64, found: &mut Vec<Level>) {
+        let Some(turn) = self.turns.pop_front() else { return };
+        let swing = self.next;
+        self.next += 1;
+        let Some(before) = self.before.replace(turn) else { return };
+        let Some((held, up)) = self.held else {
+            self.take(before, noise, found);
+            self.held = Some((turn, turn.value > before.value));
+            return;
+        };
+        while self.largest.front().is_some_and(|&(number, _)| number + NEAR < swing) {
+            self.largest.pop_front();
+        }
+        let largest = self.largest.front().map_or(0.0, |&(_, size)| size);
+        let further = if up { turn.value - held.value } else { held.value - turn.value };
+        if further > 0.0 {
+            self.held = Some((turn, up));
+        } else if -further > SHARE * largest {
+            self.take(held, noise, found);
+            self.held = Some((turn, !up));
+        }
+    }
+
+    fn take(&mut self, turn: Turn, noise: f64, found: &mut Vec<Level>) {
+        if let [first, .., last] = self.group[..]
+            && self.group.len() >= LEAST
+        {
+            let usual = (last.at - first.at) as f64 / (self.group.len() - 1) as f64;
+            if (turn.at - last.at) as f64 > SILENCE * usual.max(BLOCK as f64) {
+                self.close(noise, found);
+            }
+        }
+        self.group.push(turn);
+        if self.group.len() == GROUP {
+            self.close(noise, found);
+        }
+    }
+
+    fn close(&mut self, noise: f64, found: &mut Vec<Level>) {
+        if let [first, .., last] = self.group[..]
+            && self.group.len() >= LEAST
+        {
+            let one = median(self.group.iter().step_by(2));
+            let other = median(self.group.iter().skip(1).step_by(2));
+            found.push(Level {
+                centre: u64::midpoint(first.at, last.at) + BLOCK as u64 / 2,
+                span: (first.at, last.at + BLOCK as u64),
+                bottom: one.min(other),
+                top: one.max(other),
+                noise,
+            });
+        }
+        self.group.clear();
+    }
+}
+
+fn median<'a>(turns: impl Iterator<Item = &'a Turn>) -> f64 {
+    let mut sorted = [0.0; GROUP];
+    let mut count = 0;
+    for turn in turns {
+        let mut place = count;
+        while place > 0 && sorted[place - 1] > turn.value {
+            sorted[place] = sorted[place - 1];
+            place -= 1;
+        }
+        sorted[place] = turn.value;
+        count += 1;
+    }
+    0.5 * (sorted[(count - 1) / 2] + sorted[count / 2])
+}

@@ -1,0 +1,331 @@
+//! Pulses of a train whose levels change: a window is looked at one ahead of that in which crossings are taken.
+
+use std::collections::VecDeque;
+
+use super::crossings::PulseCrossings;
+use super::levels::pulse_levels;
+use super::noise::{noises, quarter};
+use super::sample::Sample;
+use super::swings::{BLOCK, Grouping, Level, Swings, block_extremes, reversal};
+use super::thresholds::{Edge, Levels};
+use super::timing::Timing;
+use crate::error::{Error, Result, require};
+use crate::stop::Stop;
+
+/// Distance between the thresholds as a share of that between the levels.
+const HYSTERESIS: f64 = 0.4;
+/// The same where noise is large, at most; more would miss the tops of pulses of few samples.
+const WIDEST: f64 = 0.6;
+/// Distance between the thresholds in standard deviations of the noise which no noise bridges.
+const BRIDGED: f64 = 8.4;
+/// Height of a pulse in standard deviations of the noise from which on it can't be noise: 0.6 of it is 8.4.
+const LIMIT: f64 = 14.0;
+/// Levels whose middle moves by less than this share of the noise, and whose height by less than that of itself, stay.
+const SAME_MIDDLE: f64 = 0.5;
+const SAME_HEIGHT: f64 = 0.05;
+/// Share of the span of nine pulses beside it in which levels hold: the last three turning points are no group.
+const REACH: f64 = 0.375;
+/// Stretches whose noise is taken together and how many a window adds at least.
+const STRETCHES: usize = 64;
+const LEAST_STRETCHES: usize = 4;
+/// Ratio of a window's noise to that of those before it from which on it has changed.
+const CHANGED: f64 = 1.5;
+/// Ratio of heights up to which a train went from one to the other step by step.
+const STEADY: f64 = 2.0;
+
+/// Crossings of a window.
+#[derive(Debug, Clone, Default)]
+pub struct Pulses {
+    /// In samples since the very first.
+    pub times: Vec<f64>,
+    /// Of the train at each crossing; 0 where no turning points tell of it.
+    pub heights: Vec<f64>,
+    /// Standard deviations of the times [samples], from sampling and from noise.
+    pub timing: Timing,
+    /// Low, high and middle, each time they changed.
+    pub levels: Vec<[f64; 3]>,
+    /// Height from which on a pulse can't be noise.
+    pub limit: f64,
+}
+
+/// Thresholds that hold from a sample on, and the height of the train.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    start: u64,
+    levels: Levels,
+    height: f64,
+}
+
+/// A window that was looked at.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    length: usize,
+    noise: f64,
+}
+
+/// Follows the levels of a train and takes its crossings.
+#[derive(Debug, Clone)]
+pub struct PulseTracker {
+    threshold: Option<f64>,
+    hysteresis: Option<f64>,
+    swings: Swings,
+    grouping: Grouping,
+    levels: VecDeque<Level>,
+    looked: u64,
+    windows: VecDeque<Window>,
+    detector: PulseCrossings,
+    extremes: Vec<(f64, f64)>,
+    /// Noises of the last stretches.
+    stretches: VecDeque<f64>,
+}
+
+impl PulseTracker {
+    /// One that has seen nothing; a threshold and a distance between the thresholds that are given do not move.
+    ///
+    /// # Errors
+    /// If they are no numbers to work with.
+    pub fn new(threshold: Option<f64>, hysteresis: Option<f64>) -> Result<Self> {
+        require(threshold.is_none_or(f64::is_finite), || {
+            format!("threshold: found {}, expected a finite number", threshold.unwrap_or_default())
+        })?;
+        require(hysteresis.is_none_or(|width| width.is_finite() && width > 0.0), || {
+            format!("hysteresis: found {:?}, expected a positive number", hysteresis.unwrap_or_default())
+        })?;
+        Ok(Self {
+            threshold,
+            hysteresis,
+            swings: Swings::default(),
+            grouping: Grouping::default(),
+            levels: VecDeque::new(),
+            looked: 0,
+            windows: VecDeque::new(),
+            detector: PulseCrossings::new(-1.0, 1.0, 0.0)?,
+            extremes: Vec::new(),
+            stretches: VecDeque::new(),
+        })
+    }
+
+    /// Stretches of missing samples, as in [`PulseCrossings::gaps`].
+    pub fn gaps(&self) -> impl Iterator<Item = (u64, u64)> {
+        self.detector.gaps()
+    }
+
+    /// Look at the next window for levels.
+    ///
+    /// # Errors
+    /// On a stop, after which the tracker is of no more use.
+    pub fn look<T: Sample>(&mut self, window: &[T], stop: &Stop) -> Result<()> {
+        stop.check()?;
+        block_extremes(window, &mut self.extremes);
+        let stretches = noises(window, LEAST_STRETCHES.max(STRETCHES - self.stretches.len()));
+        let own = quarter(&stretches);
+        self.stretches.extend(stretches);
+        self.stretches.drain(..self.stretches.len().saturating_sub(STRETCHES));
+        let mut pooled: Vec<f64> = self.stretches.iter().copied().collect();
+        pooled.sort_by(f64::total_cmp);
+        let pooled = quarter(&pooled);
+        // Few stretches scatter; only noise that has changed shows in them.
+        let noise = if own < CHANGED * pooled && pooled < CHANGED * own { pooled } else { own };
+        let mut found = Vec::new();
+        let grouping = &mut self.grouping;
+        self.swings.feed(&self.extremes, reversal(&self.extremes, noise), self.looked, |turn| {
+            grouping.push(turn, noise, &mut found);
+        });
+        found.retain(|level| self.is_usable(level));
+        self.levels.extend(found);
+        self.looked += window.len() as u64;
+        self.windows.push_back(Window { length: window.len(), noise });
+        Ok(())
+    }
+
+    /// Take the crossings of the oldest window that was looked at, given once more.
+    ///
+    /// # Errors
+    /// If it is not that long, if its type can't hold a given threshold, or on a stop, after which the tracker is of no
+    /// more use.
+    pub fn cross<T: Sample>(&mut self, samples: &[T], stop: &Stop) -> Result<Pulses> {
+        let window = self.windows.pop_front().filter(|window| window.length == samples.len());
+        let window = window.ok_or_else(|| {
+            Error::Invalid(format!(
+                "samples: found {} of them, expected a window that was looked at",
+                samples.len()
+            ))
+        })?;
+        let first = self.detector.seen();
+        let end = first + samples.len() as u64;
+        let known = self.known(samples, window.noise, first, end, stop)?;
+        let pieces = self.along(&known, first, end);
+        let mut pulses = Pulses { limit: LIMIT * window.noise, ..Pulses::default() };
+        if pieces.is_empty() {
+            // Only for the gaps.
+            self.detector.set_levels(-1.0, 1.0, 0.0)?;
+            self.detector.edges(samples, stop)?;
+            self.detector.disarm();
+            return Ok(pulses);
+        }
+        let mut edges: Vec<Edge> = Vec::new();
+        for (piece, next) in pieces.iter().zip(pieces[1..].iter().map(|next| next.start).chain([end])) {
+            self.detector.follow(piece.levels)?;
+            let part = &samples[place(piece.start, first)..place(next, first)];
+            edges.append(&mut self.detector.edges(part, stop)?);
+            pulses.heights.resize(edges.len(), piece.height);
+            pulses.levels.push([piece.levels.low, piece.levels.high, piece.levels.middle]);
+        }
+        if self.threshold.is_none() || self.hysteresis.is_none() {
+            pulses.heights = heights_along(&edges, &known);
+        }
+        pulses.timing = Timing::of(samples, first, &edges, &pulses.heights, window.noise);
+        pulses.times = edges.into_iter().map(|edge| edge.time).collect();
+        // Of the levels that lie behind only the last two are asked for again.
+        while self.levels.len() > 2 && self.levels[2].centre < end {
+            self.levels.pop_front();
+        }
+        Ok(pulses)
+    }
+
+    /// Whether a given threshold, if there is one, lies between the levels.
+    fn is_usable(&self, level: &Level) -> bool {
+        self.levels_between(level, level, 0).is_some()
+    }
+
+    /// Levels near a window; none where the train has none.
+    fn known<T: Sample>(
+        &self,
+        samples: &[T],
+        noise: f64,
+        first: u64,
+        end: u64,
+        stop: &Stop,
+    ) -> Result<Vec<Level>> {
+        let mut known: Vec<Level> = self.levels.iter().copied().collect();
+        known.extend(self.grouping.rest(noise).into_iter().filter(|level| self.is_usable(level)));
+        if known.is_empty() {
+            let (bottom, top) = pulse_levels(samples, stop)?;
+            let level = Level { centre: first, span: (first, end), bottom, top, noise };
+            let given = self.threshold.is_some() && self.hysteresis.is_some();
+            if given || (top - bottom > LIMIT * noise && self.is_usable(&level)) {
+                known.push(level);
+            }
+        }
+        Ok(known)
+    }
+
+    /// Pieces from level to level; what lies before the first and after the last has theirs.
+    fn along(&self, known: &[Level], first: u64, end: u64) -> Vec<Piece> {
+        let mut pieces: Vec<Piece> = Vec::new();
+        let Some(&(mut held)) = known.first() else { return pieces };
+        let mut put = |start: u64, one: &Level, other: &Level| {
+            let start = start.max(first);
+            if let Some((levels, height)) = self.levels_between(one, other, start)
+                && start < end
+            {
+                if pieces.last().is_some_and(|last| last.start >= start) {
+                    pieces.pop();
+                }
+                pieces.push(Piece { start, levels, height });
+            }
+        };
+        put(first, &held, &held);
+        for pair in known.windows(2) {
+            let (one, other) = (&pair[0], &pair[1]);
+            if other.centre <= first {
+                held = *other;
+                put(first, other, other);
+                continue;
+            }
+            if one.centre >= end {
+                break;
+            }
+            let stays = (other.middle() - held.middle()).abs() <= SAME_MIDDLE * held.noise
+                && (other.height() - held.height()).abs() <= SAME_HEIGHT * held.height();
+            if stays {
+                continue;
+            }
+            if ratio(one, other) <= STEADY {
+                put(one.centre, one, other);
+                put(other.centre, other, other);
+            } else {
+                put(u64::midpoint(one.span.1, other.span.0), other, other);
+            }
+            held = *other;
+        }
+        pieces
+    }
+
+    /// Thresholds on the way from one pair of levels to another, from `start` on; None where a given threshold does
+    /// not lie between them.
+    fn levels_between(&self, one: &Level, other: &Level, start: u64) -> Option<(Levels, f64)> {
+        let (bottom, top) = (0.5 * (one.bottom + other.bottom), 0.5 * (one.top + other.top));
+        let (height, noise) = (top - bottom, one.noise.max(other.noise));
+        let centre = self.threshold.unwrap_or(0.5 * (bottom + top));
+        let mut width = self.hysteresis.unwrap_or(HYSTERESIS * height);
+        if self.hysteresis.is_none() && height >= LIMIT * noise {
+            width = width.max((BRIDGED * noise).min(WIDEST * height));
+        }
+        let (low, high) = match (self.threshold, self.hysteresis) {
+            (Some(_), Some(_)) => (centre - 0.5 * width, centre + 0.5 * width),
+            _ if !(bottom < centre && centre < top) => return None,
+            // A threshold near one of the levels leaves room for half the way to it only.
+            _ => (centre - 0.5 * width.min(centre - bottom), centre + 0.5 * width.min(top - centre)),
+        };
+        let mut levels = Levels { low, high, middle: centre, slope: 0.0, origin: start };
+        let length = other.centre.saturating_sub(one.centre);
+        if self.threshold.is_none() && length > 0 {
+            let within = |middle: f64| middle.clamp(0.5 * (low + centre), 0.5 * (centre + high));
+            let (from, to) = (within(one.middle()), within(other.middle()));
+            levels.slope = (to - from) / length as f64;
+            levels.origin = one.centre;
+            levels.middle = from;
+        }
+        let sound = levels.low < levels.middle && levels.middle < levels.high;
+        sound.then_some((levels, height))
+    }
+}
+
+/// Heights of the train at crossings, along lines between levels; 0 where no turning points tell of it.
+///
+/// Beyond the first and the last level the line goes on where it goes down: pulses that fade are not as high as those
+/// before. Levels hold where turning points tell them, and about three pulses beside.
+fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
+    let mut at = 0;
+    edges
+        .iter()
+        .map(|edge| {
+            while at + 1 < known.len() && edge.time >= known[at + 1].centre as f64 {
+                at += 1;
+            }
+            let told = |level: &Level| {
+                let beside = REACH * (level.span.1 - level.span.0) as f64 + BLOCK as f64;
+                edge.time >= level.span.0 as f64 - beside && edge.time <= level.span.1 as f64 + beside
+            };
+            // At a level's centre or past it, but for the first.
+            let near = &known[at.saturating_sub(1)..(at + 2).min(known.len())];
+            if near.iter().any(told) { height_at(edge.time, known, at) } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Height at a time past the centre of level `at`, but for what lies before the first.
+fn height_at(time: f64, known: &[Level], at: usize) -> f64 {
+    let here = &known[at];
+    let between = time >= here.centre as f64 && at + 1 < known.len();
+    let other = if at == 0 || between { at + 1 } else { at - 1 };
+    let Some(other) = known.get(other) else { return here.height() };
+    if ratio(here, other) > STEADY {
+        let parted = u64::midpoint(here.span.1, other.span.0) as f64;
+        return if between && time >= parted { other.height() } else { here.height() };
+    }
+    let way = (time - here.centre as f64) / (other.centre as f64 - here.centre as f64);
+    let height = here.height() + way * (other.height() - here.height());
+    if between { height } else { height.clamp(0.0, here.height()) }
+}
+
+/// Of the greater height to the smaller.
+fn ratio(one: &Level, other: &Level) -> f64 {
+    (other.height() / one.height()).max(one.height() / other.height())
+}
+
+#[allow(clippy::cast_possible_truncation)] // within a slice
+fn place(sample: u64, first: u64) -> usize {
+    (sample - first) as usize
+}

@@ -1,0 +1,140 @@
+//! What an output reads of the signals' series at a part of a piece.
+
+use pulp::Simd;
+
+use crate::ship::output::Output;
+use crate::ship::parameters::at;
+
+use super::model::{Model, Series};
+use super::slopes::{Course, get};
+
+/// An output as a combination of signals, and which parameters count by themselves.
+pub struct Reading {
+    pub output: Output,
+    /// Of the speed, the rack, the rate of the speed and the integrated speed.
+    pub factors: [f64; 4],
+    /// Of the propeller's speed and the spring's torque of a flexible shaft.
+    of_ends: [f64; 2],
+    pub constant: f64,
+    /// Whether a parameter counts by itself, and whether the channel's delay does.
+    pub own: bool,
+    pub late: bool,
+    /// Where in which piece it was last read, and what the terms of a signal and of its rate weigh there, and those of the speed,
+    /// the rack, the integrated speed and a flexible shaft's ends in the output.
+    pub part: f64,
+    pub inverse: f64,
+    pub powers: Series,
+    pub rates: Series,
+    pub speeds: Series,
+    pub racks: Option<Series>,
+    pub sums: Option<Series>,
+    pub ends: Option<[Series; 2]>,
+}
+
+impl Reading {
+    pub fn new(output: Output, model: &Model, wrt: &[usize]) -> Self {
+        let Model { g, v, s_m, tau, tau_prop, zeta, .. } = *model;
+        let flexible = model.tau_twist > 0.0;
+        let of_ends = match output {
+            Output::PropellerSpeed if flexible => [1.0, 0.0],
+            Output::GaugeTorque if flexible => [-s_m * zeta, s_m],
+            _ => [0.0; 2],
+        };
+        let (factors, constant) = match output {
+            Output::PropellerSpeed if flexible => ([0.0; 4], 0.0),
+            Output::GaugeTorque if flexible => ([s_m * zeta, 0.0, 0.0, 0.0], s_m - 1.0),
+            Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
+            Output::EngineTorque => ([s_m * g, s_m * v, 0.0, 0.0], s_m - 1.0),
+            // The load is the engine's torque less what speeds the shaft up.
+            Output::GaugeTorque => ([s_m * g, s_m * v, -s_m * (tau - tau_prop), 0.0], s_m - 1.0),
+            Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
+            Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
+        };
+        let torque = matches!(output, Output::EngineTorque | Output::GaugeTorque);
+        let own = |place: &usize| match *place {
+            at::G | at::V | at::TAU_N | at::TAU_PROP | at::S_M | at::T_M => torque,
+            at::ZETA_TWIST => output == Output::GaugeTorque,
+            at::T_N => matches!(output, Output::Speed | Output::PropellerSpeed),
+            _ => false,
+        };
+        Self {
+            output,
+            factors,
+            of_ends,
+            constant,
+            own: output == Output::Sum || wrt.iter().any(own),
+            late: wrt.contains(&at::T_M),
+            part: f64::NAN,
+            inverse: f64::NAN,
+            powers: [0.0; 8],
+            rates: [0.0; 8],
+            speeds: [0.0; 8],
+            racks: (factors[1] != 0.0).then_some([0.0; 8]),
+            sums: (factors[3] != 0.0).then_some([0.0; 8]),
+            ends: (of_ends != [0.0; 2]).then_some([[0.0; 8]; 2]),
+        }
+    }
+
+    /// Weigh the terms for a part of a piece.
+    pub fn aim<const T: usize>(&mut self, part: f64, inverse: f64) {
+        let [of_speed, of_rack, of_rate, of_sum] = self.factors;
+        let [of_propeller, of_spring] = self.of_ends;
+        (self.part, self.inverse) = (part, inverse);
+        let (mut power, mut before) = (1.0, 0.0);
+        for k in 0..=T {
+            (self.powers[k], self.rates[k]) = (power, inverse * k as f64 * before);
+            self.speeds[k] = of_speed * power + of_rate * self.rates[k];
+            if let Some(racks) = &mut self.racks {
+                racks[k] = of_rack * power;
+            }
+            if let Some(sums) = &mut self.sums {
+                sums[k] = of_sum * power;
+            }
+            if let Some([propellers, springs]) = &mut self.ends {
+                (propellers[k], springs[k]) = (of_propeller * power, of_spring * power);
+            }
+            (before, power) = (power, power * part);
+        }
+    }
+}
+
+/// The terms of derivatives by their weights, of one register.
+#[inline(always)]
+pub fn weighed<S: Simd, const T: usize>(simd: S, weights: &Series, terms: &Course, part: usize) -> S::f64s {
+    let mut sums = [simd.splat_f64s(0.0); 2];
+    for k in 0..=T {
+        sums[k % 2] =
+            simd.mul_add_e_f64s(simd.splat_f64s(weights[k]), get::<S>(&terms[k], part), sums[k % 2]);
+    }
+    simd.add_f64s(sums[0], sums[1])
+}
+
+/// The terms of a signal by their weights.
+#[inline(always)]
+pub fn value<const T: usize>(weights: &Series, series: &Series) -> f64 {
+    let mut sum = 0.0;
+    for k in 0..=T {
+        sum += weights[k] * series[k];
+    }
+    sum
+}
+
+/// The rate of a signal at a part of a piece, a piece.
+#[inline(always)]
+pub fn rate<const T: usize>(series: &Series, part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..T).rev() {
+        sum = sum * part + (k + 1) as f64 * series[k + 1];
+    }
+    sum
+}
+
+/// The rate of that.
+#[inline(always)]
+pub fn second<const T: usize>(series: &Series, part: f64) -> f64 {
+    let mut sum = 0.0;
+    for k in (0..T - 1).rev() {
+        sum = sum * part + ((k + 1) * (k + 2)) as f64 * series[k + 2];
+    }
+    sum
+}

@@ -1,0 +1,140 @@
+"""Inputs of the gallery: a command line, and the files that it meets in a folder."""
+
+from __future__ import annotations
+
+import json
+import random
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import shipfp_rs
+from shipfp_rs import cli
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.support.json_files import finite
+from shipfp_rs.sweeps import Plan
+from shipfp_rs.vessel.vessel import Vessel
+from tests.cli.small_trial import SMALL, SWEEP, write_small_trial
+from tests.gallery.slips import TEXTS, damaged, held, places, slipped, toml
+
+LAUNCH = (Path(shipfp_rs.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(
+    encoding="utf-8"
+)
+COMMANDS: Mapping[str, tuple[str, ...]] = {
+    "inspect": ("log.parquet",),
+    "convert": ("log.parquet", "new.parquet"),
+    "simulate": ("vessel.toml", "--duration", "5"),
+    "design": ("vessel.toml", "--duration", "100"),
+    "sweep": ("SWEEP.toml", "--executor", "threads", "--no-figures"),
+    "compare": ("fingerprint.json", "fingerprint.json"),
+    "check": ("TRIAL.toml",),
+    "run": ("TRIAL.toml",),
+    "init": ("new",),
+}
+"""Commands whose options are tried, with what makes them run; the others show or repeat what is there."""
+SWEEPING = ("--workers", "1", "--executor", "threads", "--no-figures")
+
+
+@dataclass(frozen=True)
+class Input:
+    """A command line, what is written into the folder before it, and what was done to it."""
+
+    arguments: tuple[str, ...]
+    about: str
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+def prepare(folder: Path) -> None:
+    """Write what every input can meet: a log, its trial, a sweep, a ship, a fingerprint."""
+    write_small_trial(folder)
+    (folder / "vessel.toml").write_text(LAUNCH, encoding="utf-8")
+    if cli.main(["run", str(folder / "TRIAL.toml"), "--out", str(folder / "first")]) != 0:
+        raise RuntimeError("the trial without a slip does not run")
+    (folder / "first" / "fingerprint.json").rename(folder / "fingerprint.json")
+
+
+def inputs(folder: Path, count: int, seed: int) -> list[Input]:
+    """Return so many inputs; the same seed gives the same ones."""
+    chance = random.Random(seed)
+    fingerprint = json.loads((folder / "fingerprint.json").read_text(encoding="utf-8"))
+    makers: list[Callable[[], Input]] = [
+        *[lambda: _trial("check", chance)] * 5,
+        *[lambda: _trial("run", chance)],
+        *[lambda: _sweep(chance)] * 2,
+        *[lambda: _vessel(chance)] * 3,
+        *[lambda: _option(chance)] * 5,
+        *[lambda: _fingerprint(fingerprint, chance)] * 2,
+        *[lambda: _damaged(chance)],
+    ]
+    return [chance.choice(makers)() for _ in range(count)]
+
+
+@cache
+def _parsed(kind: str) -> tuple[dict[str, Any], list[Any]]:
+    text, model = {"trial": (SMALL, Trial), "sweep": (SWEEP, Plan), "vessel": (LAUNCH, Vessel)}[kind]
+    content = tomllib.loads(text)
+    return content, places(model, content)
+
+
+def _trial(command: str, chance: random.Random) -> Input:
+    about, content = slipped(*_parsed("trial"), chance)
+    out = ("--out", "out") if command == "run" else ()
+    return Input((command, "slip.toml", *out), about, {"slip.toml": toml(content)})
+
+
+def _sweep(chance: random.Random) -> Input:
+    about, content = slipped(*_parsed("sweep"), chance)
+    return Input(("sweep", "slip.toml", "--out", "out", *SWEEPING), about, {"slip.toml": toml(content)})
+
+
+def _vessel(chance: random.Random) -> Input:
+    about, content = slipped(*_parsed("vessel"), chance)
+    return Input(("simulate", "slip.toml", "--duration", "5"), about, {"slip.toml": toml(content)})
+
+
+def _fingerprint(content: dict[str, Any], chance: random.Random) -> Input:
+    about, changed = slipped(content, _places_of(content), chance)
+    changed = finite(changed) if chance.random() < 0.5 else changed
+    return Input(
+        ("compare", "slip.json", "fingerprint.json"), about, {"slip.json": json.dumps(changed, default=str)}
+    )
+
+
+def _places_of(content: dict[str, Any]) -> list[Any]:
+    return [place for place in held(content, ()) if place[0] not in ("residuals", "data")]
+
+
+def _damaged(chance: random.Random) -> Input:
+    command, text = chance.choice((("check", SMALL), ("sweep", SWEEP), ("simulate", LAUNCH)))
+    more = ("--out", "out", *SWEEPING) if command == "sweep" else ()
+    return Input((command, "slip.toml", *more), "a line is damaged", {"slip.toml": damaged(text, chance)})
+
+
+@cache
+def _options() -> list[tuple[str, str, bool]]:
+    """Return command, option (or place of an argument), and whether it takes a value."""
+    group: Any = typer.main.get_command(cli.app)
+    found: list[tuple[str, str, bool]] = []
+    for name, base in COMMANDS.items():
+        options = [option for option in group.commands[name].params if option.param_type_name == "option"]
+        found += [(name, max(option.opts, key=len), not option.is_flag) for option in options]
+        found += [(name, str(place), True) for place, text in enumerate(base) if not text.startswith("-")]
+    return [row for row in found if row[1] != "--address"]
+
+
+def _option(chance: random.Random) -> Input:
+    command, option, valued = chance.choice(_options())
+    base = list(COMMANDS[command])
+    text = chance.choice(TEXTS).replace("\0", "")
+    if option.isdigit():
+        if base[int(option) - 1].startswith("-"):
+            return Input((command, *base), "nothing")
+        base[int(option)] = text
+    else:
+        base += [option, text] if valued else [option]
+    return Input((command, *base), f"{option} {text[:60]!r}")

@@ -1,0 +1,208 @@
+"""A fingerprint in Python: printed, reported, asked by name, handed to pandas, LaTeX and python-control, at work."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+
+import control
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.assessment.prediction import structure_of
+from shipfp_rs.designs.subject import Subject
+
+LAUNCH = fp.Vessel.load("stan-launch-804")
+SHIP = (
+    fp.Structure.ship(["dead_time_loop", "actuator_lag"], outputs=("dn", "dM", "dX"), products=False)
+    .with_fixed(tau_act=0.02, v=1.5)
+    .with_prior(g=(-0.5, 0.2))
+    .with_bounds(p=(1.0, 2.2, 3.0))
+    .with_start(tau_n=1.4)
+    .with_tied(K_i=("K_p", 0.1))
+)
+
+
+@pytest.fixture(scope="module")
+def trial() -> fp.Experiment:
+    clean = fp.signals.chirp(0.02, 2.0, 60.0, 13.0, rate_hz=50.0)
+    return fp.simulate(LAUNCH, clean, noise={"n_e": 0.001, "M_b": 0.003}, seed=1)
+
+
+@pytest.fixture(scope="module")
+def found(trial) -> fp.Fingerprint:
+    structure = fp.Structure.linear(products=True, dead_time_loop=True).with_fixed(T_d=0.02)
+    return fp.identify(trial, structure, noise="white", vessel="Stan Launch 804")
+
+
+def test_breakage_e3_print_gives_an_aligned_table_below_the_verdict(found) -> None:
+    lead, blank, head, *rows = str(found).splitlines()
+    assert lead == (found.usable or found.verdict[0])
+    assert blank == ""
+    assert head.split() == ["symbol", "name", "value", "95", "%", "interval", "unit"]
+    assert [row.split()[0] for row in rows] == list(found)
+    column = head.index("name")
+    assert all(row[column - 2 : column] == "  " and row[column] != " " for row in rows)
+    assert "inertia time constant" in rows[0]
+    assert "given" in next(row for row in rows if row.startswith("T_d"))
+
+
+def test_breakage_e2_a_fingerprint_is_asked_by_name(found) -> None:
+    assert "tau_n" in found
+    assert "tau_m" not in found
+    assert list(found) == list(found.keys()) == [*found.parameters, *found.derived]
+    assert dict(found)["tau_n"] is found["tau_n"]
+    assert dict(found.items()).keys() == dict(found).keys()
+    assert len(list(found.values())) == len(list(found))
+    with pytest.raises(fp.InputError, match=r"no parameter 'tau_m'.*did you mean 'tau_n'"):
+        found["tau_m"]
+
+
+def test_breakage_e3_each_repr_is_shorter_than_200_characters(found, trial) -> None:
+    wide = fp.Structure.grey_box(
+        LAUNCH, ["inertia", "A1", "A2", "A3", "X_0", "Kp_abs", "Ki_abs", "torque_exponent"]
+    )
+    for thing in (
+        found,
+        trial,
+        SHIP,
+        wide,
+        fp.Structure.linear(torque="gauge", twist=True, actuator_lag=True),
+    ):
+        assert "\n" not in repr(thing)
+        assert len(repr(thing)) < 200
+    assert repr(fp.Structure.linear()) == "Structure('linear', free: tau_n, g, v, K_p, K_i; outputs: dn, dM)"
+
+
+def test_a_structure_shows_itself_in_a_notebook_and_escapes_what_a_user_named() -> None:
+    page = fp.Structure.linear(name="<script>")._repr_html_()
+    assert "&lt;script&gt;" in page
+    assert "<script>" not in page
+    assert "inertia time constant" in page
+
+
+def test_breakage_e3_the_fit_report_is_laid_out_as_lmfits(found) -> None:
+    report = found.fit_report()
+    assert [line for line in report.splitlines() if line.startswith("[[")][:3] == [
+        "[[Model]]",
+        "[[Fit Statistics]]",
+        "[[Variables]]",
+    ]
+    assert f"tau_n: {found['tau_n'].value:.8g} +/- {found['tau_n'].std:.8g}" in " ".join(report.split())
+    assert "(init = 1.2)" in report
+    assert "0.02 (fixed)" in report
+    assert "C(tau_n, vK_p)" in report
+    assert "[[Correlations]]" not in found.fit_report(min_correl=1.1)
+
+
+def test_breakage_e3_correlations_are_those_of_the_covariance(found) -> None:
+    related = found.correlations
+    assert related["tau_n"]["tau_n"] == pytest.approx(1.0)
+    assert related["tau_n"]["vK_p"] == pytest.approx(related["vK_p"]["tau_n"])
+    assert abs(related["tau_n"]["vK_p"]) <= 1.0
+
+
+def test_breakage_e3_pandas_latex_and_csv_hold_every_estimate(found, tmp_path, monkeypatch) -> None:
+    pytest.importorskip("pandas")
+    frame = found.to_pandas()
+    assert list(frame.index) == list(found)
+    assert frame.loc["tau_n", "value"] == found["tau_n"].value
+    assert frame.loc["tau_n", "name"] == "inertia time constant"
+    rows = list(csv.DictReader(io.StringIO(found.to_csv())))
+    assert [row["symbol"] for row in rows] == list(found)
+    assert float(rows[0]["value"]) == found["tau_n"].value
+    assert found.to_csv(tmp_path / "ship.csv").read_text() == found.to_csv()
+    table = found.to_latex()
+    assert r"$\tau_{\mathrm{n}}$ & inertia time constant &" in table
+    assert table.count(r"\\") == len(rows) + 1
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(fp.InputError, match=r"pandas is not installed.*pip install 'shipfp_rs\[pandas\]'"):
+        found.to_pandas()
+
+
+def test_simulate_gives_what_the_ship_would_do_and_predict_what_it_did(found, trial) -> None:
+    again = found.simulate(trial)
+    assert list(again.signals) == ["n_set", "n_e", "M_b"]
+    quiet = fp.simulate(LAUNCH, fp.signals.chirp(0.02, 2.0, 60.0, 13.0, rate_hz=50.0))
+    assert np.std(again.signals["n_e"] - quiet.signals["n_e"]) < 0.1 * np.std(quiet.signals["n_e"] - 1800.0)
+    excited = found.simulate(fp.signals.steps([13.0], 10.0, rate_hz=50.0))
+    assert excited.signals["n_e"][-1] == pytest.approx(trial.operating_point["n_e"] + 13.0, abs=1.0)
+    told = found.predict(trial)
+    share = np.std(told["n_e"] - trial.normalised("n_e")) / np.std(trial.normalised("n_e"))
+    assert share == pytest.approx(1.0 - 0.01 * found.fit["dn"]["nrmse_pct"], rel=0.1)
+    bare = fp.Experiment("S1", 50.0, {"n_set": [1.0, 1.0, 1.0]}, {"n_set": 1.0})
+    assert found.simulate(bare).signals["n_e"][0] == pytest.approx(trial.operating_point["n_e"])
+
+
+@pytest.mark.parametrize("kind", ["linear", "ship"])
+def test_python_control_gets_the_linearisation(found, kind) -> None:
+    if kind == "ship":
+        structure = fp.Structure.ship(["dead_time_loop", "actuator_lag", "derivative"]).with_fixed(
+            T_d=0.03, tau_act=0.05, vK_d=0.05
+        )
+        found = _at_starts(found, structure)
+    space, transfer = found.to_ss(order=4), found.to_tf(order=4)
+    assert isinstance(space, control.StateSpace)
+    assert space.output_labels == ["dn", "dM"]
+    frequency = np.geomspace(0.01, 3.0, 12)
+    exact, _ = structure_of(found).equations.response(found.settings["optimum"], frequency, ())
+    for made in (space, transfer):
+        np.testing.assert_allclose(np.squeeze(made(2j * np.pi * frequency)), exact, rtol=1e-5)
+
+
+def _at_starts(found: fp.Fingerprint, structure: fp.Structure) -> fp.Fingerprint:
+    """Return a fingerprint of a structure at its starts."""
+    content = found.to_dict()
+    content["structure"] = structure.to_dict()
+    content["settings"]["optimum"] = {one.name: one.start for one in structure.parameters}
+    return fp.Fingerprint._from_dict(json.loads(json.dumps(content)))
+
+
+STRUCTURES = {
+    "linear": fp.Structure.linear(torque="gauge", sampling=True, free_exponent=True).with_fixed(T_s=0.02),
+    "three parameters": fp.Structure.three_parameters(free_exponent=True).with_prior(p=(2.0, 0.1)),
+    "ship": SHIP,
+    "plant": fp.Structure.plant(LAUNCH, free_limit=True, dead_time_set_point=True).with_start(limit=1.1),
+    "grey box": fp.Structure.grey_box(LAUNCH, ["inertia", "Kp_abs"], pass_hz=4.0).with_bounds(
+        inertia=(5.0, 40.0, 90.0)
+    ),
+    "joint": fp.Structure.joint({"a": fp.Structure.linear(), "b": fp.Structure.linear()}, ["g"]).with_tied(
+        **{"K_i (b)": ("K_i (a)", 1.0)}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_breakage_a9_a_structure_comes_back_from_json_with_all_that_was_declared(name: str) -> None:
+    structure = STRUCTURES[name]
+    again = fp.Structure.from_dict(json.loads(json.dumps(structure.to_dict(), allow_nan=False)))
+    assert again.parameters == structure.parameters
+    assert again.free == structure.free
+    assert again.ties == structure.ties
+    assert again.name == structure.name
+    assert again.signals == structure.signals
+    assert type(again.equations) is type(structure.equations)
+    assert again.to_dict() == structure.to_dict()
+
+
+def test_breakage_a9_a_structure_of_a_users_own_says_that_a_file_can_not_hold_it() -> None:
+    own = fp.Structure.from_function(
+        lambda q, e: None, [fp.Parameter("a", "-", 1.0, 0.0, 2.0)], {"dM": "M_b"}, name="own"
+    )
+    with pytest.raises(fp.InputError, match=r"'own'.*a file can't hold its equations; give structure="):
+        fp.Structure.from_dict(own.to_dict())
+    with pytest.raises(fp.InputError, match=r"expected what Structure\.to_dict writes"):
+        fp.Structure.from_dict({"kind": "linear", "name": "x"})
+
+
+def test_breakage_a9_a_plan_from_a_fingerprint_holds_what_the_fingerprint_held(found, tmp_path) -> None:
+    loaded = fp.Fingerprint.load(found.save(tmp_path / "fingerprint.json"))
+    assert structure_of(loaded)["T_d"].fixed
+    subject = Subject.of(loaded, None, None)
+    assert "T_d" not in subject.free
+    assert subject.values["T_d"] == 0.02
+    plan = fp.design(loaded, duration_s=120.0)
+    assert plan.prediction.parameters["T_d"].status == "fixed"

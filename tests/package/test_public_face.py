@@ -1,0 +1,165 @@
+"""What Python users meet: every name through `fp`, wrong arguments told in one line, objects that compare and pickle."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+
+PAGE = Path(__file__).parents[2] / "docs" / "background" / "api.md"
+LISTED = re.findall(r"auto(?:function|class):: shipfp_rs\.([\w.]+)", PAGE.read_text(encoding="utf-8"))
+LAUNCH = fp.Vessel.load("stan-launch-804")
+SHORT = fp.signals.steps([13.0], 1.0)
+TRIAL = fp.simulate(LAUNCH, SHORT)
+LINEAR = fp.Structure.linear(products=True)
+
+
+def through_fp(listed: str) -> object:
+    """Return what a name of the page is through `fp`, of a public module by the module."""
+    module, _, name = listed.rpartition(".")
+    return getattr(getattr(fp, module) if module in fp._MODULES else fp, name)
+
+
+def test_breakage_e3_every_name_of_the_api_page_is_reached_through_fp() -> None:
+    for listed in LISTED:
+        assert through_fp(listed).__name__ == listed.rpartition(".")[2]
+
+
+def test_breakage_e3_every_name_of_fp_stands_on_the_api_page() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    errors = {
+        name
+        for name in fp.__all__
+        if inspect.isclass(getattr(fp, name)) and name.endswith(("Error", "Warning"))
+    }
+    shown = {listed.rpartition(".")[2] for listed in LISTED} | errors | set(fp._MODULES) | {"__version__"}
+    assert set(fp.__all__) - shown == set()
+    assert "automodule:: shipfp_rs.errors" in page
+
+
+FUNCTIONS = [listed for listed in LISTED if inspect.isroutine(through_fp(listed))]
+
+
+@pytest.mark.parametrize("listed", FUNCTIONS)
+def test_breakage_e1_every_public_function_refuses_a_wrong_argument_in_one_line(listed: str) -> None:
+    function = through_fp(listed)
+    required = [
+        object()
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.default is inspect.Parameter.empty
+        and parameter.kind
+        in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD, parameter.VAR_POSITIONAL)
+    ]
+    keyword_only = {
+        name: object()
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and parameter.default is inspect.Parameter.empty
+    }
+    with pytest.raises(fp.InputError, match=r"\w+ is an object, expected") as found:
+        function(*required, **keyword_only)
+    assert "\n" not in str(found.value)
+
+
+WRONG = {
+    "a vessel that is none": (
+        lambda: fp.Vessel.load(None),
+        "load: name_or_path is None, expected a text or a Path",
+    ),
+    "a rate in quotes": (
+        lambda: fp.Experiment("S1", "25", TRIAL.signals, TRIAL.operating_point),
+        "experiment 'S1': rate_hz is '25', expected a number",
+    ),
+    "samples in quotes": (
+        lambda: fp.Experiment("S1", 25.0, {"n_set": ["1", "2"]}, {"n_set": 1.0}),
+        r"experiment 'S1': signals\['n_set'\] is a list of str, expected an array of real numbers",
+    ),
+    "complex samples": (
+        lambda: fp.Experiment("S1", 25.0, {"n_set": np.ones(9) * 1j}, {"n_set": 1.0}),
+        r"signals\['n_set'\] is an array of complex128, expected an array of real numbers",
+    ),
+    "complex deviations": (
+        lambda: replace(SHORT, samples=SHORT.samples * 1j),
+        "samples is an array of complex128, .*real numbers",
+    ),
+    "no data": (lambda: fp.identify(None, LINEAR), "identify: data is None, expected an Experiment or"),
+    "swapped arguments": (
+        lambda: fp.identify(LINEAR, TRIAL),
+        "data is a Structure, .*; swap it with structure",
+    ),
+    "a ship and its excitation swapped": (lambda: fp.simulate(SHORT, LAUNCH), "; swap it with excitation"),
+    "a seed below zero": (
+        lambda: fp.identify(TRIAL, LINEAR, seed=-1),
+        "identify: seed is -1, expected a whole number of 0 or more",
+    ),
+    "a tolerance below zero": (
+        lambda: fp.identify(TRIAL, LINEAR, tolerance=-1),
+        "tolerance is -1, expected a positive number",
+    ),
+    "a value in quotes": (
+        lambda: LINEAR.with_fixed(tau_n="1"),
+        "with_fixed: tau_n is '1', expected a number",
+    ),
+    "a value below zero": (
+        lambda: LINEAR.with_fixed(tau_n=-5),
+        "tau_n: fixed at -5 s, expected 0.01 to 10 s",
+    ),
+    "a value that is no number": (lambda: LINEAR.with_fixed(g=float("nan")), "parameter g: start is nan"),
+    "experiments compared": (
+        lambda: fp.compare(TRIAL, TRIAL),
+        "compare: before is an Experiment, expected a Fingerprint",
+    ),
+    "a picture of a number": (
+        lambda: fp.plot.bode(3.0),
+        "bode: measured is 3.0, expected a FrequencyResponse",
+    ),
+    "a plan of nothing": (
+        lambda: fp.design(None),
+        "design: expected is None, expected a Vessel or a Fingerprint or",
+    ),
+    "a window in quotes": (lambda: TRIAL.window("0", "1"), "window: start_s is '0', expected a number"),
+    "truth for a count": (
+        lambda: fp.bootstrap(TRIAL, LINEAR, draws=True),
+        "draws is True, expected a whole number",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_breakage_e1_e2_wrong_arguments_cost_one_line(case: str) -> None:
+    call, line = WRONG[case]
+    with pytest.raises(fp.InputError, match=line) as found:
+        call()
+    assert "\n" not in str(found.value)
+
+
+def test_numbers_of_any_kind_are_numbers() -> None:
+    for rate in (25, np.float32(25.0), np.int64(25), np.array(25.0)):
+        assert fp.Experiment("S1", rate, {"n_set": [1.0, 2, 3]}, {"n_set": 1.0}).rate_hz == 25.0
+
+
+RESPONSE = fp.linearise(LAUNCH).frequency_response([0.1, 1.0])
+
+
+@pytest.mark.parametrize("thing", [TRIAL, RESPONSE, SHORT], ids=lambda thing: type(thing).__name__)
+def test_breakage_e2_what_was_pickled_is_equal_and_what_differs_is_not(thing) -> None:
+    again = pickle.loads(pickle.dumps(thing))
+    assert again == thing
+    assert hash(again) == hash(thing)
+    assert len({thing, again}) == 1
+    assert replace(thing, name="another") != thing
+    assert thing != "another"
+
+
+def test_breakage_e2_masked_samples_are_equal_and_a_single_other_one_is_not() -> None:
+    masked = replace(
+        TRIAL, signals={**TRIAL.signals, "n_e": np.where(TRIAL.time < 0.5, np.nan, TRIAL.signals["n_e"])}
+    )
+    assert pickle.loads(pickle.dumps(masked)) == masked
+    assert masked != TRIAL

@@ -1,0 +1,189 @@
+"""The first screen answers: usable for what, the ship in plain names and SI, its loop, what is open; in German, too."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.assessment.si import in_si
+from shipfp_rs.identification.estimate import Estimate
+from shipfp_rs.plot import intervals
+from shipfp_rs.report import render
+from shipfp_rs.report.answer import loop_rows, open_questions, ship_rows
+from shipfp_rs.report.language import Say
+from shipfp_rs.report.loop import figures
+
+TUG = fp.Vessel.load("stan-tug-1205")
+ELEMENTS = {
+    "dead_time_loop": {"state": "on", "evidence": 120.0, "limit": None, "words": "dead time in the loop"},
+    "actuator_lag": {"state": "open", "evidence": 2.0, "limit": None, "words": "lag of the fuel actuator"},
+    "torque_limit": {
+        "state": "off",
+        "evidence": -3.0,
+        "limit": {"parameter": "M_max", "value": 1.12, "unit": "-", "level": 0.95},
+        "words": "upper torque limit",
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def trial() -> fp.Experiment:
+    chirp = fp.signals.chirp(0.05, 2.0, 80.0, 40.0, rate_hz=25.0, name="chirp")
+    return fp.simulate(TUG, chirp, noise={"n_e": 0.001, "M_b": 0.005, "M_g": 0.01}, seed=2)
+
+
+@pytest.fixture(scope="module")
+def found(trial) -> fp.Fingerprint:
+    structure = fp.Structure.linear(products=True, free_exponent=True)
+    fitted = fp.identify(trial, structure, noise="white", starts=1, vessel=TUG.name)
+    return replace(
+        fitted,
+        si=in_si(fitted, TUG),
+        elements=ELEMENTS,
+        usable="Usable for simulation, control tuning and comparison: the data tell every parameter.",
+    )
+
+
+@pytest.fixture(scope="module")
+def page(found, trial) -> str:
+    return render(found, [trial], simulated=[found.predict(trial)])
+
+
+def text_of(page: str) -> str:
+    """Return what a reader sees: no scripts, styles, pictures or tags."""
+    bare = re.sub(r"<(script|style|svg)\b.*?</\1>|<a class=\"save\".*?</a>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", bare))
+
+
+def test_the_first_screen_has_verdict_ship_loop_and_picture_before_the_first_heading(page: str) -> None:
+    screen = page[page.index("<main>") : page.index("<h2")]
+    assert '<p class="answer good">Usable for simulation, control tuning and comparison' in screen
+    assert screen.count("<svg") == 1
+    for words in (
+        "The ship",
+        "inertia time constant",
+        "propeller exponent",
+        "bandwidth",
+        "phase margin",
+        "recovery time",
+    ):
+        assert words in screen
+    assert "kg m²" in screen
+    assert "measured, and the model" in screen
+
+
+def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None:
+    rows = {name: (value, spread, more) for name, value, spread, more in ship_rows(found, Say())}
+    value, spread, more = rows["inertia time constant"]
+    assert float(value.split()[0]) == pytest.approx(found["tau_n"].value, rel=0.05)
+    assert spread == "{} to {}".format(*re.findall(r"[-\d.]+", spread))
+    assert float(more.split()[0]) == pytest.approx(found.si["inertia"]["value"], rel=0.1)
+    assert more.endswith("kg m²")
+    assert rows["propeller exponent"][2] == ""  # a ratio is the same in SI
+
+
+def test_the_loop_s_figures_are_those_of_the_linearisation(found) -> None:
+    loop = figures(found, None)
+    rows = {name: value for name, value, _, _ in loop_rows(loop, Say())}
+    assert float(rows["bandwidth"].split()[0]) == pytest.approx(loop["bandwidth"].value, rel=0.01)
+    assert rows["phase margin"].endswith("°")
+    unlimited = {**loop, "gain margin": Estimate(None, status="unidentifiable", reason="there is none")}
+    assert {row[0]: row[1] for row in loop_rows(unlimited, Say())}["gain margin"] == "without limit"
+
+
+def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
+    assert open_questions(found, Say())[0].startswith(("Nothing is left open", "Told only roughly"))
+    gap = replace(found.identifiability, closes_gap=("v", "K_p"))
+    lost = replace(
+        found,
+        parameters={"v": Estimate(None, status="unidentifiable"), "p": Estimate(2.0, 0.01, (1.98, 2.02))},
+        identifiability=gap,
+    )
+    (line,) = open_questions(lost, Say())
+    assert line == (
+        "Cannot be told: slope of engine torque with fuel rack (v). Known from elsewhere (torsional calculation, factory "
+        "test), any of slope of engine torque with fuel rack (v), proportional gain of the governor (K_p) would settle it."
+    )
+    rough = {
+        "tau_n": Estimate(1.2, 0.4, (0.4, 2.0), "s"),
+        "T_set": Estimate(1e-4, 1e-3, (-0.001, 0.002), "s"),
+    }
+    (line,) = open_questions(replace(found, parameters=rough), Say())
+    assert line.startswith("Told only roughly: inertia time constant (tau_n).")
+    assert "T_set" not in line  # that it is short is what is told of it
+
+
+def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page: str) -> None:
+    section = page[page.index('id="elements"') : page.index('id="loop"')]
+    rows = {
+        name: re.findall(r"<td[^>]*>([^<]*)</td>", line)
+        for name, line in re.findall(r'<tr><th scope="row">([^<]*)</th>(.*?)</tr>', section)
+    }
+    assert rows["dead time in the loop"] == ["acts", "120", ""]
+    assert rows["lag of the fuel actuator"][0] == "cannot be told"
+    assert rows["upper torque limit"] == ["not found to act", "0", "M_max above 1.12"]
+    assert section.count("<svg") == 1
+
+
+def test_statistics_stand_behind_a_fold_with_plain_names(page: str, found) -> None:
+    section = page[page.index('id="statistics"') :]
+    assert section.index("<details>") < section.index("The model explains")
+    share = f"{found.fit['dn']['nrmse_pct']:.1f}"
+    assert (
+        f"The model explains {share} % of the variation of the speed (root mean square), noise included."
+        in section
+    )
+
+
+@pytest.fixture(scope="module")
+def partly(trial) -> fp.Fingerprint:
+    """Return a fingerprint whose gains and inertia are known only together."""
+    structure = fp.Structure.linear(torque="gauge", products=True, dead_time_loop=True, free_exponent=True)
+    return fp.identify(trial, structure, noise="white", starts=1)
+
+
+def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
+    rows = {row[0]: row[1] for row in ship_rows(partly, Say())}
+    assert rows["inertia time constant"] == "not identifiable"
+    assert rows["proportional gain over inertia"].endswith("1/s")
+    assert open_questions(partly, Say())[0].startswith("Cannot be told: inertia time constant (tau_n)")
+
+
+@pytest.mark.parametrize("which", ["found", "partly"])
+def test_the_german_page_is_german(which, trial, request) -> None:
+    found = replace(
+        request.getfixturevalue(which),
+        usable="Usable for simulation, control tuning and comparison: the data tell every parameter.",
+    )
+    page = render(found, [trial], simulated=[found.predict(trial)], language="de")
+    assert '<html lang="de">' in page
+    told = text_of(page[page.index("<main>") : page.index('id="settings"')])
+    assert "Brauchbar für Simulation, Reglereinstellung und Vergleich" in told
+    assert "Zeitkonstante der Trägheit" in told
+    english = re.findall(
+        r"\b(?:the|of|and|with|from|speed|torque|model|measured|interval|loop|samples)\b", told
+    )
+    assert english == []
+
+
+def test_a_loop_that_can_not_be_linearised_is_left_out(found) -> None:
+    box = fp.Structure.grey_box(TUG, ["inertia"])
+    page = render(replace(found, structure=box.to_dict()), [])
+    assert 'id="loop"' not in page
+    assert "phase margin" not in page
+
+
+def test_an_interval_of_a_parameter_near_zero_does_not_squeeze_the_others(found) -> None:
+    near_zero = {
+        **{name: Estimate(1.0, 0.01, (0.98, 1.02)) for name in ("a", "b", "c")},
+        "T_set": Estimate(2e-4, 4e-4, (-6e-4, 1e-3), "s"),
+    }
+    ax = intervals(replace(found, parameters=near_zero, derived={}))
+    low, high = ax.get_xlim()
+    assert (low, high) == pytest.approx((-2.3, 2.3))
+    arrows = [line for line in ax.lines if line.get_marker() in "<>" and line.get_marker() != "None"]
+    assert [float(np.ravel(line.get_xdata())[0]) for line in arrows] == pytest.approx([low, high])

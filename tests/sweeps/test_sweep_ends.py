@@ -1,0 +1,122 @@
+"""Ctrl-C and SIGTERM end a command within a second and leave nothing behind; a sweep without an estimate is an error."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from shipfp_rs import cli
+from tests.cli.small_trial import SWEEP, write_small_trial
+
+LONG_DRAWS = SWEEP.replace("draws = 2", "draws = 100000").replace("duration_s = 10.0", "duration_s = 300.0")
+ENDS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+
+
+def started(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a command in a group of its own, so that what it leaves running can be told."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "shipfp_rs.cli", *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def ended(process: subprocess.Popen[str], number: signal.Signals) -> tuple[float, str]:
+    """End a command and return how long that took, and its lines; nothing of its group is left."""
+    began = time.monotonic()
+    process.send_signal(number)
+    _, told = process.communicate(timeout=30.0)
+    took = time.monotonic() - began
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:  # until the system has taken note
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return took, told
+        time.sleep(0.05)
+    raise AssertionError("processes are left")
+
+
+@pytest.mark.parametrize(("number", "status"), ENDS)
+@pytest.mark.parametrize("executor", ["processes", "threads"])
+def test_breakage_d5_a_sweep_does_not_wait_for_its_draws(tmp_path, executor, number, status):
+    (tmp_path / "SWEEP.toml").write_text(LONG_DRAWS)
+    # A task of 10,000 draws takes a quarter of an hour; ten seconds are those of a machine with much else to do.
+    options = ("--executor", executor, "--workers", "2", "--draws-per-task", "10000")
+    process = started(tmp_path, "sweep", "SWEEP.toml", "--out", "out", *options)
+    while not (tmp_path / "out" / "manifest.json").exists():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    time.sleep(3.0)
+    took, told = ended(process, number)
+    assert process.returncode == status
+    assert "what is done is in out" in told
+    assert "leaked" not in told
+    assert "Traceback" not in told
+    assert took < 10.0
+
+
+@pytest.mark.parametrize(("number", "status"), ENDS)
+def test_breakage_d5_a_run_leaves_no_temporary_folder(tmp_path, number, status):
+    write_small_trial(tmp_path)
+    process = started(tmp_path, "run", "TRIAL.toml", "--out", "out")
+    while not list(tmp_path.glob(".out.*")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    _, told = ended(process, number)
+    assert process.returncode == status
+    assert told.count("\n") == 1
+    assert not list(tmp_path.glob(".*"))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "slip",
+    [
+        ("[noise]", "[operating_point]\nn_e_rpm = 1.0\n[noise]"),
+        ("duration_s = 10.0", "duration_s = 1e14"),
+        ("draws = 2", "draws = 2\ntime_limit_s = 1e-6"),
+    ],
+)
+def test_breakage_d3_a_sweep_without_an_estimate_is_status_2(tmp_path, capsys, slip):
+    (tmp_path / "SWEEP.toml").write_text(SWEEP.replace(*slip))
+    arguments = [
+        "sweep",
+        str(tmp_path / "SWEEP.toml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--executor",
+        "threads",
+    ]
+    assert cli.main(arguments) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "none of 2 draws was identified, the first one for this: " in told
+
+
+@pytest.mark.parametrize(
+    ("slip", "said"),
+    [
+        (
+            ("draws = 2", "draws = 1000000000000"),
+            "sweep.draws: found 1000000000000, expected less than or equal to 10000000",
+        ),
+        (('noise = "white"', "starts = 1000000000"), "identify.starts: found 1000000000, expected less"),
+        (("draws = 2", 'design = "grid"\nrepeats = 9999999'), "expected at most 10000000 draws"),
+        (("draws = 2", 'draws = 2\nname = ""'), "sweep.name: found an empty text"),
+    ],
+)
+def test_breakage_d3_sweeps_without_end_are_refused(tmp_path, capsys, slip, said):
+    text = SWEEP.replace("high = 2.0 }", "high = 2.0, points = 9 }").replace(*slip)
+    (tmp_path / "SWEEP.toml").write_text(text)
+    assert cli.main(["sweep", str(tmp_path / "SWEEP.toml"), "--out", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err

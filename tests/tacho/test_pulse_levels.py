@@ -1,0 +1,102 @@
+"""Levels that follow a train: amplitudes that go with speed or fade, offsets that drift, wheels that lack a tooth.
+
+`pytest -m study -k pick_ups -s` prints the figures of 100 records of each kind at 2, 5 and 10 kHz.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shipfp_rs import tacho
+from tests.tacho.pick_ups import KINDS, outcome, record
+
+RATE = 2000.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("rate_hz", [2000.0, 10_000.0])
+def test_breakage_c1_every_pulse_is_counted_or_lies_in_a_gap(kind, rate_hz):
+    found = outcome(record(kind, rate_hz, seed=1, duration_s=40.0))
+    assert (found.lost, found.invented, found.untold) == (0, 0, 0)
+    assert found.over_limit < 1.1
+    assert (found.gap_s > 1.0) == (kind in ("from rest", "fading"))
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("kind", KINDS)
+def test_pick_ups_of_a_hundred_seeds(kind):
+    for rate_hz in (2000.0, 5000.0, 10_000.0):
+        every = [outcome(record(kind, rate_hz, seed)) for seed in range(100)]
+        lost, invented, untold = (
+            sum(getattr(one, name) for one in every) for name in ("lost", "invented", "untold")
+        )
+        limit = float(np.sqrt(np.mean([one.over_limit**2 for one in every])))
+        stated = float(np.sqrt(np.mean([one.over_stated**2 for one in every])))
+        counted = sum(one.counted for one in every)
+        print(
+            f"{kind:>22} at {rate_hz:5g} Hz: {counted} pulses, {lost} lost, {invented} invented, {untold} untold, "
+            f"speed {limit:.3f} of the limit (worst {max(one.over_limit for one in every):.3f}), "
+            f"{stated:.3f} of what is stated"
+        )
+        assert (lost, invented, untold) == (0, 0, 0)
+        assert limit < 1.1
+        assert 0.95 < stated < 1.05
+
+
+@pytest.mark.parametrize("samples", [3.47, 4.56, 6.37, 12.71, 40.3])
+@pytest.mark.parametrize("shape", ["square", "sine"])
+def test_breakage_c2_the_stated_deviation_holds_from_three_samples_a_pulse(shape, samples):
+    rng = np.random.default_rng(0)
+    places = np.arange(120_000)
+    ratios, means = [], []
+    for steady in (False, True):
+        period = samples * (1.0 + (0.0 if steady else 0.02) * np.sin(2.0 * np.pi * places / 30_000.0))
+        phase = np.cumsum(1.0 / period)
+        wave = np.where(phase % 1 < 0.4, 1.0, -1.0) if shape == "square" else np.sin(2.0 * np.pi * phase)
+        train = (wave + 0.005 * rng.standard_normal(len(places))).astype(np.float32)
+        speed = tacho.speed_from_pulses(tacho.pulse_times(train, RATE), 1)
+        truth = RATE / np.interp(speed.time_s * RATE, places, period)
+        ratios.append(np.sqrt(np.mean((speed.speed_rps - truth) ** 2) / np.mean(speed.std_rps**2)))
+        means.append(np.mean(speed.speed_rps / truth))
+    assert ratios == pytest.approx([1.0, 1.0], abs=0.05)
+    assert means == pytest.approx([1.0, 1.0], abs=1e-3)
+
+
+def test_saw_teeth_squares_and_bipolar_pulses_give_one_crossing_each():
+    phase = np.cumsum(np.linspace(5.0, 25.0, 120_000)) / RATE
+    way = phase % 1
+    rng = np.random.default_rng(0)
+    for wave in (
+        way - 0.5,
+        np.where(way < 0.1, 1.0, 0.0),
+        np.exp(-(((way - 0.4) / 0.05) ** 2)) - np.exp(-(((way - 0.6) / 0.05) ** 2)),
+    ):
+        train = np.linspace(0.2, 1.0, len(wave)) * wave - 3.0 + 0.005 * rng.standard_normal(len(wave))
+        found = tacho.pulse_times(train, RATE)
+        assert abs(len(found.times_s) - phase[-1]) <= 1.0
+        assert not len(found.gaps_s)
+
+
+def test_the_hum_of_a_shaft_at_rest_is_no_train():
+    time = np.arange(round(60.0 * RATE)) / RATE
+    phase = np.cumsum(np.interp(time, [0.0, 20.0, 30.0], [20.0, 20.0, 0.0])) / RATE
+    rng = np.random.default_rng(0)
+    train = np.where((phase % 1 < 0.3) & (time < 30.0), 5.0, 0.0)
+    train += 0.1 * np.sin(2.0 * np.pi * 50.0 * time) + 0.002 * rng.standard_normal(len(time))
+    found = tacho.pulse_times(train, RATE)
+    # The last few take longer and longer, and may be those of a shaft that has stopped.
+    assert 0.0 <= phase[-1] - len(found.times_s) <= 6.0
+    assert found.times_s[-1] < 30.0
+    assert found.faint_s[-1] == pytest.approx([found.times_s[-1], 60.0])
+
+
+def test_the_parts_of_a_gap_have_their_reasons():
+    truth = record("fading", RATE, seed=0, duration_s=40.0)
+    samples = truth.samples.copy()
+    samples[4000:4400] = np.nan
+    found = tacho.pulse_times(samples, RATE)
+    np.testing.assert_array_equal(found.missing_s, [[2.0, 2.2]])
+    assert len(found.gaps_s) == 1 + len(found.faint_s)
+    assert 0.1 < found.limit < 0.2
+    assert len(found.time_std_s) == len(found.times_s)
