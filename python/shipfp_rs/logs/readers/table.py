@@ -79,6 +79,7 @@ def log_of_table(
     for name, (field, facts) in fields.items():
         if name in without:
             continue
+        rate: float | None
         if axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
             place = _time_before(field.name, plans, schema.names)
             axis, own = axes[place], plans[place].zero
