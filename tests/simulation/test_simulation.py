@@ -166,7 +166,7 @@ def test_noise_has_the_size_and_colour_asked_for() -> None:
         noise = noisy.signals[name] - clean.signals[name]
         assert noise.std() == pytest.approx(0.05 * clean.signals[name].std(), rel=0.1)
         assert np.corrcoef(noise[1:], noise[:-1])[0, 1] == pytest.approx(correlation, abs=0.03)
-    for name in set(UNITS) - {"n_e", "M_b"}:
+    for name in set(clean.signals) - {"n_e", "M_b"}:
         np.testing.assert_array_equal(noisy.signals[name], clean.signals[name])
 
 

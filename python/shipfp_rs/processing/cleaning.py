@@ -17,6 +17,9 @@ from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 
+OF_A_LEVEL = ("stuck", "dropout", "clipped")
+"""Faults that a load's own level looks like."""
+
 
 class Cleaner:
     """Calibrated samples of a channel with its faults bridged or masked; remembers those of one stretch.
@@ -74,6 +77,9 @@ class Cleaner:
             least_hum=settings.least_hum,
             repeats=is_set_point,
         )
+        if isinstance(sensor, Load):
+            # One that is switched off stands still at zero, and at its rating it stands at a rail.
+            found = {kind: spans for kind, spans in found.items() if kind not in OF_A_LEVEL}
         # A channel that stands still throughout may be meant to: that is told, and nothing is left to repair it from.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)

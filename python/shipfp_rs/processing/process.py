@@ -249,8 +249,7 @@ class _Recording:
         torque, value = self.trial.channels.torque, self.trial.operating_point.M_Nm
         assert torque is not None
         assert value is not None
-        gearbox = self.vessel.gearbox
-        return value * gearbox.ratio * gearbox.efficiency if torque.location == "brake" else value
+        return value * self.vessel.torque_ratio if torque.location == "brake" else value
 
     def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
         """Cut one window."""

@@ -86,7 +86,7 @@ class Rack(Section):
 
 
 class Load(Section):
-    """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm of the shaft behind a gearbox, or to W."""
+    """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
     column: Name
     unit: str
