@@ -12,7 +12,10 @@ from shipfp_rs.assessment.ship_parameters import PARAMETERS, parameters_of, with
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.identify import Options, fingerprint_of, search_minima
+from shipfp_rs.identification.identify import options_of
+from shipfp_rs.identification.minima import search_minima
+from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.outcome import fingerprint_of
 from shipfp_rs.identification.verdict import verdict
 from shipfp_rs.identification.weighted_problem import Noise
 from shipfp_rs.simulation.replay import answered
@@ -115,7 +118,7 @@ def indirect_inference(
     residuals e and the slopes B of the binding.
     """
     # A profile's ends are those of the structure, not of the ship.
-    records, chosen = _records(experiments), Options.of({"intervals": "symmetric", **options})
+    records, chosen = _records(experiments), options_of({"intervals": "symmetric", **options})
     ended = search_minima(records, structure, chosen)
     first = fingerprint_of(ended, vessel=vessel.name)
     simulator = _Simulator(records, structure, vessel, chosen, ended.best.noise)
@@ -168,7 +171,7 @@ def bind(
     vessel
         The ship.
     """
-    simulator = _Simulator(_records(experiments), structure, vessel, Options.of(options))
+    simulator = _Simulator(_records(experiments), structure, vessel, options_of(options))
     own = parameters_of(vessel)
     names = tuple(parameter.name for parameter in structure.free)
     values = np.array([own[name] for name in names])
