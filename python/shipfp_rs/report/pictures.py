@@ -102,7 +102,7 @@ def _spoken(inner: Formatter, say: Say) -> Formatter:
         def __call__(self, x: float, pos: int | None = None) -> str:
             return say.number(inner(x, pos))
 
-        def format_ticks(self, values: Sequence[float]) -> list[str]:
+        def format_ticks(self, values: list[float]) -> list[str]:
             return [say.number(text) for text in inner.format_ticks(values)]
 
         def get_offset(self) -> str:
