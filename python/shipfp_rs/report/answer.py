@@ -204,8 +204,8 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
                 names=names,
             )
         lines.append(line)
-    settled = not any(row["state"] == "open" for row in fingerprint.elements.values())
-    if not lines and fingerprint.parameters and settled and not fingerprint.usable.startswith(FAILED):
+    decided = not any(row["state"] == "open" for row in fingerprint.elements.values())
+    if not lines and fingerprint.parameters and decided and not fingerprint.usable.startswith(FAILED):
         lines.append(say("Nothing is left open: the data tell every parameter that was asked for."))
     return lines
 
