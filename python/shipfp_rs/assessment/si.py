@@ -39,7 +39,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     -------
     dict
         Quantity to {"value", "std", "ci95", "unit"}; a parameter that the data do not tell has none. Inertias are seen
-        from the propeller shaft, gains act on the engine's speed in rpm.
+        from the propeller shaft, gains act on the engine's speed in rpm, the torque limit is the engine's.
 
     Notes
     -----
@@ -63,7 +63,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
         "T_d": (1.0, "s"),
         "T_set": (1.0, "s"),
         "tau_act": (1.0, "s"),
-        "M_max": (abs(shaft_torque), "Nm"),
+        "M_max": (abs(shaft_torque) / (vessel.gearbox.ratio * vessel.gearbox.efficiency), "Nm"),
     }
     rows = {}
     for name, (factor, unit) in factors.items():
