@@ -12,6 +12,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.coarse import block_means, bridged
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
@@ -158,18 +159,11 @@ class _Trace:
                 f"{log.name}: channel {name!r} has {channel.samples} samples at {channel.rate_hz:g} Hz, expected "
                 f"{LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
             )
-        parts, held = [], np.empty(0)
-        for chunk in log.chunks(name):
-            held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
-            whole = len(held) // ratio * ratio
-            parts.append(held[:whole].reshape(-1, ratio).mean(axis=1))
-            held = held[whole:]
-        samples = np.concatenate(parts)
+        samples = block_means(log, name, ratio)
         samples = samples[: len(samples) // block * block]
-        known = np.isfinite(samples)
-        if not known.any():
+        if not np.isfinite(samples).any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        samples = np.interp(np.arange(len(samples)), np.flatnonzero(known), samples[known])
+        samples = bridged(samples)
         rows = samples.reshape(-1, block)
         medians = np.median(rows, axis=1)
         # Absolute deviations: jumps of the relay are rare among them.

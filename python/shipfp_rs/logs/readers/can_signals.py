@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.logs.readers.timed_series import own_axis
+from shipfp_rs.logs.time_axis import TimeAxis
 
 SPECIAL = 0xFB
 """First byte from which on a J1939 value is none: parameter specific, reserved, error, not available."""
@@ -237,14 +237,9 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
             samples = signal.values(frames.data[own], j1939=message.j1939)
             if not np.isfinite(samples).any():
                 continue
-            stamps = time[own]
-            try:
-                axis = time_axis(path, name, partial(iter, (stamps,)))
-            except InputError as error:
-                notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+            axis = own_axis(path, name, time[own], notes, faults)
+            if axis is None:
                 continue
-            notes += [axis.note] if axis.note else []
-            faults += axis.faults
             channels.append(
                 Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
             )
