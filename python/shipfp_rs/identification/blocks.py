@@ -267,9 +267,10 @@ class Block:
 
 @lru_cache(maxsize=64)
 def _places(outputs: int, columns: int, offsets: bool) -> npt.NDArray[np.intp]:
-    """Where the products of all columns (O, C, O, C) are in a kernel's, behind whose columns there is one of zeros.
+    """Return the places of the products of all columns (O, C, O, C) among those of a kernel.
 
-    Behind the derivatives come an offset of the output itself and its residual; an offset of another one is zero.
+    A kernel's columns for an output are its derivatives, an offset of that output, its residual, and one of zeros. An
+    offset of another output has no effect on this one: it takes the column of zeros.
     """
     one, width = columns - 2, columns + 1
     row = np.arange(outputs)[:, None]

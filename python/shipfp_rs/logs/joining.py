@@ -168,15 +168,15 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     Parameters
     ----------
     logs
-        Logs that tell when their clocks stood at zero, or none of which does: then their times are one clock's.
-        A channel that several have carries its file's name in front.
+        Either all logs have a date, or none has; without dates their times are taken for those of one clock.
+        A channel name that several logs have gets the file's name in front.
     name
         Of the log; the first one's by default.
 
     Raises
     ------
     InputError
-        Where some tell a date and others do not, or the recordings do not overlap in time.
+        Where some logs have a date and others do not, or the recordings do not overlap in time.
     """
     if not logs:
         raise InputError("merge: no log, expected two or more")

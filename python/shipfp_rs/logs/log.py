@@ -143,7 +143,26 @@ class Log:
         start_s: float = 0.0,
         name: str = "memory",
     ) -> Log:
-        """Build a log of channels at one rate from arrays in memory, each of shape (N,)."""
+        """Build a log of channels at one rate from arrays in memory.
+
+        Parameters
+        ----------
+        arrays
+            Name of each channel to its samples, shape (N,).
+        rate_hz
+            Sample rate [Hz].
+        units
+            Name to unit, as the logger would write it; a channel without one has none.
+        start_s
+            Time of the first samples on the log's clock [s].
+        name
+            Label.
+
+        Raises
+        ------
+        InputError
+            Where samples are no numbers in one dimension.
+        """
         held = {key: np.asarray(values) for key, values in arrays.items()}
         for key, values in held.items():
             if values.ndim != 1 or values.dtype.kind not in "biuf":
@@ -175,7 +194,13 @@ class Log:
 
     @checked
     def channel(self, name: str) -> Channel:
-        """Return what is known of a channel; `InputError` with the nearest name where there is none."""
+        """Return what is known of a channel.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel; it suggests the nearest name.
+        """
         if name not in self.channels:
             known = list(self.channels)
             hint = hints.nearest(name, known)
@@ -183,7 +208,20 @@ class Log:
         return self.channels[name]
 
     def rows(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> tuple[int, int]:
-        """Return first sample of a stretch and first one after it; the whole channel by default."""
+        """Return the indices of the first sample of a stretch and of the first one after it.
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        start_s, stop_s
+            Stretch on the log's clock [s]; None: from the channel's start, to its end.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel, or the stretch is empty or outside it.
+        """
         channel = self.channel(name)
         tolerance = 0.5 / channel.rate_hz
         start = channel.start_s if start_s is None else start_s
@@ -200,7 +238,22 @@ class Log:
     def chunks(
         self, name: str, size: int = BLOCK, *, start_s: float | None = None, stop_s: float | None = None
     ) -> Iterator[Samples]:
-        """Yield a channel in arrays of at most `size` samples, dtype as recorded."""
+        """Yield a channel in arrays of at most `size` samples, dtype as recorded, gaps as NaN.
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        size
+            Longest array, in samples.
+        start_s, stop_s
+            Stretch on the log's clock [s]; None: from the channel's start, to its end.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel, or the stretch is empty or outside it.
+        """
         first, last = self.rows(name, start_s, stop_s)
         left = last - first
         if left <= 0:
@@ -212,12 +265,29 @@ class Log:
                 return
 
     def raw_blocks(self, name: str, first: int = 0, size: int | None = None) -> Iterator[Samples]:
-        """Yield a channel from a row on with its gaps masked, all blocks of one type; what `write` stores."""
+        """Yield a channel as `write` stores it: gaps masked, all arrays of one dtype.
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        first
+            Index of the first sample wanted.
+        size
+            Longest array, in samples.
+        """
         return self._blocks(name, first, size or BLOCK)
 
     @checked
     def read(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> Samples:
-        """Return a channel from `start_s` up to, not including, `stop_s` on the log's clock, as recorded.
+        """Return a channel as recorded, shape (N,).
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        start_s, stop_s
+            From when up to, not including, when on the log's clock [s]; None: from the channel's start, to its end.
 
         Raises
         ------
@@ -235,6 +305,11 @@ class Log:
 
         Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
         shorter than the longest end in nulls, which cost next to nothing.
+
+        Raises
+        ------
+        InputError
+            Where the name does not end in .parquet, or is that of the log's own file.
         """
         path = Path(path)
         suffix = path.suffix.lower()

@@ -119,7 +119,13 @@ class Excitation:
 
     @checked
     def power_in(self, low_hz: float, high_hz: float) -> float:
-        """Return the part of the mean square that lies from `low_hz` to `high_hz` [-], the mean left out."""
+        """Return the part of the mean square in a band [-], the mean left out.
+
+        Parameters
+        ----------
+        low_hz, high_hz
+            Ends of the band [Hz], both in it.
+        """
         frequency, amplitude = self.spectrum()
         power = amplitude**2
         power[0] = 0.0
@@ -127,9 +133,19 @@ class Excitation:
 
     @checked
     def ramped(self, ramp_s: float) -> Excitation:
-        """Return a copy that swells from zero and dies away to zero, each over `ramp_s` as half a cosine.
+        """Return a copy that grows from zero at its start and falls to zero at its end, each as half a cosine.
 
         The ship is spared the jump of a signal that starts or ends off zero; the ramps cost excitation.
+
+        Parameters
+        ----------
+        ramp_s
+            Length of each ramp [s].
+
+        Raises
+        ------
+        InputError
+            Where two ramps are longer than the excitation.
         """
         positive("ramp_s", ramp_s)
         count = round(ramp_s * self.rate_hz)
@@ -145,7 +161,18 @@ class Excitation:
 
     @checked
     def settled(self, before_s: float, after_s: float = 0.0) -> Excitation:
-        """Return a copy with the operating point held before and after, for the ship to settle."""
+        """Return a copy with the operating point held before and after, for the ship to settle.
+
+        Parameters
+        ----------
+        before_s, after_s
+            How long it is held [s].
+
+        Raises
+        ------
+        InputError
+            For a negative time.
+        """
         for name, value in (("before_s", before_s), ("after_s", after_s)):
             zero_or_more(name, value)
         lead, tail = round(before_s * self.rate_hz), round(after_s * self.rate_hz)

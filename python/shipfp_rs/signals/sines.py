@@ -31,7 +31,7 @@ def sine_sequence(
     Parameters
     ----------
     frequencies_hz
-        Frequencies in order [Hz], each below half the sample rate.
+        Frequencies in order [Hz], shape (F,), each below half the sample rate.
     periods
         Periods of each, a whole number, so that the set point has no jumps.
     amplitude_rpm
@@ -109,13 +109,13 @@ def multisine(
     Parameters
     ----------
     frequencies_hz
-        Wanted frequencies [Hz]; each moves to the nearest multiple of 1/period_s.
+        Wanted frequencies [Hz], shape (F,); each moves to the nearest multiple of 1/period_s.
     period_s
         Period [s], a whole number of samples.
     amplitude_rpm
         Largest deviation [rpm].
     weights
-        Relative amplitude of each frequency; None: all equal.
+        Relative amplitude of each frequency, shape (F,); None: all equal.
     periods
         Number of periods; the first one lets the ship settle.
     avoid_hz

@@ -24,7 +24,7 @@ def steps(
     Parameters
     ----------
     sizes_rpm
-        Size of each step [rpm], up or down from the level before.
+        Size of each step [rpm], shape (S,), up or down from the level before.
     hold_s
         Time at each level [s].
     lead_s

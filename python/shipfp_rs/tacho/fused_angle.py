@@ -16,19 +16,19 @@ Array = npt.NDArray[np.float64]
 _SPACING = 1.0 / 3.0
 """Knots, over the period of the bandwidth: the spline's gain falls by 0.1 % there."""
 _ROUNDS = 10
-"""Of reweighting: a slipped count bends all at first, and is left behind round by round."""
+"""Rounds of reweighting. A count that slipped bends the whole angle at first; each round gives it less weight."""
 _HUBER = 2.5
-"""Standard deviations from which on a pulse's pull grows no more."""
+"""Distance from the fused angle, in standard deviations, beyond which a pulse's pull on it grows no more."""
 _APART = 6.0
-"""Standard deviations beyond which a pulse and the fused angle part."""
+"""Distance from the fused angle, in standard deviations, beyond which a pulse is reported as apart from it."""
 _NEARBY, _SLIP = 5, 0.4
-"""Passages on either side whose median shows where a count slipped, and the part of a pulse from which on it did."""
+"""A count slipped where the medians of so many passages before and after differ by more than this part of a pulse."""
 _SAME_SPEED = 5.0, 1e-5
-"""Standard deviations, and part of the speed, within which two trains tell the same mean speed."""
+"""Two trains have the same mean speed where they differ by less: in standard deviations, or as a part of the speed."""
 _UNEXPLAINED = 3.0
-"""Scatter from which on a train's timing and reflectors no longer explain it."""
+"""Ratio of a train's scatter to what its timing and reflectors explain, beyond which something else is wrong."""
 _UNKNOWN = 0.05
-"""Relative standard deviation from which on a speed is masked: nothing but the bridge is there."""
+"""Relative standard deviation beyond which a speed is masked: no pulses are near, the spline only bridges a gap."""
 _ROBUST, _CUT_OFF = 1.4826, 0.978
 """Standard deviation over median absolute deviation of Gaussian noise, and its mean square when cut at `_HUBER`."""
 

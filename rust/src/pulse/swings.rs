@@ -137,7 +137,8 @@ enum Going {
 #[derive(Debug, Clone)]
 pub struct Swings {
     going: Going,
-    /// The least and the greatest since the last turn; only that in the direction of going is kept up.
+    /// The least and the greatest value since the last turn; while the signal rises only the greatest is updated, while it
+    /// falls only the least.
     low: Turn,
     high: Turn,
     /// Extremes of the block before.
@@ -169,7 +170,7 @@ impl Swings {
             if higher {
                 self.high = high;
             }
-            // Of a block on a steep edge the one extreme is new, and the other came before it.
+            // In a block on a steep edge one extreme is new, and the other is older than it.
             let (rising, falling) = (higher && low.value > before.0, lower && high.value < before.1);
             match self.going {
                 Going::Nowhere if self.high.value - self.low.value > reversal => {
@@ -191,14 +192,14 @@ impl Swings {
     }
 }
 
-/// Turning points to levels: those of swings much smaller than others nearby are left out, the rest taken in groups.
+/// Turning points to levels. Turning points of swings much smaller than others nearby are left out; the rest are grouped.
 #[derive(Debug, Clone, Default)]
 pub struct Grouping {
-    /// The turns that were not yet compared.
+    /// The turning points that were not compared yet.
     turns: VecDeque<Turn>,
-    /// The last one that was.
+    /// The last turning point that was compared.
     before: Option<Turn>,
-    /// Number of the swing that leads to the first of the turns; of the first turn of all there is none.
+    /// Number of the swing that leads to the first of `turns`; no swing leads to the record's first turning point.
     next: usize,
     /// Swings that may be the largest nearby, with their numbers: each is larger than all that follow it.
     largest: VecDeque<(usize, f64)>,

@@ -284,8 +284,8 @@ impl PulseTracker {
 
 /// Heights of the train at crossings, along lines between levels; 0 where no turning points tell of it.
 ///
-/// Beyond the first and the last level the line goes on where it goes down: pulses that fade are not as high as those
-/// before. Levels hold where turning points tell them, and about three pulses beside.
+/// Before the first and after the last level the line is extended if it falls that way, since fading pulses are lower. A
+/// level is used from about three pulses before its turning points to three after them.
 fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
     let mut at = 0;
     edges

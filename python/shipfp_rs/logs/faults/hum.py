@@ -15,15 +15,15 @@ Array = npt.NDArray[np.float64]
 CYCLES = 10
 """Cycles of the mains in a block: 0.2 s at 50 Hz, the resolution in time."""
 SIDE = 3
-"""Distance of the two frequencies beside the mains that tell what is no hum, in bins of a block."""
+"""Distance from the mains' frequency of two others, which show what is no hum, in bins of a block."""
 ABOVE_SIDES = 4.0
-"""Amplitude over that of the frequencies beside it from which it is hum."""
+"""Ratio of the amplitude to that at the two other frequencies, from which on it counts as hum."""
 LEAST_BLOCKS = 3
-"""Blocks in a row that are hum; a jump of the signal fills one or two."""
+"""Blocks in a row that must be hum. A jump of the signal looks like hum in one or two."""
 BATCH = 64
-"""Blocks told at once: sums of products round by how many are taken together, so chunks must not decide."""
+"""Blocks worked out together. Rounding depends on how many there are, so it must not depend on the chunks fed."""
 NOTCH_S = 0.5
-"""Length of the window that follows the hum's amplitude and phase [s]; 4 Hz on either side go with it."""
+"""Length of the window in which the hum's amplitude and phase are found [s]. What lies within 4 Hz is removed, too."""
 
 
 class HumScan:

@@ -203,7 +203,7 @@ def _signal(signal: Any) -> Signal:
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
     """Return the signals of a bus as channels, each at the even rate of its message, with its bit as resolution.
 
-    A name that several messages or senders have is followed by theirs.
+    Where several messages or senders have a signal of one name, the channel carries the message and the sender in front.
     """
     messages = messages_of(path, names)
     if not len(frames.time_s):
