@@ -22,25 +22,25 @@ Kind = Literal["steady", "sine", "chirp", "steps", "other"]
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
 BLOCK_S = 0.5
-"""Stretch whose median is one level; longer than the relay's jumps many times over."""
+"""Length of the blocks whose medians are the levels [s], many times that of a relay's jump."""
 LEAST_REST_S = 10.0
-"""Shortest rest; the crest of a slow sine is level for less, or bends."""
+"""Shortest rest [s]. The crest of a slow sine stays level for less, or is curved."""
 AT_REST = 6.0
-"""Standard deviations of a block's median within which it is at the level of the rest."""
+"""A block is at the level of a rest where its median differs by at most so many of its standard deviations."""
 BEND = 2.5
-"""Standard deviations that a parabola may rise over a rest: the crests of slow sines rise by more."""
+"""A parabola through a rest rises by at most so many standard deviations; through the crest of a slow sine by more."""
 SWINGS = 1.5
-"""Spread within a block, over that of the noise, from which on the set point swings faster than blocks tell."""
+"""Where a block's spread is so many times that of the noise, the set point swings faster than blocks can show."""
 STEP_WITHIN_S = 1.5
 """A change from one level to another that takes no longer is a step."""
 LONG_HOLD = 2.5
-"""Times the usual hold of a series of steps after which it has ended."""
+"""A series of steps has ended after so many times its usual hold without a step."""
 CROSSED = 0.35
 """Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
 JUMPED = 1.5
-"""Times the amplitude beyond which a sample is a jump of the generator's relay."""
+"""A sample further out than so many amplitudes is a jump of the generator's relay."""
 SAME_FREQUENCY = 1.15
-"""Ratio of the last periods to the first up to which they are one frequency."""
+"""The excitation has one frequency where the ratio of its last periods to its first is below this."""
 
 _LETTERS = {"steady": "R", "sine": "S", "chirp": "C", "steps": "St", "other": "X"}
 
@@ -109,7 +109,7 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
-    # Whatever is no rest and no step between two rests.
+    # Everything between two rests that is not a step.
     borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
