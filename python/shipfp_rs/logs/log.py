@@ -54,7 +54,7 @@ class Log:
             twice = next(channel for channel in names if names.count(channel) > 1)
             raise InputError(f"{name}: channel {twice!r} stands there twice; give each channel its own name")
         for channel in channels:
-            # Rows are found from times: a time must tell samples apart.
+            # Rows are found by their times, so the times of two samples must differ.
             last_s = max(abs(channel.start_s), abs(channel.stop_s)) if channel.rate_hz > 0.0 else np.inf
             if channel.samples < 0 or not last_s * channel.rate_hz < 2.0**50:
                 raise InputError(
@@ -341,7 +341,7 @@ def _with_nan(block: Samples) -> Samples:
 
 
 Reader = Callable[..., Log]
-"""(path, rate_hz) to a log; those that are registered to take more get it by keyword."""
+"""Function of (path, rate_hz) that returns a log; further options that it is registered for come by keyword."""
 Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
 _WRITERS: dict[str, Writer] = {}

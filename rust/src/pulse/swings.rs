@@ -6,26 +6,26 @@ use multiversion::multiversion;
 
 use super::sample::Sample;
 
-/// Samples of a block; turning points are known to one.
+/// Samples in a block; the time of a turning point is known to one block.
 pub const BLOCK: usize = 32;
 const LANES: usize = 16;
 
-/// A swing must exceed this many standard deviations of the noise: noise does so once in millions of samples.
+/// A swing must be larger than this many standard deviations of the noise, which noise exceeds once in millions of samples,
 const CLEAR: f64 = 10.0;
-/// ... or this share of the usual range of a block, where every block holds a whole pulse and noise can't be told;
-/// swings below this share of the largest nearby are ringing or noise on the greater ones.
+/// or than this share of the usual range of a block, where every block holds a whole pulse and noise can't be measured.
+/// Swings below this share of the largest nearby are ringing or noise on top of it.
 const SHARE: f64 = 0.35;
 /// Blocks whose ranges are compared.
 const LOOKED_AT: usize = 256;
-/// A ripple below this share of the range is none where noise is nil.
+/// Without noise a ripple below this share of the range is no swing.
 const RIPPLE: f64 = 0.01;
-/// Swings on either side among which one is compared.
+/// A swing is compared with so many others on either side.
 const NEAR: usize = 8;
 /// Turning points of a group, whose medians are a pair of levels.
 const GROUP: usize = 18;
-/// A group of fewer tells nothing.
+/// Fewest turning points of a group.
 const LEAST: usize = 4;
-/// Times the usual time between two turning points after which a group has ended.
+/// A group has ended after so many times the usual time between two turning points.
 const SILENCE: f64 = 8.0;
 
 /// Least and greatest usable sample of each block of 32, the last of which may be shorter; least above greatest where
@@ -75,7 +75,7 @@ fn most<T: Sample>(one: T, other: T) -> T {
     if other > one { other } else { one }
 }
 
-/// By how much a signal must turn back to have turned.
+/// By how much a signal must come back from an extreme for it to be a turning point.
 pub fn reversal(extremes: &[(f64, f64)], noise: f64) -> f64 {
     let every = (extremes.len() / LOOKED_AT).max(1);
     let mut ranges: Vec<f64> = extremes
@@ -224,7 +224,7 @@ impl Grouping {
         }
     }
 
-    /// The levels of what was taken since the last group was complete, as if nothing more came.
+    /// The levels of the turning points taken since the last whole group, as if no more came.
     pub fn rest(&self, noise: f64) -> Vec<Level> {
         let mut end = self.clone();
         let mut found = Vec::new();
