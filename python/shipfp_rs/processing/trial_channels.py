@@ -85,18 +85,14 @@ class Rack(Section):
     """Delay of the channel [s], which is removed. For a bus half of its repetition period is part of it."""
 
 
-LOADS = {"torque": "M_load", "power": "P_load"}
-"""Name of the signal that a measured load becomes, by its quantity."""
-
-
 class Load(Section):
-    """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm or W."""
+    """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
     column: Name
     unit: str
     calibration: Line
     quantity: Literal["torque", "power"]
-    """Torque [Nm] of the load, or its power [W]."""
+    """Torque [Nm], or power [W], which is divided by the shaft's speed."""
     delay_s: Delay = 0.0
     """Delay of the channel [s], which is removed."""
 
@@ -213,7 +209,7 @@ class Channels(Section):
         """Channels of torque, rack and load, by the names of the signals that they become."""
         torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
         actuator = self.rack or self.actuator
-        load = {} if self.load is None else {LOADS[self.load.quantity]: self.load}
+        load = {} if self.load is None else {"M_load": self.load}
         return torque | ({} if actuator is None else {"X_f": actuator}) | load
 
     @property

@@ -62,7 +62,7 @@ class OperatingPoint(Section):
 
     n_e_rpm: Auto = None
     M_Nm: Auto = None
-    """Torque at the place of the torque channel [Nm]."""
+    """Torque at the place of the torque channel [Nm]; that of the load, too, where the load has no steady stretch."""
     X_mm: Auto = None
     """Value of the rack's channel, in the unit of its calibration."""
     steady_s: Pair | None = None
