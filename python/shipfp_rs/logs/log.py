@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,10 +13,10 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text
+from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors
 from shipfp_rs.support import hints, units
 from shipfp_rs.support.arguments import checked
 
@@ -259,7 +258,7 @@ class Log:
         if left <= 0:
             return
         for block in self._blocks(name, first, size):
-            yield _with_nan(block[:left])
+            yield with_nan(block[:left])
             left -= len(block)
             if left <= 0:
                 return
@@ -317,27 +316,6 @@ class Log:
             raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
         importlib.import_module(f"shipfp_rs.logs.readers.{MODULES[suffix]}")
         return _WRITERS[suffix](self, path)
-
-
-@contextlib.contextmanager
-def one_line_errors(path: Path) -> Iterator[None]:
-    """Turn whatever a format's package raises over a file into `InputError`."""
-    try:
-        yield
-    except (ShipfpError, Warning):
-        raise
-    except Exception as error:  # these packages raise anything from KeyError to MemoryError on damaged files
-        reason = " ".join(str(error).split())[:500] or type(error).__name__
-        raise InputError(
-            f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
-        ) from error
-
-
-def _with_nan(block: Samples) -> Samples:
-    """Samples as recorded, gaps as NaN: integers with gaps become float64."""
-    if not isinstance(block, np.ma.MaskedArray):
-        return block
-    return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
 
 
 Reader = Callable[..., Log]

@@ -187,12 +187,7 @@ class Vessel(Sparse):
                 size.require(value)
 
     def require(self, *keys: str) -> None:
-        """Refuse a ship that lacks one of some keys.
-
-        Parameters
-        ----------
-        *keys
-            Dotted keys, as in the TOML file: "propeller.blades".
+        """Refuse a ship that lacks one of some dotted keys, such as "propeller.blades".
 
         Raises
         ------
