@@ -16,7 +16,7 @@ Relation = Annotated[
     Field(strict=False),
     BeforeValidator(lambda value: [*value, 0.0] if isinstance(value, list) and len(value) == 2 else value),
 ]
-"""Name of a parameter, factor and offset; without one 0."""
+"""Name of a parameter, factor and offset; the offset is 0 where none is given."""
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
 
@@ -61,9 +61,9 @@ class OperatingPoint(Section):
 
     n_e_rpm: Auto = None
     M_Nm: Auto = None
-    """At the place of the torque channel; a load without a steady stretch is taken to be the torque there, too."""
+    """Torque at the place of the torque channel [Nm]; that of the load, too, where the load has no steady stretch."""
     X_mm: Auto = None
-    """Of the rack's channel, in the unit of its calibration."""
+    """Value of the rack's channel, in the unit of its calibration."""
     steady_s: Pair | None = None
     """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
 
@@ -78,7 +78,7 @@ class Spikes(Section):
     """Short excursions from the running median that are taken for faults."""
 
     longest_s: Positive = 0.05
-    """Longest one [s]; excursions of the plant are longer."""
+    """Longest spike [s]; what the plant itself does lasts longer."""
     threshold: Positive = 6.0
     """Height in robust standard deviations about the running median."""
     least: Positive = 0.05
@@ -93,7 +93,7 @@ class Faults(Section):
     dropout_s: Positive = 0.01
     """Shortest stretch at zero of a channel that stays away from it [s]."""
     longest_bridge_s: Positive = 0.25
-    """Longest stretch over which a lost set point is guessed, by a straight line [s]; the answers are masked there."""
+    """Longest stretch of a lost set point that is bridged by a straight line [s]; the outputs are masked there."""
     mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Frequency of the mains, whose hum is taken out of the set point [Hz]."""
     least_hum: Positive = 1e-3
@@ -107,7 +107,7 @@ class Processing(Section):
     """Common rate of the signals [Hz]. Above what the tachometer tells there is only interpolation, which a fit that
     whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s tell 10 Hz."""
     normalise: Literal["global", "local"] = "global"
-    """About the trial's operating point, or each window about its own means."""
+    """Normalise with the trial's operating point, or each window with its own means."""
     detrend: Annotated[int, Field(ge=0, le=3)] = 0
     """Degree of a polynomial drift that is taken off the outputs; 0: none. A window whose set point is such a trend
     itself, a stair of steps, keeps its outputs as they are."""
@@ -115,13 +115,13 @@ class Processing(Section):
     """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
     timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
     torque_spikes: Spikes = Spikes()
-    """Of the rack's channel, too."""
+    """What counts as a spike of the torque, and of the rack."""
     set_point_jumps: Spikes = Spikes()
     faults: Faults = Faults()
 
 
 def _no_slip(word: str) -> str:
-    """Refuse what is all but one of the usual kinds; any other word is the user's own."""
+    """Refuse a misspelt kind; any other word is the user's own."""
     if word not in KINDS and (near := nearest(word, KINDS, 0.75)):
         raise PydanticCustomError(
             "kind", "one of {known}, or a word of your own{near}", {"known": ", ".join(KINDS), "near": near}
