@@ -144,7 +144,7 @@ def _blocks(
             raise InputError(
                 f"{item.name!r}: weighting 'std' is for frequency responses, an experiment has no deviations"
             )
-        if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "plant"):
+        if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "ship"):
             _require_sense(item)
     return tuple(
         Block.build(

@@ -22,7 +22,6 @@ Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value ==
 
 KINDS = ("steady", "sine", "sines", "chirp", "steps", "multisine", "squares", "prbs", "noise", "other")
 """Usual kinds of windows."""
-ELEMENTS = ("actuator_lag", "derivative", "sampling", "misreading", "twist", "curvature")
 
 
 class Header(Section):
@@ -148,27 +147,10 @@ class Window(Section):
         return self
 
 
-class GreyBox(Section):
-    """The plant of the vessel itself in place of [identify]'s linear structure; names are checked by the structure."""
-
-    kind: Literal["grey_box"]
-    free: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
-    """What is searched for; all else is the vessel's."""
-    torque: Literal["gauge", "brake"] | None = None
-    """None: what the torque channel's location says."""
-    outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
-    pass_hz: Annotated[float, Field(gt=0.0)] | None = None
-    """Compare below this frequency only: above it an engine's firing has a phase that no fit can know."""
-
-
 HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
 """Keys of [identify] that are options of `identify` under the same name."""
-OF_ANY_STRUCTURE = frozenset(("elements", "fixed", "priors", "tied", *HOW, "starts", "seed"))
-"""Keys of [identify] that do not describe the linear structure."""
-
-
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
-"""Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
+"""Keys of [identify] that narrow the choice that the data make; any other key declares the structure."""
 
 
 class Report(Section):
@@ -178,30 +160,17 @@ class Report(Section):
 
 
 class Identify(Section):
-    """The structure to fit and how; parameter names are checked by the structure itself.
+    """The structure to fit and how; names of elements and parameters are checked by the structure itself.
 
-    Without a key beyond `NARROWING` the data choose the elements of the one ship model.
+    Without a key beyond `NARROWING` the data choose the elements of the ship; with one those act that are said to.
     """
 
     elements: dict[str, bool] = Field(default_factory=dict)
-    """Elements of the ship model that are forced on (true) or off (false); the data choose the others."""
-
+    """Elements that act (true) or do not (false); where the data choose, they choose the others."""
     torque: Literal["gauge", "brake"] | None = None
     """None: what the torque channel's location says."""
-    products: bool = False
+    products: bool = True
     """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
-    three_parameters: bool = False
-    """Leave v and g out: effective tau_n, vK_p and vK_i remain, enough to simulate the speed with."""
-    free_exponent: bool = False
-    dead_time_loop: bool = False
-    dead_time_set_point: bool = False
-    actuator_lag: bool = False
-    derivative: bool = False
-    sampling: Literal[True, False, "exact"] = False
-    misreading: bool = False
-    twist: bool = False
-    curvature: bool = False
-    """These six as in `Structure.linear`; not with three_parameters."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
     fixed: dict[str, float] = Field(default_factory=dict)
     priors: dict[str, Pair] = Field(default_factory=dict)
@@ -210,8 +179,8 @@ class Identify(Section):
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
     noise: Literal["ar", "white", "innovations"] | None = None
-    covariance: Literal["model", "sandwich"] = "model"
-    offsets: Literal[True, False, "relative"] = True
+    covariance: Literal["model", "sandwich"] | None = None
+    offsets: Literal[True, False, "relative"] | None = None
     initial_state: Literal["estimated", "zero"] = "estimated"
     """These five as in `identify`."""
     starts: Starts | None = None
@@ -229,14 +198,6 @@ class Identify(Section):
         return not self.model_fields_set - NARROWING
 
     @property
-    def linear_elements(self) -> dict[str, Any]:
-        """What of the drive train beyond eq. 3.14-3.54 is asked for, by the options of `Structure.linear`."""
-        return {name: value for name in ELEMENTS if (value := getattr(self, name))}
-
-    @model_validator(mode="after")
-    def _three_parameters_are_all(self) -> Self:
-        if self.three_parameters and self.linear_elements:
-            raise unexpected(
-                next(iter(self.linear_elements)), "with three_parameters = true", "one of the two"
-            )
-        return self
+    def acting(self) -> tuple[str, ...]:
+        """Elements of the structure that is declared."""
+        return tuple(name for name, acts in self.elements.items() if acts)
