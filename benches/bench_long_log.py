@@ -11,6 +11,7 @@ import hashlib
 import json
 import resource
 import statistics
+import sys
 import tempfile
 import time
 from pathlib import Path
