@@ -10,7 +10,8 @@ from shipfp_rs import published
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import Weighting, identify
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.options import Weighting
 from shipfp_rs.reproduce import Reproduction, Row, Way, virtual_tables, virtual_verdict
 from shipfp_rs.reproduce.virtual_data import (
     VESSEL,
@@ -26,6 +27,7 @@ from shipfp_rs.reproduce.virtual_data import (
     trial,
     validation_steps,
 )
+from shipfp_rs.reproduce.virtual_plant import plant_structure
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 
@@ -117,7 +119,7 @@ def _thesis_jobs() -> tuple[_Job, ...]:
 def _our_jobs() -> tuple[_Job, ...]:
     vessel = launch()
     linear = searched_as_printed(Structure.linear(products=True, name="linear"))
-    plant = searched_as_printed(Structure.plant(vessel, name="plant"))
+    plant = searched_as_printed(plant_structure(vessel))
     # The plant explains its own data: there are no residuals to weigh by.
     ways: tuple[tuple[Structure, Weighting], ...] = ((linear, "variance"), (plant, "none"))
     return (
