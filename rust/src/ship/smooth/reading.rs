@@ -140,7 +140,8 @@ impl Reading {
             Output::GaugeTorque if const { is_flexible(T) } => {
                 let slips = rate - value::<T>(&self.rates, &jets.propeller);
                 own[4] = s_m * (value::<T>(&self.rates, &jets.spring) + model.zeta * slips);
-                own[5] = s_m * (value::<T>(&self.powers, &jets.n) - value::<T>(&self.powers, &jets.propeller));
+                own[5] =
+                    s_m * (value::<T>(&self.powers, &jets.n) - value::<T>(&self.powers, &jets.propeller));
             }
             Output::EngineTorque | Output::GaugeTorque => {
                 own[0] = s_m * value::<T>(&self.powers, &jets.n);

@@ -86,7 +86,8 @@ impl Sources {
         // A lag that begins is a dead time that begins.
         let lags = model.tau_act > 0.0;
         let is_late = |place: usize| place == at::T_D || (place == at::TAU_ACT && !lags);
-        let [before, after] = [packs(wrt, |place| model.held_by(place)), packs(wrt, |place| model.base_by(place, set0, load0))];
+        let [before, after] =
+            [packs(wrt, |place| model.held_by(place)), packs(wrt, |place| model.base_by(place, set0, load0))];
         let all = |value: f64, is: &dyn Fn(usize) -> bool| {
             packs(wrt, |place| if is(place) { value } else { 0.0 })
                 .into_iter()
@@ -128,7 +129,12 @@ impl Sources {
 
     /// What the parameters add over a piece.
     #[inline(always)]
-    pub fn given<'a, const T: usize>(&self, model: &Model, jets: &'a Jets, on: &Circumstances<'_>) -> Given<'a> {
+    pub fn given<'a, const T: usize>(
+        &self,
+        model: &Model,
+        jets: &'a Jets,
+        on: &Circumstances<'_>,
+    ) -> Given<'a> {
         let Jets { length, inverse, .. } = *jets;
         let Model { s_u, k_p, k_i, ahead, .. } = *model;
         let (set, error, summed) = (on.set, on.error, on.summed);
@@ -157,7 +163,13 @@ impl Sources {
 
     /// To the shaft, or a flexible one's engine's end.
     #[inline(always)]
-    pub fn shaft<S: Simd, const T: usize>(&self, simd: S, given: &Given<'_>, pack: usize, part: usize) -> [S::f64s; T] {
+    pub fn shaft<S: Simd, const T: usize>(
+        &self,
+        simd: S,
+        given: &Given<'_>,
+        pack: usize,
+        part: usize,
+    ) -> [S::f64s; T] {
         let (marks, jets) = (&self.marks[pack], given.jets);
         let mut to = [simd.splat_f64s(0.0); T];
         add(simd, &marks.rate, part, &jets.rates, &mut to);
@@ -195,7 +207,13 @@ impl Sources {
 
     /// To a flexible shaft's spring.
     #[inline(always)]
-    pub fn spring<S: Simd, const T: usize>(&self, simd: S, given: &Given<'_>, pack: usize, part: usize) -> [S::f64s; T] {
+    pub fn spring<S: Simd, const T: usize>(
+        &self,
+        simd: S,
+        given: &Given<'_>,
+        pack: usize,
+        part: usize,
+    ) -> [S::f64s; T] {
         let (marks, jets) = (&self.marks[pack], given.jets);
         let mut to = [simd.splat_f64s(0.0); T];
         add(simd, &marks.tau_twist, part, &jets.rates_of::<T>(&jets.spring), &mut to);
@@ -232,14 +250,18 @@ impl Sources {
 
     /// To the feed of the rack.
     #[inline(always)]
-    pub fn feed<S: Simd, const T: usize>(&self, simd: S, given: &Given<'_>, pack: usize, part: usize) -> [S::f64s; T] {
+    pub fn feed<S: Simd, const T: usize>(
+        &self,
+        simd: S,
+        given: &Given<'_>,
+        pack: usize,
+        part: usize,
+    ) -> [S::f64s; T] {
         let marks = &self.marks[pack];
         let mut to = [simd.splat_f64s(0.0); T];
         if given.open {
             to[0] = get::<S>(&marks.after, part);
-            for (mark, series) in
-                [(&marks.k_p, 0), (&marks.k_i, 1), (&marks.s_u, 2), (&marks.t_set, 3)]
-            {
+            for (mark, series) in [(&marks.k_p, 0), (&marks.k_i, 1), (&marks.s_u, 2), (&marks.t_set, 3)] {
                 if let Some(mark) = mark {
                     let mark = get::<S>(mark, part);
                     for k in 0..3 {
@@ -256,7 +278,13 @@ impl Sources {
 
     /// To the lag of the actuator.
     #[inline(always)]
-    pub fn lag<S: Simd, const T: usize>(&self, simd: S, given: &Given<'_>, pack: usize, part: usize) -> [S::f64s; T] {
+    pub fn lag<S: Simd, const T: usize>(
+        &self,
+        simd: S,
+        given: &Given<'_>,
+        pack: usize,
+        part: usize,
+    ) -> [S::f64s; T] {
         let mut to = [simd.splat_f64s(0.0); T];
         add(simd, &self.marks[pack].lag, part, &given.jets.rates_of::<T>(&given.jets.rack), &mut to);
         to
