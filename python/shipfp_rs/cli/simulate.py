@@ -23,7 +23,7 @@ AMPLITUDE = 0.03
 """Usual amplitude, as a share of the operating speed: large enough to measure, small enough to be linear."""
 
 LEAST_AMPLITUDE = 2e-4
-"""Share of the operating speed below which nothing can be measured."""
+"""Least amplitude that can be measured, as a share of the operating speed."""
 
 TYPED = {
     "amplitude_rpm": "--amplitude-rpm",
