@@ -68,7 +68,7 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// Refuse what is not so many finite numbers.
+/// Refuse another number of values, or values that are not finite.
 pub fn require_numbers(name: &str, values: &[f64], count: usize) -> Result<()> {
     require(values.len() == count && values.iter().all(|value| value.is_finite()), || {
         format!("{name} is {values:?}, expected {count} finite numbers")
@@ -127,13 +127,13 @@ impl<'a> Columns<'a> {
         self.present = [true; BLOCK];
     }
 
-    /// Where an output's derivatives in a direction go.
+    /// The column for an output's derivatives in a direction.
     pub fn slopes(&mut self, output: usize, direction: usize) -> &mut [f64] {
         let column = output * (self.directions + 1) + direction;
         &mut self.windows[column * (self.order + BLOCK) + self.order..][..self.laid]
     }
 
-    /// Lay down an output's residual against its simulated values.
+    /// Write an output's residual from its simulated values.
     pub fn residual(&mut self, output: usize, values: impl Iterator<Item = f64>) {
         let Measured { samples, offsets, measured, .. } = self.of;
         let column = output * (self.directions + 1) + self.directions;

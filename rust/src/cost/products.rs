@@ -137,7 +137,7 @@ impl<'a> Record<'a> {
             rows.extend(span.columns.iter().map(|column| of_basis(column, 1.0)));
             filters.resize(rows.len(), filter(output));
         }
-        // Zero times a number is zero, else not a number: that tells what was measured.
+        // Zero times a sample is zero, or NaN where the sample is missing: so the row shows what was measured.
         rows.push((0..outputs).map(|output| (output, 0.0)).collect());
         filters.push(filter(0));
         let mut sums = Sums::new(rows.len() - usize::from(self.offsets.is_none()));
