@@ -3,7 +3,7 @@
 use super::Number;
 use crate::error::{Error, Result, require};
 
-/// The envelope as a loop looks it up.
+/// A torque limit, as the loop over the samples looks it up.
 pub trait Limit {
     /// Largest brake torque [Nm] at an engine speed [rev/s].
     fn torque(&mut self, engine_speed: f64) -> f64;
