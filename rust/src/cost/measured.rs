@@ -49,13 +49,7 @@ impl<'a> Measured<'a> {
             format!("measured has {} values, expected {outputs} outputs of {samples} samples", measured.len())
         })?;
         require_numbers("offsets", offsets, outputs)?;
-        let taps = filters.len() / outputs.max(1);
-        require(filters.len() == outputs * taps && (1..=BLOCK).contains(&taps), || {
-            format!("filters has {} values, expected {outputs} rows of 1 to {BLOCK}", filters.len())
-        })?;
-        require(filters.iter().all(|tap| tap.is_finite()), || {
-            "filters holds a value that is not finite, expected finite numbers".to_owned()
-        })?;
+        require_filters(filters, outputs, BLOCK)?;
         Ok(Self { outputs, samples, offsets, measured, filters })
     }
 
@@ -72,6 +66,17 @@ impl<'a> Measured<'a> {
 pub fn require_numbers(name: &str, values: &[f64], count: usize) -> Result<()> {
     require(values.len() == count && values.iter().all(|value| value.is_finite()), || {
         format!("{name} is {values:?}, expected {count} finite numbers")
+    })
+}
+
+/// Refuse filters that are not one row of 1 to `most` finite taps for each output.
+pub fn require_filters(filters: &[f64], outputs: usize, most: usize) -> Result<()> {
+    let taps = filters.len() / outputs.max(1);
+    require(filters.len() == outputs * taps && (1..=most).contains(&taps), || {
+        format!("filters has {} values, expected {outputs} rows of 1 to {most}", filters.len())
+    })?;
+    require(filters.iter().all(|tap| tap.is_finite()), || {
+        "filters holds a value that is not finite, expected finite numbers".to_owned()
     })
 }
 
