@@ -98,7 +98,7 @@ def simulate(
         files["trial"] = out.with_suffix(".toml")
     for path in files.values():
         if path.exists() and not force:
-            raise InputError(f"{path}: is there already; choose another name, or --force to replace it")
+            raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
     ship = Vessel.load(vessel)
     with as_typed(TYPED):
         signal = _excitation(

@@ -197,7 +197,7 @@ class Vessel(Sparse):
         lacking = [key for key in keys if not self.given(key)]
         if lacking:
             raise InputError(
-                f"vessel {self.name!r}: lacks {', '.join(lacking)}; add them to its file for what is asked"
+                f"vessel {self.name!r}: lacks {', '.join(lacking)}, which this needs; add them to its file"
             )
 
     @staticmethod
