@@ -116,7 +116,7 @@ class Sparse(Section):
     def __getattr__(self, name: str) -> Any:
         if name in type(self).model_fields:
             key = f"{self.table}.{name}" if self.table else name
-            raise InputError(f"vessel file: {key}: found nothing, needed for this but not given; add it")
+            raise InputError(f"vessel file: {key}: found nothing, expected a value, which this needs; add it")
         return super().__getattr__(name)  # type: ignore[misc]
 
     def given(self, *keys: str) -> bool:

@@ -1,7 +1,7 @@
-//! Steps of the classical Runge-Kutta method, cut at what breaks the signals: delayed samples and the governor's own.
+//! Steps of the classical Runge-Kutta method, which end where signals jump or bend: at delayed samples and the governor's.
 //!
-//! Times are numbers that may carry derivatives, too: what breaks a signal comes at a time that depends on a dead time or
-//! on the crankshaft, and steps end where that time says. Before a sample is taken, the state moves to the time that
+//! Times are numbers that may carry derivatives, too, since the time of such a break depends on a dead time or on the
+//! crankshaft, and steps end at it. Before a sample is taken, the state moves to the time that
 //! stands still, at the rates from behind the break: what it loses at the rates before and gains at those behind is its
 //! derivative by the break's time. These moves have no length; plain numbers know nothing of them.
 

@@ -79,10 +79,10 @@ impl<T: Scalar> Governor<T> {
         Wait { miss, excess }
     }
 
-    /// What a step adds to the integral, at whose begin and end these hold: nothing but derivatives.
+    /// A correction of the integral after a step from `begin` to `end`; its value is zero, it has derivatives only.
     ///
-    /// Where the integral begins or ceases to wait its rate jumps, so it depends on the time of that, which a step does not
-    /// know. The derivative of this time is that of the excess over the excess' rate (di Bernardo et al. 2008,
+    /// Where the integral begins or ceases to be held its rate jumps. So the integral depends on the time of the jump, which a
+    /// step does not know. The derivative of this time is that of the excess over the excess' rate (di Bernardo et al. 2008,
     /// *Piecewise-smooth Dynamical Systems*, section 2.5, the saltation matrix). Where the excess comes straight back, the
     /// command slides along its limit, and the excess depends on nothing: so it does where the integral waited in some
     /// stages of the step, `torn`, and yet not more at its end than at its begin.

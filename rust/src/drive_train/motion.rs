@@ -229,7 +229,7 @@ impl<T: Scalar> DriveTrain<T> {
         }
     }
 
-    /// The state from which a record starts: the rack and the twist as if all had stood so for long.
+    /// The state from which a record starts: rack and twist have their steady values.
     #[must_use]
     pub fn start(&self) -> (State<T>, Memory<T>) {
         let speed = self.initial_speed;

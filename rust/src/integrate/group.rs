@@ -160,7 +160,7 @@ pub struct Lanes<L, const LANES: usize> {
     motion: Motion<[f64; LANES]>,
     limit: L,
     substeps: usize,
-    /// Part of the way between set points that a step covers.
+    /// Part of the interval between two set points that a step covers.
     part: f64,
 }
 
