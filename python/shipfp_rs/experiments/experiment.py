@@ -30,9 +30,12 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "M_g": "Nm",
         "X_f": "mm",
         "E_n": "rev",
+        "M_load": "Nm",
     }
 )
 """Unit of every signal name that the package knows."""
+DRIVES: Mapping[str, str] = MappingProxyType({"n_set": "set point", "M_load": "load torque"})
+"""Signals that drive a model, and what they are called."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -97,12 +100,13 @@ class Experiment(Tabular):
                 raise InputError(f"experiment {self.name!r}: signal {name!r} is infinite at sample {bad[0]}")
             values.flags.writeable = False
             frozen[name] = values
-        if np.isnan(frozen["n_set"]).any():
-            first = int(np.flatnonzero(np.isnan(frozen["n_set"]))[0])
-            raise InputError(
-                f"experiment {self.name!r}: the set point 'n_set' is NaN at sample {first}; it drives the model and "
-                "can't have gaps, bridge it or cut the window"
-            )
+        for name, what in DRIVES.items():
+            missing = np.flatnonzero(np.isnan(frozen.get(name, np.empty(0))))
+            if missing.size:
+                raise InputError(
+                    f"experiment {self.name!r}: the {what} {name!r} is NaN at sample {missing[0]}; it drives the model "
+                    "and can't have gaps, bridge it or cut the window"
+                )
         for name, value in self.operating_point.items():
             if not np.isfinite(value) or value == 0.0:
                 raise InputError(

@@ -15,6 +15,7 @@ from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
 from shipfp_rs.identification.estimate import is_rough
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
+from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
 from shipfp_rs.identification.verdict import shown
@@ -65,11 +66,17 @@ def chooser_of(
             *(["dM"] if located and common & set(SIGNALS) else []),
             *(["dX"] if "X_f" in common else []),
         ]
+    forced = [name for name, on in elements.items() if on]
+    if is_loaded(experiments) and elements.get("load", True):
+        forced = [*forced, *({"load"} - set(forced))]
+    if "load" in forced and "dM" not in outputs:
+        # The speed alone tells the load's gain over the inertia: one of the two must be known.
+        narrow = {**narrow, "fixed": {"k_L": 1.0, **narrow.get("fixed", {})}}
     return Chooser(
         experiments,
         torque=located or "brake",
         outputs=outputs,
-        forced=[name for name, on in elements.items() if on],
+        forced=forced,
         excluded=[name for name, on in elements.items() if not on],
         narrow=narrow,
         search=search,

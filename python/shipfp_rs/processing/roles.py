@@ -1,4 +1,4 @@
-"""What the channels of a log are: set point, torque, speed, actuator, pulse trains, by name and by what they do."""
+"""What the channels of a log are: set point, torque, speed, actuator, load, pulse trains, by name and by what they do."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.units import TO_NM, TO_RPM
+from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W
 
 NAMES: Mapping[str, str] = {
     "set_point": r"set[ _-]?point|n[ _-]?set|setp|soll|sollwert|f[üu]hrungsgr|gewenst|wenswaarde|consigne|b[øo]rv[æa]rde|"
     r"referansetall|setpunt|consigna|riferimento|zadana|asetusarvo|ayar|задан|requested|desired|demand|command|"
     r"speed ?ref|lever|hendel",
+    "load": r"load|last|generator|alternator|belasting|dynamo|grid|netz",
     "torque": r"torq|moment|koppel|couple|torsion|strain|dehnung|rek$|coppia|par[ _]motor|vridmoment|"
     r"dreiemoment|drejningsmoment|"
     r"wej?wn|v[äa][äa]nt[öo]|tork|крутящ",
@@ -27,6 +28,8 @@ NAMES: Mapping[str, str] = {
     r"obroty|kierros|devir|оборот|rpm|tacho|n[ _]?(?:e|eng|engine|motor|s|shaft)$",
 }
 """Parts of names in the languages of yards and loggers, without regard to case; the first that fits counts."""
+LOAD_UNITS = TO_W.keys() | TO_NM.keys()
+"""Units of a load; that of an engine's bus in per cent is no load of a shaft."""
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
@@ -39,6 +42,8 @@ class Roles:
     set_point: str | None = None
     torque: str | None = None
     actuator: str | None = None
+    load: str | None = None
+    """What the machine drives, as power or torque."""
     speeds: list[str] = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
 
@@ -72,7 +77,14 @@ def guess_roles(log: Log, trains: Mapping[str, float], set_point: str | None = N
         if name in trains:
             roles.reasons[name] = f"pulse train, {trains[name]:.4g} pulses a second"
             continue
-        role = next((role for role, words in NAMES.items() if re.search(words, name, re.IGNORECASE)), None)
+        role = next(
+            (
+                role
+                for role, words in NAMES.items()
+                if re.search(words, name, re.IGNORECASE) and (role != "load" or channel.unit in LOAD_UNITS)
+            ),
+            None,
+        )
         if role is None:
             role = (
                 "torque"
@@ -94,7 +106,7 @@ def guess_roles(log: Log, trains: Mapping[str, float], set_point: str | None = N
         roles.reasons[set_point] = "set point as told"
     else:
         roles.set_point = _only(named["set_point"], "set point", roles) or _leader(log, trains, named, roles)
-    for role in ("torque", "actuator"):
+    for role in ("torque", "actuator", "load"):
         chosen = _only([name for name in named[role] if name != roles.set_point], role, roles)
         setattr(roles, role, chosen)
     roles.speeds = [

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_channels import LOADS, SIGNAL_OF_LOCATION, Channels
+from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION, Channels
 from shipfp_rs.processing.trial_tables import (
     OF_ANY_STRUCTURE,
     Align,
@@ -61,7 +61,7 @@ class Trial(Section):
             "n_e": point.n_e_rpm,
             **dict.fromkeys(SIGNAL_OF_LOCATION.values(), point.M_Nm),
             "X_f": point.X_mm,
-            **dict.fromkeys(LOADS.values(), 1.0),
+            "M_load": point.M_Nm if self.channels.torque is not None else None,
         }
         missing = any(given[signal] is None for signal in ("n_e", *self.channels.levels))
         if missing and point.steady_s is None:

@@ -85,18 +85,14 @@ class Rack(Section):
     """How late the channel tells what happened, half the period at which a bus repeats it included [s]; taken off."""
 
 
-LOADS = {"torque": "M_load", "power": "P_load"}
-"""Signals that a measured load becomes."""
-
-
 class Load(Section):
-    """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm or W."""
+    """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
     column: Name
     unit: str
     calibration: Line
     quantity: Literal["torque", "power"]
-    """Torque [Nm] of the load, or its power [W]."""
+    """Torque [Nm], or power [W], which is divided by the shaft's speed."""
     delay_s: Delay = 0.0
     """How late the channel tells what happened [s]; taken off."""
 
@@ -210,10 +206,10 @@ class Channels(Section):
 
     @property
     def levels(self) -> dict[str, Torque | Rack | Load]:
-        """Measured outputs that are recorded as levels, by the signals that they become."""
+        """What is recorded as levels beside the set point, by the signals that they become."""
         torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
         actuator = self.rack or self.actuator
-        load = {} if self.load is None else {LOADS[self.load.quantity]: self.load}
+        load = {} if self.load is None else {"M_load": self.load}
         return torque | ({} if actuator is None else {"X_f": actuator}) | load
 
     @property

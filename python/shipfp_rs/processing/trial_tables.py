@@ -62,7 +62,7 @@ class OperatingPoint(Section):
 
     n_e_rpm: Auto = None
     M_Nm: Auto = None
-    """At the place of the torque channel."""
+    """At the place of the torque channel; a load without a steady stretch is taken to be the torque there, too."""
     X_mm: Auto = None
     """Of the rack's channel, in the unit of its calibration."""
     steady_s: Pair | None = None

@@ -338,6 +338,7 @@ LABELS: tuple[tuple[str, str], ...] = (
     ("shaft torque", "Wellenmoment"),
     ("brake torque", "Motormoment"),
     ("gauge torque", "Messmoment"),
+    ("load torque", "Lastmoment"),
     ("speed error", "Drehzahlabweichung"),
     ("integrated error", "aufsummierte Abweichung"),
     ("fuel rack", "Füllung"),

@@ -47,6 +47,7 @@ SIGNALS = (
         "thesis: taken for M_s",
     ),
     Term("X_f", "fuel rack", "mm", "", "thesis: X_f"),
+    Term("M_load", "measured torque of the load at the shaft", "Nm", "P_load / (2π n_s)", ""),
     Term("E_n", "integrated speed error", "rev", "∫ (n_set - n_e) dt", "thesis: the integral state"),
     Term("dn", "speed deviation", "-", "n_e / n_e0 - 1", "thesis: n*"),
     Term("dM", "torque deviation", "-", "M / M_0 - 1", "thesis: M*"),
@@ -150,7 +151,7 @@ LINEAR = (
     ),
     Term("T_M", "by how much the torque channel tells late", "s", "exp(-s T_M)", "MATLAB: OutputDelay"),
     Term("T_n", "by how much the speed channel tells late", "s", "exp(-s T_n)", "MATLAB: OutputDelay"),
-    Term("k_L", "gain of the measured load torque", "-", "k_L M_load / M_s0", ""),
+    Term("k_L", "gain of the measured load torque", "-", "k_L (M_load / M_load0 - 1)", ""),
 )
 """Parameters of the linear structure and of the ship."""
 

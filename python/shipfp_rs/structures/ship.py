@@ -127,10 +127,11 @@ class ShipEquations(Equations):
         return _core.simulate_ship(self.vector(values), *self._inputs(experiment), self._kernel_outputs)
 
     def simulate_loaded(self, values: Mapping[str, float], experiment: Experiment, load: Array) -> Array:
-        """Return the outputs (O, N) with another load torque on the shaft, over the operating point's, shape (N,)."""
-        set_point, _, dt, substeps, hold = self._inputs(experiment)
+        """Return the outputs (O, N) with one more load torque on the shaft, over the operating point's, shape (N,)."""
+        set_point, measured, dt, substeps, hold = self._inputs(experiment)
+        whole = load + values["k_L"] * measured if self.loaded else load
         vector = self.vector({**values, "k_L": 1.0})
-        return _core.simulate_ship(vector, set_point, load, dt, substeps, hold, self._kernel_outputs)
+        return _core.simulate_ship(vector, set_point, whole, dt, substeps, hold, self._kernel_outputs)
 
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]

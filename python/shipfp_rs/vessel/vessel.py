@@ -158,7 +158,7 @@ class Vessel(Sparse):
         speed, power = known("engine.rated_speed_rpm"), known("engine.rated_power_kW")
         # Without a rating any engine will do.
         rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
-        shaft = self.gearbox.ratio * (known("gearbox.efficiency") or 1.0)
+        shaft = self.torque_ratio
         checks = (
             _Size("water.density_kg_m3", 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
             _Size("engine.rated_speed_rpm", 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
@@ -269,6 +269,11 @@ class Vessel(Sparse):
                 f"vessel {self.name!r}: operating_point.M_b_Nm: found nothing, expected it or M_s_Nm; add one"
             )
         return (point.M_s_Nm + self.gearbox.drag_Nm) / (self.gearbox.ratio * self.gearbox.efficiency)
+
+    @property
+    def torque_ratio(self) -> float:
+        """Shaft torque over brake torque; a gearbox whose efficiency is not given loses nothing."""
+        return self.gearbox.ratio * (self.gearbox.efficiency if self.given("gearbox.efficiency") else 1.0)
 
     @property
     def inertia(self) -> float:
