@@ -36,7 +36,10 @@ def rust_bodies(lines: list[str]) -> Iterator[tuple[str, int, int]]:
         if not found:
             continue
         indent, name = found[1], found[2]
-        end = next((k for k in range(number, len(lines)) if lines[k].rstrip() in (f"{indent}}}", f"{indent};")), number)
+        end = next(
+            (k for k in range(number, len(lines)) if lines[k].rstrip() in (f"{indent}}}", f"{indent};")),
+            number,
+        )
         begin = next((k for k in range(number, end) if lines[k].endswith("{")), end)
         yield name, begin + 2, end
 
