@@ -45,7 +45,9 @@ def _run_pages(app: Any) -> None:
         if not any(language in RUN for language, *_ in blocks(page)):
             continue
         folder = HERE / "made" / page.relative_to(HERE).with_suffix("")
-        if (folder / ".done").exists() and (folder / ".done").stat().st_mtime > page.stat().st_mtime:
+        if (folder / ".done").exists() and (
+            folder / ".done"
+        ).stat().st_mtime > page.stat().st_mtime:
             continue
         for old in sorted(folder.rglob("*"), reverse=True):
             old.rmdir() if old.is_dir() else old.unlink()
@@ -71,7 +73,9 @@ def _escape(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
 
 def _formula(translator: Any, node: Any) -> None:
     """Write a formula as MathML, which every browser shows without a script from elsewhere."""
-    translator.body.append(tex2mathml(node.astext(), as_block=isinstance(node, nodes.math_block)))
+    translator.body.append(
+        tex2mathml(node.astext(), as_block=isinstance(node, nodes.math_block))
+    )
     raise nodes.SkipNode
 
 

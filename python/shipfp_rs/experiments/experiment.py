@@ -165,6 +165,11 @@ class Experiment(Tabular):
 
         The integrated error E_n counts from zero there and is divided by the engine speed in rev/s, which
         `operating_point["E_n"]` holds, so that d(dE)/dt = dn_set - dn (eq. 3.15).
+
+        Raises
+        ------
+        InputError
+            Where the experiment has no such signal, or no operating point for it.
         """
         if name not in self.signals:
             raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
@@ -205,7 +210,20 @@ class Experiment(Tabular):
 
     @checked
     def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
-        """Return the samples from `start_s` up to, not including, `stop_s`."""
+        """Return the samples from `start_s` up to, not including, `stop_s`.
+
+        Parameters
+        ----------
+        start_s, stop_s
+            Time from the first sample [s].
+        name
+            Label; None: as this one.
+
+        Raises
+        ------
+        InputError
+            Where the window is empty or reaches outside the experiment.
+        """
         first, last = round(start_s * self.rate_hz), round(stop_s * self.rate_hz)
         if not 0 <= first < last <= len(self):
             raise InputError(

@@ -174,7 +174,20 @@ class FrequencyResponse(Tabular):
 
     @checked
     def select(self, keep: npt.ArrayLike, *, name: str | None = None) -> FrequencyResponse:
-        """Return the points where the boolean mask `keep`, shape (F,), is true."""
+        """Return the points where a mask is true.
+
+        Parameters
+        ----------
+        keep
+            Boolean mask, shape (F,).
+        name
+            Label; None: as this one.
+
+        Raises
+        ------
+        InputError
+            Where the mask has another shape.
+        """
         mask = np.asarray(keep, dtype=bool)
         if mask.shape != self.frequency_hz.shape:
             raise InputError(
@@ -210,6 +223,11 @@ def sine_response(
     -------
     ndarray
         Complex response, the shape of the inputs.
+
+    Raises
+    ------
+    InputError
+        Where the phases are so large that they must be degrees.
     """
     a_out, b_out, d_out = (np.asarray(part, dtype=np.float64) for part in output)
     a_in, b_in, d_in = (np.asarray(part, dtype=np.float64) for part in set_point)

@@ -121,7 +121,7 @@ def multisine_response(
     period_s
         Period of the excitation [s].
     frequencies_hz
-        Excited lines [Hz]; None: those of the set point above a twentieth of its highest.
+        Excited lines [Hz], shape (F,); None: those of the set point above a twentieth of its highest.
     signals
         Outputs; None: all.
     settle_periods

@@ -84,7 +84,7 @@ class Identifiability:
 
 
 def estimate_of(entry: dict[str, Any]) -> Estimate:
-    """Return the estimate of its JSON form."""
+    """Return the estimate that a JSON form describes."""
     status = entry["status"]
     if status not in get_args(Status):
         raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
@@ -109,7 +109,7 @@ def _figure(entry: Mapping[str, Any], key: str) -> float | None:
 
 
 def _end(value: float | None, open_end: float) -> float:
-    """End of an interval; null in JSON is none."""
+    """End of an interval; null in JSON means that there is none."""
     return open_end if value is None else float(value)
 
 

@@ -12,17 +12,17 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.arrays import Array
 
 LEAST_SWING = 2e-3
-"""Standard deviation of a set point, or of a load, over its operating point, below which it excites nothing."""
+"""Least standard deviation of a set point or a load, relative to its operating point, that excites the ship."""
 LEAST_SAMPLES = 200
-"""Samples below which no experiment tells a drive train."""
+"""Least number of samples of an experiment."""
 LEAST_CORRELATION = 0.3
-"""Correlation of the speed with the set point at the best delay below which it does not follow."""
+"""The speed follows the set point if their correlation, at the best delay, is above this."""
 LONGEST_DELAY_S = 5.0
-"""Longest delay at which the speed is looked for behind its set point [s]."""
+"""Longest delay of the speed behind its set point that is tried [s]."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
 POINT_OFF = 0.3
-"""Part by which the mean of a signal may be off its operating point."""
+"""Largest difference of a signal's mean from its operating point, relative."""
 
 
 def require_excited(experiments: Sequence[Experiment]) -> None:

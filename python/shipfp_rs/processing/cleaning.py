@@ -78,9 +78,9 @@ class Cleaner:
             repeats=is_set_point,
         )
         if isinstance(sensor, Load):
-            # One that is switched off stands still at zero, and at its rating it stands at a rail.
+            # A load that is switched off stays at zero, and at its rating it stays at a limit: neither is a fault.
             found = {kind: spans for kind, spans in found.items() if kind not in OF_A_LEVEL}
-        # A channel that stands still throughout may be meant to: that is told, and nothing is left to repair it from.
+        # A channel that never changes may be right. It is reported and left as it is: nothing is there to repair it from.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
         self._hum = found.pop("D2", whole[:0])
@@ -91,7 +91,7 @@ class Cleaner:
             self._require_short(settings.longest_bridge_s)
 
     def __call__(self, first: int, stop: int) -> Array:
-        """Return samples [first, stop) with what is lost bridged or NaN."""
+        """Return samples [first, stop); lost ones are bridged or NaN."""
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
         if marks(self._hum, first, stop).any():
@@ -133,7 +133,7 @@ class Cleaner:
                 )
 
     def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:
-        """Take the hum out of a piece; spikes would ring in it as far as its window reaches, and are bridged before."""
+        """Remove the hum from a piece; spikes are bridged before, since each would disturb it over the filter's length."""
         filled = bridge(samples, missing | self._spiky(samples, missing)[0])
         return samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
 
@@ -159,12 +159,12 @@ class Cleaner:
             for start, stop in runs(~absent)
         )
         for begin, end in found:
-            # One more on either side: the receiver's filter rounds a spike's feet.
+            # One sample more on either side: the receiver's filter widens a spike's foot.
             spiky[max(begin - 1, 0) : end + 1] = True
         return spiky, found
 
     def _judged(self, spans: Spans, first: int, size: int) -> Mask:
-        """Whether spans stand far enough inside a piece to be judged from both sides; pieces overlap by more."""
+        """Whether spans lie so far inside a piece that both sides of them are seen; pieces overlap by more."""
         border = round(0.5 * MARGIN_S * self.channel.rate_hz)
         low = 0 if first == 0 else border
         high = size if first + size == self.channel.samples else size - border

@@ -10,6 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.coarse import block_means, bridged
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W
 
@@ -168,14 +169,5 @@ def _coarse(log: Log, name: str) -> Array | None:
     block = round(channel.rate_hz / LAG_RATE_HZ)
     if block < 1 or channel.samples < 2 * block:
         return None
-    parts, held = [], np.empty(0)
-    for chunk in log.chunks(name):
-        held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
-        whole = len(held) // block * block
-        parts.append(held[:whole].reshape(-1, block).mean(axis=1))
-        held = held[whole:]
-    values = np.concatenate(parts)
-    known = np.isfinite(values)
-    if known.sum() < 2:
-        return None
-    return np.asarray(np.interp(np.arange(len(values)), np.flatnonzero(known), values[known]))
+    values = block_means(log, name, block)
+    return bridged(values) if np.isfinite(values).sum() >= 2 else None

@@ -18,7 +18,7 @@ Values = Mapping[str, float]
 Form = Array
 """A signal as what it takes of each state and, last, of the set point."""
 
-KINDS = ("linear", "ship", "plant")
+KINDS = ("linear", "ship")
 """Structures that have a linearisation in these terms."""
 MOST_STATES = 64
 
@@ -80,7 +80,7 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
     Parameters
     ----------
     structure
-        Linear, the ship or a vessel's plant.
+        Linear, or the ship.
     values
         Parameters by name.
     order

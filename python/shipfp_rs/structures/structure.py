@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -11,7 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures import grey_box, stored
+from shipfp_rs.structures import stored
 from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
 from shipfp_rs.structures.elements import chosen
 from shipfp_rs.structures.equations import Equations
@@ -21,20 +20,17 @@ from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
 from shipfp_rs.structures.linear_sampled import SampledGovernor
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.parameter import Parameter as Parameter
-from shipfp_rs.structures.pass_band import PassBand
-from shipfp_rs.structures.plant import PlantEquations, as_built
 from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.html import shown
-from shipfp_rs.vessel.vessel import Vessel
 
 Torque = Literal["brake", "gauge"]
 
 OUTPUTS = ("dn", "dM", "dE", "dX")
-"""Outputs of the linear structure and of the plant: speed, torque, integrated speed error, fuel rack."""
+"""Outputs of the ship and of the linear structure: speed, torque, integrated speed error, fuel rack."""
 
 
 def _signals(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
@@ -379,137 +375,6 @@ class Structure:
 
     @classmethod
     @checked
-    def plant(
-        cls,
-        vessel: Vessel,
-        *,
-        torque: Torque = "brake",
-        products: bool = True,
-        free_exponent: bool = False,
-        free_limit: bool = False,
-        dead_time_set_point: bool = False,
-        outputs: Sequence[str] = ("dn", "dM"),
-        name: str | None = None,
-    ) -> Structure:
-        """Declare the nonlinear plant of a vessel, its torque envelope included (eq. 3.1 to 3.11).
-
-        The parameters are those of `linear`, at the vessel's operating point; where the data cross the engine's limit
-        or bend with the propeller curve, they are not biased by it as the linear structure's are. `grey_box` has the
-        same plant in the vessel's own terms.
-
-        Parameters
-        ----------
-        vessel
-            Gives what is not searched for: operating point, gearbox, envelope, rate limits of torque and rack.
-        torque, products, free_exponent, outputs
-            As for `linear`; with "dX" among the outputs, v, K_p and K_i are told apart.
-        free_limit
-            Free the factor `limit` on the vessel's torque envelope.
-        dead_time_set_point
-            Free the dead time T_set; otherwise it is the vessel's.
-        """
-        linear = cls.linear(
-            torque=torque,
-            products=products,
-            free_exponent=free_exponent,
-            dead_time_set_point=dead_time_set_point,
-            outputs=outputs,
-        )
-        limit = Parameter("limit", "-", 1.0, 0.5, 2.0, fixed=not free_limit)
-        return cls(
-            name=name or f"plant of {vessel.name}",
-            parameters=(*linear.parameters, limit),
-            signals=linear.signals,
-            equations=PlantEquations(vessel, linear.outputs, gauge="tau_prop" in linear.names),
-            settings={
-                "kind": "plant",
-                "vessel": vessel.model_dump(mode="json"),
-                "torque": torque,
-                "products": products,
-                "free_exponent": free_exponent,
-                "free_limit": free_limit,
-                "dead_time_set_point": dead_time_set_point,
-            },
-        )
-
-    @classmethod
-    @checked
-    def grey_box(
-        cls,
-        vessel: Vessel,
-        free: Sequence[str],
-        *,
-        torque: Torque = "brake",
-        outputs: Sequence[str] = ("dn", "dM"),
-        pass_hz: float | None = None,
-        name: str | None = None,
-    ) -> Structure:
-        """Declare the whole drive train of a vessel in its own terms: eq. 3.1 to 3.11 and all elements that it has.
-
-        Parameters
-        ----------
-        vessel
-            Gives every parameter's start, and the value of those that are not free.
-        free
-            Names of what is searched for, of "inertia", "propeller_inertia" [kg m2], "A1" [Nm/mm],
-            "A2" [Nm/(rev/s)], "A3" [Nm], "X_0" [mm], "Kp_abs" [mm/(rev/s)], "Ki_abs" [mm/rev],
-            "propeller_torque" [Nm] (at the vessel's operating speed), "torque_exponent", "gear_ratio",
-            "transmission_efficiency", "limit" (factor on the torque envelope), "minimum_torque" [Nm],
-            "rack_rate" [mm/s], "torque_rate" [Nm/s], "T_set" [s] (dead time of the set
-            point); "fuel_dead_time", "fuel_lag" [s], "shaft_stiffness" [Nm/rad], "shaft_damping" [Nm s/rad],
-            "drag_coefficient" [Nm/(rev/s)^q], "drag_exponent", "Kd_abs" [mm s/(rev/s)], "derivative_filter" [s],
-            "minimum_rack", "maximum_rack", "smoke_margin" [mm], "turbocharger_lag" [s], "shaft_ripple", "blade_ripple".
-            Elements need a vessel that has them.
-        torque, outputs
-            As for `linear`.
-        pass_hz
-            Compare measured and simulated outputs below this frequency [Hz]: both go through one zero-phase low-pass,
-            the set point does not. Single firings, blades and the swinging shaft have phases that no fit can match.
-
-        Raises
-        ------
-        InputError
-            For an unknown name or output, an element that the vessel does not have, or a ship that moves.
-
-        Notes
-        -----
-        Speed and torque alone do not tell A1, Kp_abs and Ki_abs apart (only the products A1 Kp_abs and A1 Ki_abs), nor
-        A3 and X_0 from each other and from the initial integrated error: free one of each, or measure the fuel rack
-        ("dX"). Gauge torque tells the propeller's inertia and not the total one. A limit that the data never meet has
-        no influence: `identify` reports it as not identifiable. The same holds for a start so far off that it never
-        acts there.
-
-        Examples
-        --------
-        >>> from shipfp_rs import Vessel
-        >>> launch = Vessel.load("stan-launch-804")
-        >>> [parameter.name for parameter in Structure.grey_box(launch, ["inertia", "Kp_abs"]).free]
-        ['inertia', 'Kp_abs']
-        """
-        grey_box.require_modelled(vessel)
-        if pass_hz is not None and not (math.isfinite(pass_hz) and pass_hz > 0.0):
-            raise InputError(f"pass_hz is {pass_hz}, expected a positive frequency [Hz], or None")
-        linear = cls.linear(torque=torque, outputs=outputs)
-        equations: Equations = PlantEquations(
-            vessel, linear.outputs, gauge="tau_prop" in linear.names, place=as_built, whole=True
-        )
-        if pass_hz is not None:
-            equations = PassBand(equations, pass_hz)
-        return cls(
-            name=name or f"grey box of {vessel.name}",
-            parameters=grey_box.parameters(vessel, free),
-            signals=linear.signals,
-            equations=equations,
-            settings={
-                "kind": "grey box",
-                "torque": torque,
-                "vessel": vessel.model_dump(mode="json"),
-                **({} if pass_hz is None else {"pass_hz": pass_hz}),
-            },
-        )
-
-    @classmethod
-    @checked
     def from_matrices(
         cls,
         matrices: Matrices,
@@ -707,10 +572,9 @@ class Structure:
         raise InputError(f"{data!r}: no signal for output {output!r}, expected one of {expected}")
 
     def measured(self, experiment: Experiment) -> Array:
-        """Return the measured outputs as the equations' are to be compared with them, normalised, shape (O, N)."""
+        """Return the measured outputs, normalised, shape (O, N)."""
         chosen = (self.signal_for(output, experiment.signals, experiment.name) for output in self.outputs)
-        rows = np.array([experiment.normalised(name) for name in chosen])
-        return self.equations.passed(rows, experiment)
+        return np.array([experiment.normalised(name) for name in chosen])
 
     @property
     def names(self) -> tuple[str, ...]:

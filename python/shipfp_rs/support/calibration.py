@@ -136,6 +136,11 @@ def torque_factor(
     float
         [Nm] per unit of `shunt_voltage`.
 
+    Raises
+    ------
+    InputError
+        For a value that is not positive, or an inner diameter that is not less than the outer one.
+
     Notes
     -----
     With the numbers of the thesis's appendix D (350 ohm, 437.4 kohm, 2.08, 77 GPa, 90 mm, 2000 mV) the shunt
