@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,4 +63,6 @@ def run_page(page: Path, folder: Path, command: Callable[[str], None] | None = N
             elif language == "sh" or (language in LEANING and command is not None):
                 for typed in commands(text):
                     (command or shipfp)(typed)
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")  # what a page does not save again no other page needs
     return printed.getvalue()

@@ -20,7 +20,7 @@ from shipfp_rs.support.tables import Columns, Tabular
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
 MOST_TURNS = 4.0
-"""Turns of a fitted phase above which it was given in degrees."""
+"""A fitted phase of more turns than this is taken to be in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class FrequencyResponse(Tabular):
                 "phase_std",
                 math.pi / math.sqrt(3.0),
                 "degrees for radians",
-            ),  # what a phase without any news has
+            ),  # the standard deviation of a phase about which nothing is known
         ):
             for key, values in getattr(self, attribute).items():
                 if len(values) > 1 and values.min() > most:

@@ -25,7 +25,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
+from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate, on_a_simple_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -113,6 +113,7 @@ class _Grid:
 
     def low_passed(self, channel: Channel, source: Source) -> Array:
         """Return samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
+        channel, source = on_a_simple_rate(channel, source, self.rate_hz)
         start = (self.start_s - channel.start_s) * channel.rate_hz
         return LowPass(channel, self.rate_hz, start)(source, self.count)
 
