@@ -141,7 +141,7 @@ class Structure:
 
         Examples
         --------
-        >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
+        >>> [one.name for one in Structure.linear().parameters if not one.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
         if torque not in ("brake", "gauge"):
@@ -415,7 +415,10 @@ class Structure:
         ...     return A, np.array([1 / q["tau_rack"], 0]), np.array([[0, 1]]), np.array([0])
         >>> two_lags = Structure.from_matrices(
         ...     matrices,
-        ...     [Parameter("tau_rack", "s", 0.2, 0.01, 2), Parameter("tau_shaft", "s", 1.0, 0.01, 10)],
+        ...     [
+        ...         Parameter("tau_rack", "s", 0.2, 0.01, 2),
+        ...         Parameter("tau_shaft", "s", 1.0, 0.01, 10),
+        ...     ],
         ...     ["dn"],
         ...     name="two lags",
         ... )
