@@ -22,7 +22,7 @@ from shipfp_rs.identification.verdict import shown
 from shipfp_rs.identification.wording import OUTPUTS
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
-from shipfp_rs.structures.structure import Torque
+from shipfp_rs.structures.outputs import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""

@@ -18,7 +18,8 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
 LOGGER = logging.getLogger("shipfp_rs")

@@ -26,7 +26,8 @@ from shipfp_rs.identification.gates import require_excited
 from shipfp_rs.identification.minima import Found, search_minima
 from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 

@@ -12,7 +12,7 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
+from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
@@ -159,7 +159,7 @@ class ShipEquations(Equations):
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) of the linearisation and its derivatives with respect to `names`, shape (W, O, F)."""
         place: Place = "propeller" if self.propeller_speed else "engine"
-        linear = ExtendedLinear(self.outputs, self.gauge, place).equations()
+        linear = TransferFunctions(self.outputs, self.gauge, place)
         damping = values.get("damping", 0.0)
         known = {**values, "p": values["p"] + damping}
         asked = ["p" if name == "damping" else name for name in names]

@@ -17,13 +17,6 @@ LINEAR_OPTIONS = (
     "free_exponent",
     "dead_time_loop",
     "dead_time_set_point",
-    "actuator_lag",
-    "derivative",
-    "sampling",
-    "misreading",
-    "twist",
-    "curvature",
-    "speed",
 )
 SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
 
