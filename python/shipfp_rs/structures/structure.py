@@ -224,8 +224,9 @@ class Structure(Editable):
 
         >>> import numpy as np
         >>> def matrices(q):
-        ...     A = np.array([[-1 / q["tau_rack"], 0], [1 / q["tau_shaft"], -1 / q["tau_shaft"]]])
-        ...     return A, np.array([1 / q["tau_rack"], 0]), np.array([[0, 1]]), np.array([0])
+        ...     rack, shaft = 1 / q["tau_rack"], 1 / q["tau_shaft"]
+        ...     A = np.array([[-rack, 0], [shaft, -shaft]])
+        ...     return A, np.array([rack, 0]), np.array([[0, 1]]), np.array([0])
         >>> two_lags = Structure.from_matrices(
         ...     matrices,
         ...     [
