@@ -30,6 +30,8 @@ SMALL_MISS_PCT = 1.6
 (static torque check of the thesis, eq. 6.3)."""
 SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
 """What is small for a ship's parameter of that unit: an interval is not measured by less."""
+AGREE = 5.0
+"""Deviations within which the governor's clocks of several experiments are one."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -63,6 +65,15 @@ def chooser_of(
             *(["dM"] if located and common & set(SIGNALS) else []),
             *(["dX"] if "X_f" in common else []),
         ]
+    clock = _governor_clock(experiments)
+    if clock and "sampling" not in elements and not any("T_s" in given for given in narrow.values()):
+        # The raw torque tells the period far better than any fit could find it.
+        elements = {**elements, "sampling": True}
+        narrow = {
+            **narrow,
+            "prior": {**narrow.get("prior", {}), "T_s": clock},
+            "start": {**narrow.get("start", {}), "T_s": clock[0]},
+        }
     return Chooser(
         experiments,
         torque=located or "brake",
@@ -72,6 +83,17 @@ def chooser_of(
         narrow=narrow,
         search=search,
     )
+
+
+def _governor_clock(experiments: Sequence[Experiment]) -> tuple[float, float] | None:
+    """Sampling period and deviation [s] that the experiments' raw torque agrees on; None where it tells none or several."""
+    clocks = [experiment.governor_clock for experiment in experiments]
+    periods, deviations = np.array([clock for clock in clocks if clock]).reshape(-1, 2).T
+    if not len(periods) or np.ptp(periods) > AGREE * deviations.max():
+        return None
+    weights = 1.0 / deviations**2
+    # What is common to them, the logger's clock, is not averaged out.
+    return float(weights @ periods / weights.sum()), float(deviations.min())
 
 
 def with_limits(fingerprint: Fingerprint) -> Fingerprint:

@@ -25,6 +25,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
+from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest
 from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
 from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
@@ -259,6 +260,7 @@ class _Recording:
                 "log": self.log.name,
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
+                "governor_clock": self._governor_clock(_label(window), signals["n_e"]),
                 **account,
             },
         )
@@ -270,6 +272,24 @@ class _Recording:
                 experiment, provenance={**experiment.provenance, "detrend": degree}
             )
         return about_local_point(experiment) if settings.normalise == "local" else experiment
+
+    def _governor_clock(self, label: str, rpm: Array) -> dict[str, float] | None:
+        """Look for the clock of a governor that samples in the torque at a higher rate."""
+        sensor, grid = self.trial.channels.torque, self.grids[label]
+        if sensor is None:
+            return None
+        rows = self._rows(sensor, STRETCH_BYTES)
+        factor = int(min(RATE_HZ, rows.channel.rate_hz) / grid.rate_hz)
+        part = liveliest(rpm, int(LONGEST_S * grid.rate_hz))
+        if factor < 2 or np.isfinite(rpm[part]).sum() < 2:
+            return None
+        finer = _Grid(label, grid.start_s + part.start / grid.rate_hz, factor * grid.rate_hz, factor * (part.stop - part.start))
+        first = rows.channel.start_s
+        span = ((time - first) * rows.channel.rate_hz for time in (finer.start_s, finer.stop_s))
+        cleaner = Cleaner(rows, sensor, self.trial.processing, *(min(max(int(at), 0), rows.channel.samples) for at in span))
+        turns_hz = np.nanmean(rpm[part]) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
+        found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm[part], factor, finer.rate_hz, turns_hz)
+        return None if found is None else dataclasses.asdict(found)
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return the signals of a stretch at the common rate, and an account of how they were made."""
