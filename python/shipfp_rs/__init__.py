@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from shipfp_rs.assessment.bootstrap import bootstrap
     from shipfp_rs.assessment.closed_loop import closed_loop
     from shipfp_rs.assessment.comparison import Change, Comparison, compare, trend
-    from shipfp_rs.assessment.indirect import Binding, bind, indirect_inference
     from shipfp_rs.assessment.ladder import ladder
     from shipfp_rs.assessment.leverage import leverage
     from shipfp_rs.assessment.profile_likelihood import profile_likelihood
@@ -55,7 +54,6 @@ if TYPE_CHECKING:
     from shipfp_rs.vessel.vessel import Vessel
 
 _WHERE = {
-    "Binding": "assessment.indirect",
     "BollardCurve": "vessel.steady_state",
     "Calibration": "support.calibration",
     "Change": "assessment.comparison",
@@ -79,7 +77,6 @@ _WHERE = {
     "Truth": "simulation.raw_log",
     "Vessel": "vessel.vessel",
     "answered": "simulation.replay",
-    "bind": "assessment.indirect",
     "bollard_curve": "vessel.steady_state",
     "bootstrap": "assessment.bootstrap",
     "closed_loop": "assessment.closed_loop",
@@ -87,7 +84,6 @@ _WHERE = {
     "cross_validation": "assessment.validation",
     "design": "designs",
     "identify": "identification.identify",
-    "indirect_inference": "assessment.indirect",
     "ladder": "assessment.ladder",
     "leverage": "assessment.leverage",
     "linearise": "vessel.linear_model",
@@ -109,7 +105,6 @@ _WHERE = {
 _MODULES = ("frequency", "plot", "published", "signals", "tacho")
 
 __all__ = [
-    "Binding",
     "BollardCurve",
     "Calibration",
     "Change",
@@ -140,7 +135,6 @@ __all__ = [
     "Vessel",
     "__version__",
     "answered",
-    "bind",
     "bollard_curve",
     "bootstrap",
     "closed_loop",
@@ -149,7 +143,6 @@ __all__ = [
     "design",
     "frequency",
     "identify",
-    "indirect_inference",
     "ladder",
     "leverage",
     "linearise",

@@ -9,7 +9,8 @@ from scipy.optimize import least_squares
 from shipfp_rs import Structure
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.identification.descent import descend
-from shipfp_rs.identification.identify import Options, search_minima
+from shipfp_rs.identification.identify import options_of
+from shipfp_rs.identification.minima import search_minima
 from shipfp_rs.identification.variable_projection import Elimination
 
 
@@ -18,7 +19,7 @@ def found():
     structure = Structure.ship(["dead_time_loop", "dead_time_set_point"], torque="gauge")
     structure = structure.with_start(**dict(zip(SHIP, rival_ship.START[:8].tolist(), strict=True)))
     data = experiment(*rival_ship.trial(5, 200.0))
-    return search_minima(data, structure, Options.of({"starts": 1, "noise": "white"}))
+    return search_minima(data, structure, options_of({"starts": 1, "noise": "white"}))
 
 
 def lowest(search, noise, start):

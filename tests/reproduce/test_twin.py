@@ -15,7 +15,6 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import cli
-from shipfp_rs.assessment.indirect import Binding
 from shipfp_rs.assessment.ship_parameters import parameters_of
 from shipfp_rs.identification.fingerprint import Estimate
 from shipfp_rs.reproduce import twin
@@ -33,14 +32,14 @@ def test_twin_study_of_many_ships_in_many_seas() -> None:
     draws, first = int(os.environ.get("TWIN_DRAWS", "200")), int(os.environ.get("TWIN_SEED", str(SEED)))
     parts = CHOICES[os.environ.get("TWIN_PARTS", "")]
     found = []
-    for outcome in twin.outcomes(range(first, first + draws), parts, twin.binding()):
+    for outcome in twin.outcomes(range(first, first + draws), parts):
         found.append(outcome)
         if len(found) % 20 == 0 or len(found) == draws:
             for part in parts:
                 print(
                     f"\n{part}, {len(found)} ships",
                     *twin.table(twin.scores(found, part)),
-                    f"the residuals leave the simulated ship standing in {twin.standing(found, part):.1%}",
+                    f"the residuals leave the structure standing in {twin.standing(found, part):.1%}",
                     sep="\n",
                     flush=True,
                 )
@@ -61,20 +60,11 @@ def tug() -> Twin:
     return Twin.of(0, PARTS[CHIRP])
 
 
-@pytest.fixture(scope="module")
-def plain() -> Binding:
-    """As if the structure moved with the ship one to one, which the slopes of a binding correct by a tenth."""
-    truth = Twin.of(0, ("S12",), still=True).truth
-    names = ("vK_p", "vK_i", "p", "tau_prop", "T_d", "T_set")
-    own = np.array([truth[name] for name in names])
-    return Binding(names, own, own, np.eye(len(names)))
-
-
-def test_the_short_chirp_of_raw_logs_tells_the_ship(plain: Binding) -> None:
-    found = [twin.outcome(seed, (CHIRP,), plain) for seed in (1, 2)]
+def test_the_short_chirp_of_raw_logs_tells_the_ship() -> None:
+    found = [twin.outcome(seed, (CHIRP,)) for seed in (1, 2)]
     for name, score in twin.scores(found, CHIRP).items():
         assert score.trials == 2
-        assert score.error_pct < 4.0, name
+        assert score.std_pct < 8.0, name
     inside = [score.inside for score in twin.scores(found, CHIRP).values()]
     assert np.mean(inside) >= 0.75
 
@@ -94,7 +84,7 @@ def test_the_structure_of_the_thesis_is_called_wrong_and_misses_the_truth(tug: T
 def test_a_log_shows_what_the_ship_did() -> None:
     """Pulses, calibrations and filters of the raw log change a simulated answer by less than a part in a thousand."""
     still = Twin.of(3, ("S11",), still=True)
-    (record,) = still.experiments(("S11",))
+    (record,) = still.experiments(("S11",), 6.25)  # without the ripple of the shaft
     answer = answered(still.vessel, record, at_the_shaft=True)
     inner = slice(None, -8)  # the low-pass looks ahead, beyond the record's end
     for name in ("n_e", "M_g"):
@@ -133,10 +123,9 @@ def test_the_command_puts_the_truth_beside_both_structures(capsys: pytest.Captur
 
 
 @pytest.fixture
-def only_the_chirp(monkeypatch: pytest.MonkeyPatch, plain: Binding) -> None:
+def only_the_chirp(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(twin, "PARTS", {CHIRP: PARTS[CHIRP]})
     monkeypatch.setattr(twin, "EVERYTHING", ("C11", *twin.STEPS))
-    monkeypatch.setattr(twin, "binding", lambda: plain)
 
 
 def test_ships_are_drawn_about_the_tug_and_again_the_same() -> None:

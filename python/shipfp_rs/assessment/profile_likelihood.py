@@ -12,7 +12,8 @@ from scipy.stats import chi2
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.blocks import Data
 from shipfp_rs.identification.estimates import estimates
-from shipfp_rs.identification.identify import Options, search_minima
+from shipfp_rs.identification.identify import options_of
+from shipfp_rs.identification.minima import search_minima
 from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
@@ -140,7 +141,7 @@ def profile_likelihood(
     p bounded
     v flat
     """
-    ended = search_minima(data, structure, Options.of(options))
+    ended = search_minima(data, structure, options_of(options))
     search, best = ended.search, ended.best
     wanted = search.names if parameters is None else tuple(parameters)
     for name in wanted:

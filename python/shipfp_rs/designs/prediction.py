@@ -13,7 +13,8 @@ from shipfp_rs.designs.quantities import quantities
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import Block
-from shipfp_rs.identification.estimates import why_unknown, with_tied, without_nuisance
+from shipfp_rs.identification.covariances import without_nuisance
+from shipfp_rs.identification.estimates import why_unknown, with_tied
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import Sensitivity, describe
 from shipfp_rs.signals import Excitation

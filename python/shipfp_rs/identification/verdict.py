@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.structures.structure import Structure
@@ -22,80 +22,92 @@ def verdict(
 
     `trouble` says why the search's end is no minimum; with `any_colour` the intervals hold for noise of any colour.
     """
-    lines = (
-        [f"The search did not end in a minimum, so take no figure for an estimate: {trouble}."]
-        if trouble
-        else []
-    )
+    lines = [
+        *(
+            [f"The search did not end in a minimum, so take no figure for an estimate: {trouble}."]
+            if trouble
+            else []
+        ),
+        *_known(parameters, derived, structure),
+        *_unknown(parameters),
+        *_gaps(identifiability),
+        *_contradictions(fit, structure, any_colour),
+    ]
+    if poor := _poor(fit):
+        lines.append(
+            f"The structure {structure.name!r} explains the data poorly ({', '.join(poor)}): its intervals "
+            "hold for the structure, not for the ship."
+        )
+    return tuple(lines)
+
+
+def _known(
+    parameters: Mapping[str, Estimate], derived: Mapping[str, Estimate], structure: Structure
+) -> Iterator[str]:
     known = [
         shown(name, e)
         for name, e in parameters.items()
         if e.status in ("free", "prior") and e.value is not None
     ]
     if known:
-        lines.append("Known: " + "; ".join(known) + ".")
+        yield "Known: " + "; ".join(known) + "."
     settings = structure.settings
     if settings.get("three_parameters") and (settings["torque"] == "gauge" or "dM" not in structure.outputs):
-        lines.append(
-            "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
-        )
+        yield "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
     together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
-        lines.append("Known only together: " + "; ".join(together) + ".")
+        yield "Known only together: " + "; ".join(together) + "."
+
+
+def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """What is not known at all, and what stands on a bound."""
     for name, estimate in parameters.items():
         if estimate.status == "unidentifiable":
-            lines.append(f"Not identifiable from these data: {name} ({estimate.reason}).")
+            yield f"Not identifiable from these data: {name} ({estimate.reason})."
     on_bound = {name: estimate for name, estimate in parameters.items() if estimate.status == "at_bound"}
     pressed = [f"{name} ({e.reason})" for name, e in on_bound.items() if e.ci95 is None]
     if pressed:
-        lines.append(
+        yield (
             "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: "
             + ", ".join(pressed)
             + ". The other intervals hold only if they are there."
         )
     limited = [f"{name} ({e.reason})" for name, e in on_bound.items() if e.ci95 is not None]
     if limited:
-        lines.append(
-            "On a bound that the data do not contradict, known from one side: " + ", ".join(limited) + "."
-        )
+        yield "On a bound that the data do not contradict, known from one side: " + ", ".join(limited) + "."
+
+
+def _gaps(identifiability: Identifiability) -> Iterator[str]:
+    """What the data can't tell apart, and what would settle it."""
     if identifiability.rank < identifiability.free:
-        lines.append(
+        yield (
             f"The data tell {identifiability.rank} of {identifiability.free} free parameters apart; the response stays "
             "the same along: "
             + " / ".join(str(entry["combination"]) for entry in identifiability.null_space)
             + "."
         )
     if identifiability.closes_gap:
-        lines.append(
+        yield (
             "Any of these, known from elsewhere (torsional calculation, factory test), would settle the rest: "
             + "; ".join(identifiability.closes_gap)
             + "."
         )
-    lines += _contradictions(fit, structure, any_colour)
+
+
+def _poor(fit: Mapping[str, Mapping[str, float | None]]) -> list[str]:
+    """Figures of a fit that explains the data poorly."""
     overall = fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
     if chi_squared is not None and freedom is not None:
         # Known deviations judge a fit better than its share of the spread: some points may carry no weight.
-        poor = (
-            [f"chi-squared {chi_squared:.4g} at {freedom:.0f} degrees of freedom"]
-            if chi_squared > 2 * freedom
-            else []
-        )
-    else:
-        rows = {output: row["nrmse_pct"] for output, row in fit.items() if output != "overall"}
-        poor = [
-            f"fit of {output} {value:.1f} %"
-            for output, value in rows.items()
-            if value is not None and value < 60.0
-        ]
-    if poor:
-        lines.append(
-            f"The structure {structure.name!r} explains the data poorly ("
-            + ", ".join(poor)
-            + "): its intervals "
-            "hold for the structure, not for the ship."
-        )
-    return tuple(lines)
+        poor = chi_squared > 2 * freedom
+        return [f"chi-squared {chi_squared:.4g} at {freedom:.0f} degrees of freedom"] if poor else []
+    rows = {output: row["nrmse_pct"] for output, row in fit.items() if output != "overall"}
+    return [
+        f"fit of {output} {value:.1f} %"
+        for output, value in rows.items()
+        if value is not None and value < 60.0
+    ]
 
 
 def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:

@@ -214,8 +214,6 @@ class Identify(Section):
     offsets: Literal[True, False, "relative"] = True
     initial_state: Literal["estimated", "zero"] = "estimated"
     """These five as in `identify`."""
-    lead_back: bool = False
-    """Simulate the vessel and take off the estimates what the structure lacks beside it (`indirect_inference`)."""
     starts: Starts | None = None
     """None: what `identify` takes where none are given."""
     seed: Seed = 0

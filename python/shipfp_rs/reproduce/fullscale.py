@@ -11,7 +11,8 @@ from shipfp_rs import published
 from shipfp_rs.assessment.leverage import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import Weighting, identify
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.options import Weighting
 from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, row_of
 from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks
 from shipfp_rs.reproduce.fullscale_validation import cross_validation

@@ -10,14 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
-from shipfp_rs.assessment.indirect import Binding, bind, indirect_inference
 from shipfp_rs.assessment.ship_parameters import with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.fit_statistics import fit_pct
 from shipfp_rs.identification.identify import identify
@@ -31,8 +28,6 @@ from shipfp_rs.vessel.vessel import Vessel
 
 LOGGER = logging.getLogger("shipfp_rs")
 
-THESIS_RATE_HZ = 20.0
-"""Of the thesis's structure, whose simulation joins the samples of the set point by straight lines."""
 PARTS: Mapping[str, tuple[str, ...]] = {
     "sines S2-S12": tuple(f"S{number}" for number in range(2, 13)),
     "chirp C11": ("C11",),
@@ -44,6 +39,7 @@ AGREE = 1.96
 STEPS = ("St1", "St2")
 FREE = ("p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set")
 SHOWN = ("tau_n", "g", *FREE)
+ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist")
 KNOWN = ("tau_n", "g", "tau_act", "tau_twist")
 """Given: what drawings tell, and two of the three values of which gauge and speed tell none, the inertia (from a
 torsional vibration calculation) and the engine's slope (from its factory test)."""
@@ -54,67 +50,32 @@ def experiments_of(part: str) -> tuple[str, ...]:
     return sum(PARTS.values(), ()) if part == ALL else PARTS[part]
 
 
-def structure_for(truth: Mapping[str, float], experiments: Sequence[Experiment]) -> Structure:
+def structure_for(truth: Mapping[str, float]) -> Structure:
     """Return the structure that is fitted, with what is known of the ship; of the truth only `KNOWN` is looked at."""
-    point = experiments[0].operating_point
-    known = {name: truth[name] for name in KNOWN} | {
-        "misread": (point["n_set"] - point["n_e"]) / point["n_e"]
-    }
-    return Structure.linear(
-        torque="gauge",
-        products=True,
-        free_exponent=True,
-        dead_time_loop=True,
-        dead_time_set_point=True,
-        actuator_lag=True,
-        misreading=True,
-        twist=True,
-        curvature=True,
-        speed="propeller",
-        name="extended",
-    ).with_fixed(**known)
+    known = {name: truth[name] for name in KNOWN}
+    return Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True).with_fixed(**known, zeta_twist=0.5)
 
 
-OPTIONS: Mapping[str, str] = {
-    "noise": "white",
-    "covariance": "sandwich",
-    "initial_state": "zero",
-    "offsets": "relative",
-}
-"""Weights for white noise and a covariance for the noise as it is: weights for the true noise would trust the slow speed,
-which water hardly moves, to parts in a hundred thousand, and so whatever the structure lacks."""
-
-
-def binding() -> Binding:
-    """Return how the structure's estimates move with the tug's parameters on the short chirp; other parts differ little."""
-    tug = Twin.of(0, PARTS[CHIRP], still=True)
-    records = tug.experiments(PARTS[CHIRP])
-    return bind(records, structure_for(tug.truth, records), tug.vessel, **OPTIONS)
-
-
-def fitted(twin: Twin, part: str, bound: Binding, *, near: Fingerprint | None = None) -> Fingerprint:
+def fitted(twin: Twin, part: str, *, near: Fingerprint | None = None) -> Fingerprint:
     """Identify a part of a trial without a look at the truth, beyond `KNOWN`; the search may begin where another ended."""
-    records = twin.experiments(experiments_of(part))
-    structure = structure_for(twin.truth, records)
-    options: dict[str, Any] = dict(OPTIONS)
+    structure = structure_for(twin.truth)
     if near is not None:
-        found = near.settings["indirect"]["of_the_structure"]
-        structure, options["starts"] = structure.with_start(**found), 1
-        bound = bound.about(near)
-    return indirect_inference(records, structure, Vessel.load(VESSEL), binding=bound, **options)
+        structure = structure.with_start(**{name: near.settings["optimum"][name] for name in FREE})
+    records = twin.experiments(experiments_of(part))
+    return identify(records, structure, noise="white", covariance="sandwich", starts=1, vessel=VESSEL)
 
 
-def fitted_parts(twin: Twin, parts: Sequence[str], bound: Binding) -> dict[str, Fingerprint]:
-    """Identify parts of a trial, each by itself; where one ended the next begins, which spares it starts at random."""
+def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
+    """Identify parts of a trial, each by itself; where one ended the next begins."""
     told: dict[str, Fingerprint] = {}
     for part in sorted(parts, key=lambda part: part != CHIRP):
-        told[part] = fitted(twin, part, bound, near=told.get(CHIRP))
+        told[part] = fitted(twin, part, near=told.get(CHIRP))
     return told
 
 
 def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
     """Fit the thesis's structure to the same, with the weights that its sine fits were refitted with."""
-    records = twin.experiments(experiments_of(part), THESIS_RATE_HZ)
+    records = twin.experiments(experiments_of(part))
     return identify(records, thesis_structure(), noise="white", starts=1, vessel=VESSEL)
 
 
@@ -127,24 +88,24 @@ class Outcome:
     told: Mapping[str, Fingerprint]
 
 
-def outcome(seed: int, parts: Sequence[str], bound: Binding) -> Outcome:
+def outcome(seed: int, parts: Sequence[str]) -> Outcome:
     """Make a trial and identify parts of it."""
     names = tuple(dict.fromkeys(name for part in parts for name in experiments_of(part)))
     twin = Twin.of(seed, names)
     try:
-        return Outcome(seed, twin.truth, fitted_parts(twin, parts, bound))
+        return Outcome(seed, twin.truth, fitted_parts(twin, parts))
     except (InputError, IdentificationError) as refusal:
         LOGGER.warning("twin %d: %s", seed, refusal)
         return Outcome(seed, twin.truth, {})
 
 
-def outcomes(seeds: Sequence[int], parts: Sequence[str], bound: Binding) -> Iterator[Outcome]:
+def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
     """Yield the trials of many seeds as they are done, on all processors."""
     # Forked, the workers would inherit locks that the parent's threads hold.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context) as pool:
         try:
-            for future in as_completed([pool.submit(outcome, seed, parts, bound) for seed in seeds]):
+            for future in as_completed([pool.submit(outcome, seed, parts) for seed in seeds]):
                 yield future.result()
         finally:
             pool.shutdown(cancel_futures=True)
@@ -160,15 +121,12 @@ class Score:
         Number of trials in which all parameters were told: now and then noise takes the dead time to its bound.
     inside
         Share of them whose 95 % interval holds the truth.
-    inside_of_structure
-        The same of the structure's own intervals, before they were led back.
     error_pct, std_pct
         Medians of the error's size and of the predicted standard deviation, over the truth.
     """
 
     trials: int
     inside: float
-    inside_of_structure: float
     error_pct: float
     std_pct: float
 
@@ -184,31 +142,28 @@ def _score(found: Sequence[Outcome], part: str, name: str) -> Score:
         if part not in outcome.told:
             continue
         fingerprint, truth = outcome.told[part], outcome.truth[name]
-        estimate, record = fingerprint.parameters[name], fingerprint.settings["indirect"]
+        estimate = fingerprint.parameters[name]
         if estimate.value is None or estimate.std is None or estimate.ci95 is None:
             continue
         low, high = estimate.ci95
-        reach = 0.5 * (high - low) * record["std_of_the_structure"][name] / estimate.std
         rows.append(
             (
                 low <= truth <= high,
-                abs(record["of_the_structure"][name] - truth) <= reach,
                 abs(estimate.value / truth - 1.0),
                 estimate.std / abs(truth),
             )
         )
-    inside, of_structure, error, std = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    inside, error, std = np.array(rows, dtype=np.float64).reshape(-1, 3).T
     return Score(
         len(rows),
         float(inside.mean()),
-        float(of_structure.mean()),
         100.0 * float(np.median(error)),
         100.0 * float(np.median(std)),
     )
 
 
 def standing(found: Sequence[Outcome], part: str) -> float:
-    """Return the share of trials whose residuals do not contradict the simulated ship."""
+    """Return the share of trials whose residuals do not contradict the structure."""
     return float(np.mean([outcome.told[part].model_adequate is True for outcome in found if outcome.told]))
 
 
@@ -260,7 +215,7 @@ def _distance(one: Estimate, other: Estimate) -> float:
 
 
 def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
-    """Return how well the simulated ship with the estimates fits the steps, whose limits no linear structure has [%]."""
+    """Return how well the simulated ship with the estimates fits the steps, which run into its limits [%]."""
     known = {name: twin.truth[name] for name in KNOWN}
     estimates = {name: float(e.value) for name in FREE if (e := told.parameters[name]).value is not None}
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})
@@ -280,7 +235,7 @@ def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
 def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None) -> Reproduction:
     """Identify the tug's trial on the tug itself, part by part, then the short chirp on as many drawn ships."""
     parts = (*PARTS, ALL)
-    jobs, done = 2 + len(parts) + len(PARTS) + draws - 1, 0
+    jobs, done = 1 + len(parts) + len(PARTS) + draws - 1, 0
 
     def step() -> None:
         nonlocal done
@@ -288,11 +243,9 @@ def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None
         if progress is not None:
             progress(done, jobs)
 
-    bound = binding()
-    step()
     tug = Twin.of(0, EVERYTHING)
     step()
-    rows = [Row("twin", "truth", "truth", "extended", {name: tug.truth[name] for name in SHOWN}, {})]
+    rows = [Row("twin", "truth", "truth", "ship", {name: tug.truth[name] for name in SHOWN}, {})]
     fingerprints: dict[str, Fingerprint] = {}
 
     def add(way: Way, part: str, fingerprint: Fingerprint) -> None:
@@ -308,12 +261,12 @@ def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None
 
     for part in PARTS:
         add("thesis", part, fitted_as_the_thesis(tug, part))
-    for part, fingerprint in fitted_parts(tug, parts, bound).items():
+    for part, fingerprint in fitted_parts(tug, parts).items():
         add("ours", part, fingerprint)
     steps = fit_to_steps(tug, fingerprints[f"ours, {ALL}"])
     told = [Outcome(0, tug.truth, {CHIRP: fingerprints[f"ours, {CHIRP}"]})]
     if draws > 1:
-        for one in outcomes(range(1, draws), (CHIRP,), bound):
+        for one in outcomes(range(1, draws), (CHIRP,)):
             told.append(one)
             step()
     return Reproduction(
@@ -326,12 +279,9 @@ def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None
 
 def table(found: Mapping[str, Score]) -> list[str]:
     """Return lines of text, one for each parameter."""
-    lines = [f"{'':9} trials  truth inside 95 %  structure's own  median error  predicted std"]
+    lines = [f"{'':9} trials  truth inside 95 %  median error  predicted std"]
     for name, s in found.items():
-        lines.append(
-            f"{name:9} {s.trials:6d} {s.inside:18.1%} {s.inside_of_structure:16.1%} {s.error_pct:11.2f} % "
-            f"{s.std_pct:12.2f} %"
-        )
+        lines.append(f"{name:9} {s.trials:6d} {s.inside:18.1%} {s.error_pct:11.2f} % {s.std_pct:12.2f} %")
     return lines
 
 
@@ -365,7 +315,7 @@ def _verdict(
     if len(told) > 1:
         yield f"{CHIRP} alone, {len(told)} ships and seas:"
         yield from table(scores(told, CHIRP))
-        yield f"The residuals leave the simulated ship standing in {standing(told, CHIRP):.1%}"
+        yield f"The residuals leave the structure standing in {standing(told, CHIRP):.1%}"
 
 
 def _missed(fingerprint: Fingerprint, truth: Mapping[str, float]) -> list[str]:

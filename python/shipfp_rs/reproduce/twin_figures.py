@@ -32,7 +32,7 @@ def _parts(found: Reproduction, figure: Figure) -> str:
     thesis = {row.case: row for row in found.rows if row.way == "thesis"}
     panels = figure.subplots(2, 3, sharex=True).ravel()
     for ax, name in zip(panels, FREE, strict=True):
-        _parameter(ax, name, float(truth[name] or np.nan), ours, thesis, found)
+        _parameter(ax, name, float(truth[name] or np.nan), ours, thesis)
     legend_above(figure, panels[2])
     return (
         "Difference from the truth; bars are 95 % intervals. Crosses with a number lie so far off. The thesis's structure "
@@ -46,7 +46,6 @@ def _parameter(
     truth: float,
     ours: list[Row],
     thesis: dict[str, Row],
-    found: Reproduction,
 ) -> None:
     def off(value: float) -> float:
         return 100.0 * (value / truth - 1.0)
@@ -55,7 +54,6 @@ def _parameter(
     for place, row in enumerate(ours):
         low, high = row.intervals[name]
         value = off(float(row.parameters[name] or np.nan))
-        alone = found.fingerprints[f"ours, {row.case}"].settings["indirect"]["of_the_structure"][name]
         first = place == 0
         bars = [[value - off(low)], [off(high) - value]]
         ax.errorbar(
@@ -65,17 +63,9 @@ def _parameter(
             fmt="o",
             color=style.BLUE,
             capsize=3,
-            label="led back, 95 %" if first else None,
+            label="ship, 95 %" if first else None,
         )
-        ax.plot(
-            place + 0.2,
-            off(alone),
-            "o",
-            mfc="none",
-            color=style.GREY,
-            label="structure alone" if first else None,
-        )
-        reach = max(reach, abs(off(low)), abs(off(high)), abs(off(alone)), 0.5)
+        reach = max(reach, abs(off(low)), abs(off(high)), 0.5)
         if row.case in thesis and (old := thesis[row.case].parameters.get(name)) is not None:
             _marked(ax, place - 0.2, off(old), "thesis's structure" if first else None)
             reach = max(reach, min(abs(off(old)), WIDEST_PCT))

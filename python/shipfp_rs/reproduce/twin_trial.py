@@ -22,10 +22,10 @@ from shipfp_rs.vessel.vessel import Vessel
 
 LAST_HZ = 0.9
 """Up to here no limit acts at the trial's amplitude on any ship drawn: of the most lively ones the smoke limit acts from
-0.94 Hz on, of the tug itself the torque's limit of rate from 1.16 Hz. No linear structure has them. S13 (1.637 Hz) is not
-fitted therefore, and the chirps are cut where they pass this frequency."""
-RATE_HZ = 6.25
-"""Keeps the ripple of the shaft (5.2 Hz), of the blades and of the engine out; 1.9 Hz are passed."""
+0.94 Hz on, of the tug itself the torque's limit of rate from 1.16 Hz. No structure that is fitted has
+them. S13 (1.637 Hz) is not fitted therefore, and the chirps are cut where they pass this frequency."""
+RATE_HZ = 20.0
+"""So fast that the set point's course between its samples is as good as straight."""
 SIMULATED_HZ = 200.0
 STEADY_S = 300.0
 """At the operating point, before the first experiment."""

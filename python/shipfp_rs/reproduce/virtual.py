@@ -10,7 +10,8 @@ from shipfp_rs import published
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import Weighting, identify
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.options import Weighting
 from shipfp_rs.reproduce import Reproduction, Row, Way, virtual_tables, virtual_verdict
 from shipfp_rs.reproduce.virtual_data import (
     VESSEL,

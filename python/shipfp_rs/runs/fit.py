@@ -1,12 +1,10 @@
-"""The fit that a TRIAL.toml or a SWEEP.toml asks for: its structure and its options."""
+"""The fit that a TRIAL.toml or a SWEEP.toml asks for: its structure, and the choice that the data make."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
-from shipfp_rs.assessment.indirect import indirect_inference
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
@@ -14,19 +12,6 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_tables import Identify
 from shipfp_rs.structures.structure import Structure, Torque
 from shipfp_rs.vessel.vessel import Vessel
-
-
-def identified(
-    options: Identify,
-    experiments: Experiment | Sequence[Experiment],
-    structure: Structure,
-    vessel: Vessel,
-    **more: Any,
-) -> Fingerprint:
-    """Fit a structure as an [identify] table asks for; `more` are options of `identify` that the table leaves open."""
-    if options.lead_back:
-        return indirect_inference(experiments, structure, vessel, **options.options, **more)
-    return identify(experiments, structure, vessel=vessel.name, **options.options, **more)
 
 
 def chosen(

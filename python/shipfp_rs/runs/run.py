@@ -13,10 +13,11 @@ from shipfp_rs.assessment.si import in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses, write_report
-from shipfp_rs.runs.fit import chosen, identified, structure_of
+from shipfp_rs.runs.fit import chosen, structure_of
 from shipfp_rs.structures.names import Language
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.vessel.vessel import Vessel
@@ -106,14 +107,14 @@ def evaluate(
         structure = rebuilt(fingerprint)
     else:
         structure = declared
-        fingerprint = identified(
-            options,
+        fingerprint = identify(
             experiments,
             structure,
-            vessel,
+            vessel=vessel.name,
             starts=options.starts,
             seed=options.seed if seed is None else seed,
             progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
+            **options.options,
         )
     if trial.channels.torque is None:
         fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))

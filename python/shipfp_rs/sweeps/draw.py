@@ -13,9 +13,9 @@ import pyarrow as pa
 from shipfp_rs import signals
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.runs.fit import identified
 from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_tables
 from shipfp_rs.simulation.sensors import Kind, Sensors
 from shipfp_rs.simulation.simulate import simulate
@@ -112,9 +112,13 @@ def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
     seed = plan.seed_of(index)
     make = _from_log if plan.sweep.chain == "log" else _from_experiment
     options, experiments = conditions.identify, make(conditions, vessel, seed)
-    # What may lead the estimates back is the ship's file: what the draw changed of it is to be found.
-    fingerprint = identified(
-        options, experiments, plan.structure, plan.ship, starts=options.starts, seed=seed
+    fingerprint = identify(
+        experiments,
+        plan.structure,
+        vessel=plan.ship.name,
+        starts=options.starts,
+        seed=seed,
+        **options.options,
     )
     yield from _estimates(fingerprint, names)
 

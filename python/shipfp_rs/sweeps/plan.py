@@ -41,7 +41,7 @@ MOST_DRAWS = 10_000_000
 """Rows of a table that is still read at once; at ten draws a second they take twelve days."""
 Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
-VARIED_OF_IDENTIFY = (*HOW, "lead_back", "starts")
+VARIED_OF_IDENTIFY = (*HOW, "starts")
 """Keys of [identify] that may be factors; the others would change which columns the table has."""
 
 

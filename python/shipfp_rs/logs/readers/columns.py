@@ -14,7 +14,9 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks
 from shipfp_rs.logs.readers.time_base import stated_rate
-from shipfp_rs.logs.readers.time_column import Column, TimePlan, find_time
+from shipfp_rs.logs.readers.time_column import find_time
+from shipfp_rs.logs.readers.time_numbers import Column
+from shipfp_rs.logs.readers.time_plan import TimePlan
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 

@@ -7,6 +7,7 @@ import mmap
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +17,7 @@ import numpy as np
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.found_channels import Found
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -41,7 +43,6 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
     file = imctermite.ImcTermite(str(path))
     found = [channel for channel in file.get_channels_metadata() if channel.kind == "numeric"]
     first = min((channel.absolute_trigger_time for channel in found), default=0.0)
-    start_utc = EPOCH + timedelta(seconds=first) if first else None
     left = _sample_bytes(path)
     channels: list[Channel] = []
     keys: dict[str, tuple[str, Literal["raw", "scaled"]]] = {}
@@ -56,30 +57,18 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
                 axis, read = pair
                 axis.tell(path)
                 paired[channel.name] = axis.on_grid(read)
-                unit = channel.y_unit.strip().strip('"')
-                channels.append(Channel(channel.name, unit, axis.rate_hz, axis.samples, axis.start_s))
+                channels.append(Found.on(axis, channel.name, _unit(channel)).channel)
             continue
-        step = channel.x_step_width
-        if rate_hz is None and not (math.isfinite(step) and step > 0):
-            raise InputError(
-                f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz (--rate)"
-            )
         if channel.name in keys:
             raise InputError(f"{path}: channel {channel.name!r} stands there twice; give each its own name")
         scaled = channel.y_factor != 1.0 or channel.y_offset != 0.0
         keys[channel.name] = (channel.uuid, "scaled" if scaled else "raw")
-        start_s = channel.absolute_trigger_time - first + channel.x_offset
-        if not math.isfinite(start_s):
-            raise InputError(f"{path}: channel {channel.name!r} starts at {start_s} s; is the file damaged?")
-        unit = channel.y_unit.strip().strip('"')
-        samples = int(channel.sample_count)
-        part = next(file.iter_channel_numpy(channel.uuid, include_x=False, chunk_rows=1, mode="raw"), None)
-        if part is not None:
-            held, left = left // part["y"].itemsize, left - samples * part["y"].itemsize
-            if left < 0:
-                samples = _cut(path, channel.name, samples, held, alone=len(found) == 1)
-        channels.append(Channel(channel.name, unit, rate_hz or 1.0 / step, samples, start_s))
-
+        even = _even(path, channel, channel.absolute_trigger_time - first, rate_hz)
+        width = _sample_width(file, channel)
+        held, left = left // max(width, 1), left - even.samples * width
+        if left < 0:
+            even = replace(even, samples=_cut(path, channel.name, even.samples, held, alone=len(found) == 1))
+        channels.append(even)
     if skipped and not channels:
         raise InputError(
             f"{path}: nothing but pairs of x and y: {', '.join(skipped)}; resample them in FAMOS"
@@ -102,7 +91,28 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
             yield chunk["y"][:left]
             left -= len(chunk["y"])
 
-    return Log(str(path), channels, blocks, start_utc)
+    return Log(str(path), channels, blocks, EPOCH + timedelta(seconds=first) if first else None)
+
+
+def _unit(channel: Any) -> str:
+    return str(channel.y_unit.strip().strip('"'))
+
+
+def _sample_width(file: Any, channel: Any) -> int:
+    """Bytes of one recorded sample; 0 for a channel without samples."""
+    part = next(file.iter_channel_numpy(channel.uuid, include_x=False, chunk_rows=1, mode="raw"), None)
+    return 0 if part is None else int(part["y"].itemsize)
+
+
+def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Channel:
+    """Return a channel with a step of its own, which began `later_s` after the first."""
+    step = channel.x_step_width
+    if rate_hz is None and not (math.isfinite(step) and step > 0):
+        raise InputError(f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz (--rate)")
+    start_s = later_s + channel.x_offset
+    if not math.isfinite(start_s):
+        raise InputError(f"{path}: channel {channel.name!r} starts at {start_s} s; is the file damaged?")
+    return Channel(channel.name, _unit(channel), rate_hz or 1.0 / step, int(channel.sample_count), start_s)
 
 
 def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis, Blocks] | str:

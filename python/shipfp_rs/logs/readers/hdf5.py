@@ -6,7 +6,7 @@ import posixpath
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import column_names, is_table
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_base import seconds_per, stated_rate
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
@@ -45,8 +46,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
     times = {key: row for key, row in rows.items() if is_time(split_bracketed(posixpath.basename(key))[0])}
     clocks: dict[str, tuple[TimeAxis, datetime | None]] = {}
-    axis_of: dict[str, TimeAxis] = {}
-    found: dict[str, tuple[_Row, Channel, datetime | None]] = {}
+    found: dict[str, tuple[_Row, Found]] = {}
     for key, row in rows.items():
         if key in times or (row.length == 1 and len(rows) > 1):
             continue
@@ -63,11 +63,10 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
                 clocks[time] = _clock(path, time, times[time])
                 clocks[time][0].tell(path)
             axis, zero = clocks[time]
-            start_utc = zero or start_utc
-            axis_of[name] = axis
-            found[name] = (row, Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s), start_utc)
-            continue
-        found[name] = (row, Channel(name, unit, rate, row.length, start_s), start_utc)
+            found[name] = (row, Found.on(axis, name, unit, zero or start_utc))
+        else:
+            channel = Channel(name, unit, rate, row.length, start_s)
+            found[name] = (row, Found(channel, start_utc=start_utc))
     if skipped and not found:
         raise InputError(f"{path}: no numbers along one axis in {', '.join(skipped)}")
     if skipped:
@@ -80,17 +79,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         for start in range(first, row.length, size):
             yield row.read(start, min(start + size, row.length))
 
-    readers = {name: axis.on_grid(rows_of) for name, axis in axis_of.items()}
-
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return readers.get(name, rows_of)(name, first, size)
-
-    zero = min((utc for _, _, utc in found.values() if utc), default=None)
-    channels = [
-        replace(channel, start_s=channel.start_s + (utc - zero).total_seconds()) if utc and zero else channel
-        for _, channel, utc in found.values()
-    ]
-    return Log(str(path), channels, blocks, zero)
+    return log_of_found(path, [each for _, each in found.values()], rows_of)
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import posixpath
 import warnings
-from collections.abc import Iterator
-from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import (
     VALUES,
@@ -26,9 +23,10 @@ from shipfp_rs.logs.readers.columns import (
     no_time,
     time_of,
 )
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_column import TimePlan
+from shipfp_rs.logs.readers.time_plan import TimePlan
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis
 
@@ -50,32 +48,10 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     `rate_hz` or `dt` does as well. Columns of a matrix are named by a cell of as many words beside it. SciPy reads a
     variable whole, at most 2 GB in these versions; larger logs are saved with -v7.3.
     """
-    from scipy.io import loadmat, whosmat
-
-    found = {name: (shape, kind) for name, shape, kind in whosmat(path)}
-    whole = _whole_variables(path)
-    if whole is not None and len(found) > whole:
-        lost = list(found)[whole:]
-        warnings.warn(
-            f"{path}: cut short within variable {lost[0]!r}; it and all that came after it are lost",
-            LogWarning,
-            stacklevel=2,
-        )
-        found = {name: found[name] for name in list(found)[:whole]}
-    if not found:
-        raise InputError(f"{path}: no variables in it")
-    tree = _Tree()
-    opaque = [name for name, (_, kind) in found.items() if kind in ("opaque", "object", "function")]
-    for name, (_, kind) in found.items():
-        if name in opaque or name.startswith("__") or not name:
-            continue
-        content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[name]
-        tree.add(name, content, logical=kind == "logical")
+    tree = _tree(path)
     rows, plain = tree.rows(), tree.scalars
     clocks: dict[str, tuple[TimeAxis, TimePlan]] = {}
-    channels: list[Channel] = []
-    axis_by: dict[str, TimeAxis] = {}
-    starts: dict[str, datetime] = {}
+    found: list[Found] = []
     for name, row in rows.items():
         if is_time(split_bracketed(posixpath.basename(name))[0]) and (row.length > 1 and len(rows) > 1):
             continue
@@ -84,39 +60,49 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
         if rate is None and not key:
             raise no_time(path, row)
         if rate is not None:
-            channels.append(Channel(name, row.unit, rate, row.length))
+            found.append(Found(Channel(name, row.unit, rate, row.length)))
             continue
         if key not in clocks:
             clocks[key] = axis_of(path, key, rows[key])
             clocks[key][0].tell(path)
         axis, plan = clocks[key]
-        axis_by[name] = axis
-        if plan.zero:
-            starts[name] = plan.zero
-        channels.append(Channel(name, row.unit, axis.rate_hz, axis.samples, axis.start_s))
-    skipped = [*tree.skipped, *opaque]
+        found.append(Found.on(axis, name, row.unit, plan.zero))
+    opaque, skipped = tree.opaque, [*tree.skipped, *tree.opaque]
     hint = "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if opaque else ""
-    if skipped and not channels:
+    if skipped and not found:
         raise InputError(f"{path}: no vectors of numbers among {', '.join(skipped)}{hint}")
     if skipped:
         warnings.warn(
             f"{path}: no vectors of numbers: {', '.join(skipped)}; left out{hint}", LogWarning, stacklevel=2
         )
-    zero = min(starts.values(), default=None)
-    channels = [
-        replace(c, start_s=c.start_s + (starts[c.name] - zero).total_seconds())
-        if zero and c.name in starts
-        else c
-        for c in channels
-    ]
-    plain_blocks = blocks_of(rows)
-    readers = {name: axis.on_grid(plain_blocks) for name, axis in axis_by.items()}
+    notes = [plan.note for _, plan in clocks.values() if plan.note]
+    return log_of_found(path, found, blocks_of(rows), notes)
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return readers.get(name, plain_blocks)(name, first, size)
 
-    notes = tuple(plan.note for _, plan in clocks.values() if plan.note)
-    return Log(str(path), channels, blocks, zero, notes=notes)
+def _tree(path: Path) -> _Tree:
+    """Read all variables of a file that are whole, with a warning where it was cut short."""
+    from scipy.io import loadmat, whosmat
+
+    kinds = {name: kind for name, _, kind in whosmat(path)}
+    whole = _whole_variables(path)
+    if whole is not None and len(kinds) > whole:
+        lost = list(kinds)[whole]
+        warnings.warn(
+            f"{path}: cut short within variable {lost!r}; it and all that came after it are lost",
+            LogWarning,
+            stacklevel=3,
+        )
+        kinds = {name: kinds[name] for name in list(kinds)[:whole]}
+    if not kinds:
+        raise InputError(f"{path}: no variables in it")
+    tree = _Tree()
+    for name, kind in kinds.items():
+        if kind in ("opaque", "object", "function"):
+            tree.opaque.append(name)
+        elif name and not name.startswith("__"):
+            content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[name]
+            tree.add(name, content, logical=kind == "logical")
+    return tree
 
 
 class _Tree:
@@ -128,6 +114,7 @@ class _Tree:
         self.words: dict[str, list[str]] = {}
         self.scalars: list[tuple[str, Any]] = []
         self.skipped: list[str] = []
+        self.opaque: list[str] = []  # of kinds that SciPy can't open
 
     def add(self, name: str, content: Any, *, logical: bool = False) -> None:
         """Take a variable, or a field of a struct under its path."""

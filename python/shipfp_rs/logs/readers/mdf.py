@@ -5,18 +5,22 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from datetime import UTC
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.channel import BLOCK, Samples
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+
+Key = tuple[int, int, bool]
+"""Number of a group, index of a channel in it, and whether its samples are those before its conversion."""
 
 
 @register_reader(".mf4", ".mdf", takes=("names",))
@@ -32,41 +36,16 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
     file: Any = asammdf.MDF(path)
     if rate_hz is None and not any(group.channel_group.cycles_nr for group in file.groups):
         raise InputError(f"{path}: no samples in it; was the recording finished?")
+    start_utc = file.header.start_time.astimezone(UTC)
     frames = _frames(file)
     if frames is not None:
-        return log_of_frames(path, frames, names, file.header.start_time.astimezone(UTC))
+        return log_of_frames(path, frames, names, start_utc)
     if names is not None:
         raise InputError(
             f"{path}: holds no frames of a CAN bus, for which {names} would be; leave --names out"
         )
-    counts = Counter(channel.name for group in file.groups for channel in group.channels)
-    channels: list[Channel] = []
-    keys: dict[str, tuple[int, int, bool]] = {}
-    axis_of: dict[str, TimeAxis] = {}
-    skipped: list[str] = []
-    reasons: list[str] = []
-    for number, group in enumerate(file.groups):
-        count = group.channel_group.cycles_nr
-        master = file.masters_db.get(number)
-        try:
-            axis = _group_axis(path, file, number, count, rate_hz)
-        except InputError as error:
-            skipped += [channel.name for index, channel in enumerate(group.channels) if index != master]
-            reasons.append(str(error))
-            continue
-        for index, channel in enumerate(group.channels):
-            if index == master:
-                continue
-            name = channel.name if counts[channel.name] == 1 else f"{channel.name} {number}"
-            raw = _must_be_raw(file, number, index)
-            if raw is None or name in keys:
-                skipped.append(name)
-                continue
-            keys[name] = (number, index, raw)
-            axis_of[name] = axis
-            channels.append(Channel(name, _unit(channel), axis.rate_hz, axis.samples, axis.start_s))
-        axis.tell(path)
-    if not channels and reasons:
+    found, keys, skipped, reasons = _found(path, file, start_utc, rate_hz)
+    if not found and reasons:
         raise InputError(reasons[0])
     if skipped:
         why = f" ({reasons[0].removeprefix(f'{path}: ')})" if reasons else ""
@@ -82,12 +61,38 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
         for start in range(first, count, size):
             yield _values(file, number, index, raw, start, min(size, count - start))
 
-    readers = {name: axis.on_grid(rows) for name, axis in axis_of.items()}
+    return log_of_found(path, found, rows)
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return readers[name](name, first, size)
 
-    return Log(str(path), channels, blocks, file.header.start_time.astimezone(UTC))
+def _found(
+    path: Path, file: Any, start_utc: datetime, rate_hz: float | None
+) -> tuple[list[Found], dict[str, Key], list[str], list[str]]:
+    """Return the channels found and where each stands, the names of those left out, and why groups were."""
+    counts = Counter(channel.name for group in file.groups for channel in group.channels)
+    found: list[Found] = []
+    keys: dict[str, Key] = {}
+    skipped: list[str] = []
+    reasons: list[str] = []
+    for number, group in enumerate(file.groups):
+        master = file.masters_db.get(number)
+        try:
+            axis = _group_axis(path, file, number, group.channel_group.cycles_nr, rate_hz)
+        except InputError as error:
+            skipped += [channel.name for index, channel in enumerate(group.channels) if index != master]
+            reasons.append(str(error))
+            continue
+        for index, channel in enumerate(group.channels):
+            if index == master:
+                continue
+            name = channel.name if counts[channel.name] == 1 else f"{channel.name} {number}"
+            raw = _must_be_raw(file, number, index)
+            if raw is None or name in keys:
+                skipped.append(name)
+                continue
+            keys[name] = (number, index, raw)
+            found.append(Found.on(axis, name, _unit(channel), start_utc))
+        axis.tell(path)
+    return found, keys, skipped, reasons
 
 
 def _frames(file: Any) -> Frames | None:

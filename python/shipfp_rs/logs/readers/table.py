@@ -15,10 +15,12 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.log import Log, one_line_errors
 from shipfp_rs.logs.readers.text_time import looks_like_time
-from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, TimePlan, Wish, find_time
+from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Wish, find_time
+from shipfp_rs.logs.readers.time_numbers import Column
+from shipfp_rs.logs.readers.time_plan import TimePlan
 from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -48,65 +50,19 @@ def log_of_table(
     notes: Sequence[str] = (),
 ) -> Log:
     """Build a log from a table; columns without numbers are left out, with a warning."""
-    if len(set(schema.names)) < len(schema.names):
-        twice = next(name for name in schema.names if schema.names.count(name) > 1)
-        raise InputError(f"{path}: column {twice!r} stands there twice; give each channel its own name")
-    fields: dict[str, tuple[pa.Field, dict[str, Any]]] = {}
-    for field in schema:
-        name, unit = split_unit(field.name)
-        # Two columns may differ by their unit only.
-        name = field.name if name in fields else name
-        fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
-
-    def same(row: int, earlier: int, count: int) -> bool:
-        """Whether all numbers of some rows stand in earlier ones as well."""
-        for field, _ in fields.values():
-            if _is_number(field.type):
-                here, before = (_rows(batches, field.name, first, count) for first in (row, earlier))
-                if not np.array_equal(here, before, equal_nan=here.dtype.kind == "f"):
-                    return False
-        return True
-
     options = options or Options()
-    start_utc = _start_utc(path, schema)
+    fields = _named_fields(path, schema, rows)
     plans = find_plans(path, fields, rows, batches, options)
     times = {key for plan in plans for key in plan.keys}
-    used = {name for name, (field, _) in fields.items() if field.name in times}
-    fields = {name: entry for name, entry in fields.items() if name not in used}
+    fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
+    same = _same_rows(batches, [field.name for field, _ in fields.values() if _is_number(field.type)])
     axes = [_axis(path, plan, batches, rate_hz, same) for plan in plans]
-    zeros = [plan.zero for plan in plans if plan.zero]
-    zero = min(zeros, default=None)
-    start_utc = start_utc or zero
-
+    zero = min((plan.zero for plan in plans if plan.zero), default=None)
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
         raise InputError(f"{path}: no numbers in {', '.join(without)}; expected at least one channel of them")
     if lost := [name for name in without if not _is_other_time(fields[name][0], batches)]:
         warnings.warn(f"{path}: no numbers in {', '.join(lost)}; left out", LogWarning, stacklevel=5)
-    channels: list[Channel] = []
-    axis_of: dict[str, TimeAxis] = {}
-    order = schema.names
-    for name, (field, facts) in fields.items():
-        if name in without:
-            continue
-        rate, begin, count = (
-            facts.get("rate_hz", rate_hz),
-            facts.get("start_s", 0.0),
-            min(facts["samples"], rows),
-        )
-        if axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
-            place = max(
-                (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(field.name)),
-                default=0,
-            )
-            axis, own = axes[place], plans[place].zero
-            axis_of[name] = axis
-            later = (own - zero).total_seconds() if own and zero else 0.0
-            rate, begin, count = axis.rate_hz, axis.start_s + later, axis.samples
-        if rate is None:
-            raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
-        resolution = float(facts.get("resolution", 0.0))
-        channels.append(Channel(name, facts["unit"], float(rate), count, float(begin), resolution))
 
     def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
         field, facts = fields[channel]
@@ -118,7 +74,25 @@ def log_of_table(
                 yield _samples(batch[:left])
                 left -= len(batch)
 
-    readers = {name: axis.on_grid(blocks) for name, axis in axis_of.items()}
+    channels: list[Channel] = []
+    readers: dict[str, Blocks] = {}
+    for name, (field, facts) in fields.items():
+        if name in without:
+            continue
+        rate: float | None
+        if axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
+            place = _time_before(field.name, plans, schema.names)
+            axis, own = axes[place], plans[place].zero
+            readers[name] = axis.on_grid(blocks)
+            later = (own - zero).total_seconds() if own and zero else 0.0
+            rate, begin, count = axis.rate_hz, axis.start_s + later, axis.samples
+        else:
+            rate, begin = facts.get("rate_hz", rate_hz), facts.get("start_s", 0.0)
+            count = min(facts["samples"], rows)
+        if rate is None:
+            raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
+        resolution = float(facts.get("resolution", 0.0))
+        channels.append(Channel(name, facts["unit"], float(rate), count, float(begin), resolution))
     for axis in axes:
         axis.tell(path)
 
@@ -127,7 +101,40 @@ def log_of_table(
 
     told = (*notes, *(plan.note for plan in plans if plan.note))
     faults = tuple(fault for axis in axes for fault in axis.faults)
+    start_utc = _start_utc(path, schema) or zero
     return Log(str(path), channels, at_their_times, start_utc, faults, notes=told)
+
+
+def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[pa.Field, dict[str, Any]]]:
+    """Return each column's name without its unit, to its field and what is known about it."""
+    if len(set(schema.names)) < len(schema.names):
+        twice = next(name for name in schema.names if schema.names.count(name) > 1)
+        raise InputError(f"{path}: column {twice!r} stands there twice; give each channel its own name")
+    fields: dict[str, tuple[pa.Field, dict[str, Any]]] = {}
+    for field in schema:
+        name, unit = split_unit(field.name)
+        # Two columns may differ by their unit only.
+        name = field.name if name in fields else name
+        fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
+    return fields
+
+
+def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, int], bool]:
+    def same(row: int, earlier: int, count: int) -> bool:
+        """Whether all numbers of some rows stand in earlier ones as well."""
+        for name in columns:
+            here, before = (_rows(batches, name, first, count) for first in (row, earlier))
+            if not np.array_equal(here, before, equal_nan=here.dtype.kind == "f"):
+                return False
+        return True
+
+    return same
+
+
+def _time_before(column: str, plans: Sequence[TimePlan], order: Sequence[str]) -> int:
+    """Return the place of the time that a column goes by: the last one that stands before it, else the first."""
+    before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
+    return max(before, default=0)
 
 
 def find_plans(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,10 @@ import pyarrow as pa
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_column import Column, find_time
+from shipfp_rs.logs.readers.time_column import find_time
+from shipfp_rs.logs.readers.time_numbers import Column
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -32,88 +34,80 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     """
     import nptdms
 
-    channels: list[Channel] = []
-    keys: dict[str, tuple[str, str]] = {}
-    starts: dict[str, datetime] = {}
-    skipped: list[str] = []
     file = nptdms.TdmsFile.open(path)
-    found = [channel for group in file.groups() for channel in group.channels()]
-    names = [channel.name for channel in found]
-    times = {(channel.group_name, len(channel)): channel for channel in reversed(found) if _is_time(channel)}
-    axes: dict[tuple[str, str], tuple[TimeAxis, datetime | None]] = {}
-    axis_by: dict[str, TimeAxis] = {}
-    for channel in found:
-        once = names.count(channel.name) == 1
-        name = channel.name if once else f"{channel.group_name}/{channel.name}"
+    every = [channel for group in file.groups() for channel in group.channels()]
+    names = Counter(channel.name for channel in every)
+    named = [
+        (channel.name if names[channel.name] == 1 else f"{channel.group_name}/{channel.name}", channel)
+        for channel in every
+    ]
+    by_name = dict(named)
+    times = {(channel.group_name, len(channel)): channel for channel in reversed(every) if _is_time(channel)}
+    axes: dict[str, tuple[TimeAxis, datetime | None]] = {}
+    found: list[Found] = []
+    skipped: list[str] = []
+    for name, channel in named:
         if channel.dtype.kind not in "biuf" or channel.dtype.itemsize > 8:
             skipped.append(name)
             continue
+        if channel in times.values() and len(times) < len(every):
+            continue
         step = float(channel.properties.get("wf_increment", math.nan))
-        if channel in times.values() and len(times) < len(found):
+        if rate_hz is not None or 0.0 < step < math.inf:
+            found.append(_stepped(path, name, channel, rate_hz or 1.0 / step))
             continue
-        if rate_hz is None and not 0.0 < step < math.inf:
-            own = times.get((channel.group_name, len(channel)))
-            if own is None:
-                raise InputError(
-                    f"{path}: channel {name!r} tells no wf_increment above 0, and no channel of times is beside it; give "
-                    "rate_hz (--rate)"
-                )
-            key = (own.group_name, own.name)
-            if key not in axes:
-                axes[key] = _axis(path, own)
-                axes[key][0].tell(path)
-            axis, zero = axes[key]
-            if zero is not None:
-                starts[name] = zero
-            axis_by[name] = axis
-            unit = str(channel.properties.get("unit_string", ""))
-            keys[name] = (channel.group_name, channel.name)
-            channels.append(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s))
-            continue
-        offset = float(channel.properties.get("wf_start_offset", 0.0))
-        if not math.isfinite(offset):
-            raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
-        if "wf_start_time" in channel.properties:
-            starts[name] = channel.properties["wf_start_time"].astype("M8[us]").item().replace(tzinfo=UTC)
-        unit = str(channel.properties.get("unit_string", ""))
-        keys[name] = (channel.group_name, channel.name)
-        channels.append(Channel(name, unit, rate_hz or 1.0 / step, len(channel), offset))
-    start_utc = min(starts.values(), default=None)
-    if start_utc is not None:
-        channels = [
-            replace(c, start_s=c.start_s + (starts.get(c.name, start_utc) - start_utc).total_seconds())
-            for c in channels
-        ]
-    status = file.file_status
-    if status.incomplete_final_segment:
-        lost = sum(
-            each.expected_length - each.read_length for each in (status.channel_statuses or {}).values()
-        )
-        warnings.warn(
-            f"{path}: cut short: {lost} samples of its last segment are lost, the rest is read",
-            LogWarning,
-            stacklevel=2,
-        )
-    if skipped and not channels:
+        own = times.get((channel.group_name, len(channel)))
+        if own is None:
+            raise InputError(
+                f"{path}: channel {name!r} tells no wf_increment above 0, and no channel of times is beside it; give "
+                "rate_hz (--rate)"
+            )
+        if own.path not in axes:
+            axes[own.path] = _axis(path, own)
+            axes[own.path][0].tell(path)
+        axis, zero = axes[own.path]
+        found.append(Found.on(axis, name, _unit(channel), zero))
+    _tell_cut(path, file.file_status)
+    if skipped and not found:
         raise InputError(f"{path}: no numbers in {', '.join(skipped)}; expected at least one channel of them")
     if skipped:
         warnings.warn(f"{path}: no numbers in {', '.join(skipped)}; left out", LogWarning, stacklevel=2)
 
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
-        group, key = keys[name]
-        channel = file[group][key]
+        channel = by_name[name]
         step = max(size, BLOCK // size * size)  # each piece of the file is read anew for every part of it
         for start in range(first, len(channel), step):
             part = channel.read_data(start, min(step, len(channel) - start))
             for offset in range(0, len(part), size):
                 yield part[offset : offset + size]
 
-    readers = {name: axis.on_grid(rows) for name, axis in axis_by.items()}
+    return log_of_found(path, found, rows)
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return readers.get(name, rows)(name, first, size)
 
-    return Log(str(path), channels, blocks, start_utc)
+def _stepped(path: Path, name: str, channel: Any, rate_hz: float) -> Found:
+    """Return a channel that tells its own step and start."""
+    offset = float(channel.properties.get("wf_start_offset", 0.0))
+    if not math.isfinite(offset):
+        raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
+    start = channel.properties.get("wf_start_time")
+    start_utc = None if start is None else start.astype("M8[us]").item().replace(tzinfo=UTC)
+    return Found(Channel(name, _unit(channel), rate_hz, len(channel), offset), start_utc=start_utc)
+
+
+def _unit(channel: Any) -> str:
+    return str(channel.properties.get("unit_string", ""))
+
+
+def _tell_cut(path: Path, status: Any) -> None:
+    """Warn of samples that a file announces and does not hold."""
+    if not status.incomplete_final_segment:
+        return
+    lost = sum(each.expected_length - each.read_length for each in (status.channel_statuses or {}).values())
+    warnings.warn(
+        f"{path}: cut short: {lost} samples of its last segment are lost, the rest is read",
+        LogWarning,
+        stacklevel=3,
+    )
 
 
 def _is_time(channel: Any) -> bool:

@@ -1,0 +1,70 @@
+"""From whitened residuals and sensitivities to covariances of the estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.identification.blocks import Evaluation
+from shipfp_rs.identification.identifiability import Sensitivity
+from shipfp_rs.identification.sandwich import score_covariance
+from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.weighted_problem import Minimum
+
+Array = npt.NDArray[np.float64]
+
+
+def without_nuisance(jacobian: Array, count: int) -> Array:
+    """Parts of the parameters' columns that the blocks' own unknowns can't imitate, shape (R, P)."""
+    columns, nuisance = jacobian[:, :count], jacobian[:, count:]
+    if not nuisance.shape[1]:
+        return columns
+    size = np.linalg.norm(nuisance, axis=0)
+    basis, _ = np.linalg.qr(nuisance[:, size > 0] / size[size > 0])
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def row_variance(search: Search, evaluations: Sequence[Evaluation], residual: Array, freedom: int) -> Array:
+    """Variance of every row (R,): of each output's weighted residuals, 1 for a known deviation and for a prior.
+
+    0 for a ridge, which is a wish and no measurement; infinite where too few samples leave it unknown.
+    """
+    outputs = len(search.structure.outputs)
+    widths = [evaluation.residual.shape[1] for evaluation in evaluations]
+    ends = np.cumsum([0, *(outputs * width for width in widths)])
+    variance = np.ones(outputs)
+    if search.weighting != "std":
+        squares = sum(
+            (residual[ends[i] : ends[i + 1]].reshape(outputs, width) ** 2).sum(axis=1)
+            for i, width in enumerate(widths)
+        )
+        variance = squares * outputs / freedom if freedom > 0 else np.full(outputs, np.inf)
+    rows = np.ones(len(residual))
+    rows[: ends[-1]] = np.concatenate([np.repeat(variance, width) for width in widths])
+    rows[len(rows) - len(search.ridge) :] = 0.0
+    return rows
+
+
+def covariance_of(inner: Sensitivity, jacobian: Array, variance: Array) -> Array:
+    """Covariance (P, P) of the inner parameters: the sandwich H J'SJ H of the Gauss-Newton inverse H."""
+    base = inner.covariance()
+    if not np.isfinite(variance).all():
+        return np.full_like(base, np.inf)
+    return np.asarray(base @ (jacobian.T @ (jacobian * variance[:, None])) @ base)
+
+
+def score_spread(search: Search, best: Minimum) -> Array:
+    """Covariance (P, P) of J'e from the residuals' own spectral matrix, each experiment's own unknowns taken out."""
+    count, outputs = len(search.free), len(search.structure.outputs)
+    evaluations = search.filtered(best.vector, best.noise)
+    parts = list(search.parts(evaluations, best.noise))
+    priors = search.priors(best.vector)[:, :-1]
+    stacked = np.concatenate([*(part[:-1].reshape(len(part) - 1, -1).T for part in parts), priors])
+    own = without_nuisance(stacked, count).T
+    ends = np.cumsum([0, *(part[0].size for part in parts)])
+    rows = [own[:, ends[i] : ends[i + 1]].reshape(count, outputs, -1) for i in range(len(parts))]
+    records = [(part[-1], evaluation.valid) for part, evaluation in zip(parts, evaluations, strict=True)]
+    known = own[:, ends[-1] : own.shape[1] - len(search.ridge)]
+    return score_covariance(rows, records) + known @ known.T

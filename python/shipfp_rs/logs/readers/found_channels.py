@@ -1,0 +1,43 @@
+"""Channels that a reader found, at rates of their own or on the grids of rows of times, as one log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.time_axis import TimeAxis
+
+
+@dataclass(frozen=True)
+class Found:
+    """A channel, the grid of the row of times that it goes by, and when it began, where the file tells."""
+
+    channel: Channel
+    axis: TimeAxis | None = None
+    start_utc: datetime | None = None
+
+    @classmethod
+    def on(cls, axis: TimeAxis, name: str, unit: str, start_utc: datetime | None = None) -> Found:
+        """Return a channel whose samples stand on the grid of a row of times."""
+        return cls(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s), axis, start_utc)
+
+
+def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequence[str] = ()) -> Log:
+    """Return the log of the channels found; it begins with the earliest, `rows` yields their rows as recorded."""
+    zero = min((each.start_utc for each in found if each.start_utc), default=None)
+    channels = [
+        replace(each.channel, start_s=each.channel.start_s + (each.start_utc - zero).total_seconds())
+        if each.start_utc and zero
+        else each.channel
+        for each in found
+    ]
+    readers = {each.channel.name: each.axis.on_grid(rows) for each in found if each.axis}
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return readers.get(name, rows)(name, first, size)
+
+    return Log(str(path), channels, blocks, zero, notes=tuple(notes))
