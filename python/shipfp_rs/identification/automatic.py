@@ -66,14 +66,11 @@ def chooser_of(
             *(["dX"] if "X_f" in common else []),
         ]
     clock = _governor_clock(experiments)
-    if clock and "sampling" not in elements and not any("T_s" in given for given in narrow.values()):
-        # The raw torque tells the period far better than any fit could find it.
+    if "sampling" in elements or any("T_s" in given for given in narrow.values()):
+        clock = None
+    if clock:
         elements = {**elements, "sampling": True}
-        narrow = {
-            **narrow,
-            "prior": {**narrow.get("prior", {}), "T_s": clock},
-            "start": {**narrow.get("start", {}), "T_s": clock[0]},
-        }
+        narrow = {**narrow, "fixed": {**narrow.get("fixed", {}), "T_s": clock[0]}}
     return Chooser(
         experiments,
         torque=located or "brake",
@@ -82,6 +79,7 @@ def chooser_of(
         excluded=[name for name, on in elements.items() if not on],
         narrow=narrow,
         search=search,
+        clock=clock,
     )
 
 
@@ -224,6 +222,35 @@ def _slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str,
         return 0.0
 
 
+def with_clock(fingerprint: Fingerprint, clock: tuple[float, float] | None) -> Fingerprint:
+    """Return the fingerprint with the governor's period, and intervals that hold however the governor adds up.
+
+    A governor that adds the error to its sum before it uses it acts as one with K_i T_s / 2 more in K_p, one that does so
+    after with as much less; the fit's own K_p stands between the two.
+    """
+    if clock is None:
+        return fingerprint
+    period, std = clock
+    parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
+    values = {name: estimate.value for name, estimate in parameters.items()}
+    ends = (period - 1.96 * std, period + 1.96 * std)
+    parameters["T_s"] = Estimate(period, std, ends, "s", "prior")
+    shift = {
+        name: 0.5 * period * float(values[name.replace("K_p", "K_i")] or 0.0)
+        for name in ("vK_p", "K_p")
+        if name in values
+    }
+    for group in (parameters, derived):
+        for name, estimate in group.items():
+            if estimate.ci95 is None:
+                continue
+            either = abs(shift.get(name, 0.0) if group is parameters else _slope_of(name, values, shift))
+            low, high = estimate.ci95
+            std = None if estimate.std is None else float(np.hypot(estimate.std, either / np.sqrt(3.0)))
+            group[name] = replace(estimate, ci95=(low - either, high + either), std=std)
+    return replace(fingerprint, parameters=parameters, derived=derived)
+
+
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
     """Return each element's state, its evidence (change of the deviance), and the limit of one that is off."""
     rows: dict[str, dict[str, Any]] = {}
@@ -293,6 +320,8 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
             estimate.value + sign * float(np.hypot(end - estimate.value, 1.96 * bound))
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
+        if estimate.unit == "s" and estimate.ci95[0] >= 0.0:
+            low = max(low, 0.0)
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
         group[name] = replace(estimate, ci95=(low, high), std=std)
     return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])

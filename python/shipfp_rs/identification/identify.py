@@ -16,6 +16,7 @@ from shipfp_rs.identification.automatic import (
     reworded,
     widened_by_bias,
     widened_by_neglect,
+    with_clock,
     with_limits,
     with_rivals,
 )
@@ -209,6 +210,7 @@ def _chosen(
     adequate = adequacy(fingerprint, choice.best)
     fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
+    fingerprint = with_clock(fingerprint, chooser.clock)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
 

@@ -27,12 +27,18 @@ FLOOR_HZ = 2.0
 """Width over which the noise beside a line is taken."""
 MEDIAN = 1.678
 """Median of what noise alone gives, for two regressors: the gamma law of order two."""
-LINE = 120.0
-"""Power over noise of the second strongest harmonic from which on it is a clock's. Noise alone gives 25 in one of 1e9; firing
-and blades, whose frequency goes with the speed, leave more beside their orders."""
+LINE = 60.0
+"""Power over noise of the second strongest harmonic from which on it may be a clock's. Noise alone gives 25 in one of 1e9;
+firing and blades, whose frequency goes with the speed, leave more beside their orders."""
+PIECES = 8
+"""Parts of the record, as lively each as the others, through all of which a clock keeps its phase."""
+COHERENT = 0.75
+"""Part of the power of a clock's harmonic, piece by piece, that one line through all pieces must explain, for two of them."""
+CHANCE = 20.0
+"""Power over noise that one of some harmonics may have by chance."""
 PART = 0.7
 """Part of the best comb's mean evidence with which a lower clock takes its place: the best may be its harmonic."""
-BESIDE_ORDER = 2e-3
+BESIDE_ORDER = 5e-4
 """Part of an order of the shaft or the engine within which a line may be that order's."""
 QUARTZ = 2e-5
 """Part by which a logger's clock may be off, and with it what it tells of another."""
@@ -74,6 +80,8 @@ def governor_clock(torque: Array, speed: Array, factor: int, rate_hz: float, ord
         None where there is no clock that can be told from noise.
     """
     slopes = _slopes(speed, factor, rate_hz)
+    if not slopes.any():
+        return None
     stairs = _without(_filled(torque), rate_hz)
     length = fft.next_fast_len(2 * len(stairs), real=True)
     spectra = np.array([fft.rfft(stairs * slope, length) for slope in slopes])
@@ -84,7 +92,10 @@ def governor_clock(torque: Array, speed: Array, factor: int, rate_hz: float, ord
     if found is None:
         return None
     clock, harmonic = found
-    return _refined(stairs, slopes, inverse, rate_hz, clock, harmonic, float(power[round(harmonic * clock / step)]))
+    told = _refined(stairs, slopes, inverse, rate_hz, clock, harmonic, float(power[round(harmonic * clock / step)]))
+    top = min(HARMONICS, int(SEEN * rate_hz * told.period_s))
+    shares = sorted(_coherence(stairs, slopes, rate_hz, number / told.period_s) for number in range(1, top + 1))
+    return told if len(shares) > 1 and shares[-2] > COHERENT else None
 
 
 def _filled(values: Array) -> Array:
@@ -144,14 +155,15 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
     if not len(second) or second.max() < LINE:
         return None
     best = int(np.argmax(second))
-    strongest = (int(np.argmax(teeth[:, best])) + 1) * bins[best]
+    around = (int(np.argmax(teeth[:, best])) + 1) * int(bins[best]) + np.arange(-HARMONICS, HARMONICS + 1)
+    strongest = int(around[np.argmax(power[around])])
     # The best is the clock, its harmonic, or a part of it: the lowest whose own harmonics are all there.
     candidates = []
     for part in range(1, 2 * HARMONICS + 1):
         place = round(strongest / part) - first
         if 0 <= place < len(bins):
             count = max(int(top_hz / (bins[place] * step)), 1)
-            evidence = float(np.mean(np.log(np.maximum(teeth[: min(count, HARMONICS), place], 1.0))))
+            evidence = float(np.mean(np.log(np.maximum(teeth[: min(count, HARMONICS), place] / CHANCE, 1.0))))
             candidates.append((evidence, part, float(bins[place] * step)))
     enough = PART * max(candidates)[0]
     _, part, clock = min((one for one in candidates if one[0] >= enough), key=lambda one: one[2])
@@ -177,6 +189,22 @@ def _refined(
     std = float(np.linalg.norm([std, (frequency[1] - frequency[0]) / np.sqrt(12.0), QUARTZ * top]))
     period = harmonic / top
     return GovernorClock(period, period * std / top, power)
+
+
+def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> float:
+    """Power that a line through the whole record explains over that of one of its own in each piece."""
+    turned = stairs * np.exp(-2j * np.pi * line_hz / rate_hz * np.arange(len(stairs)))
+    lively = np.cumsum(np.square(slopes).sum(axis=0))
+    ends = np.searchsorted(lively, lively[-1] * np.arange(PIECES + 1) / PIECES)
+    pieces = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
+    along = np.array([slopes[:, piece] @ turned[piece] for piece in pieces])
+    grams = np.array([slopes[:, piece] @ slopes[:, piece].T for piece in pieces])
+
+    def explained(spectrum: ComplexArray, gram: Array) -> float:
+        return float((spectrum.conj() @ np.linalg.pinv(gram) @ spectrum).real)
+
+    each = sum(map(explained, along, grams))
+    return explained(along.sum(axis=0), grams.sum(axis=0)) / max(each, 1e-300)
 
 
 def liveliest(speed: Array, longest: int) -> slice:

@@ -27,7 +27,7 @@ LINEAR_OPTIONS = (
     "curvature",
     "speed",
 )
-SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
+SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampling")
 PLANT_OPTIONS = ("torque", "products", "free_exponent", "free_limit", "dead_time_set_point")
 GREY_BOX_OPTIONS = ("torque", "pass_hz")
 
