@@ -154,6 +154,11 @@ class Experiment(Tabular):
         found = self.provenance.get("governor_clock")
         return (float(found["period_s"]), float(found["std_s"])) if found else None
 
+    @property
+    def is_low_passed(self) -> bool:
+        """Whether processing passed every signal through one low-pass."""
+        return "filter" in self.provenance
+
     @cached_property
     def dn_set(self) -> Array:
         """Normalised deviation of the set point, which drives every simulation, shape (N,)."""

@@ -186,7 +186,9 @@ class Chooser:
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
         else:
-            if trial.criterion < best.criterion - TOLD:
+            # Of a set point that was low-passed it is known to be band-limited, so only evidence speaks for lines.
+            known = all(one.is_low_passed for one in straight)
+            if trial.criterion < best.criterion + (TOLD if known else -TOLD):
                 self.band_limited = True
                 return other, trial
         self.experiments = straight

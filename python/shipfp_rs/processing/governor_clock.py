@@ -53,7 +53,9 @@ class GovernorClock:
     power: float
 
 
-def governor_clock(torque: Array, speed: Array, factor: int, rate_hz: float, orders_hz: Array) -> GovernorClock | None:
+def governor_clock(
+    torque: Array, speed: Array, factor: int, rate_hz: float, orders_hz: Array
+) -> GovernorClock | None:
     """Find the clock of a governor that samples and holds.
 
     The engine's torque then runs in stairs. Their difference from the smooth torque is a saw-tooth of the governor's period,
@@ -92,9 +94,13 @@ def governor_clock(torque: Array, speed: Array, factor: int, rate_hz: float, ord
     if found is None:
         return None
     clock, harmonic = found
-    told = _refined(stairs, slopes, inverse, rate_hz, clock, harmonic, float(power[round(harmonic * clock / step)]))
+    told = _refined(
+        stairs, slopes, inverse, rate_hz, clock, harmonic, float(power[round(harmonic * clock / step)])
+    )
     top = min(HARMONICS, int(SEEN * rate_hz * told.period_s))
-    shares = sorted(_coherence(stairs, slopes, rate_hz, number / told.period_s) for number in range(1, top + 1))
+    shares = sorted(
+        _coherence(stairs, slopes, rate_hz, number / told.period_s) for number in range(1, top + 1)
+    )
     return told if len(shares) > 1 and shares[-2] > COHERENT else None
 
 
@@ -177,7 +183,9 @@ def _refined(
     bin_hz = rate_hz / len(stairs)
     around = harmonic * clock + bin_hz * np.array([-3.0, 3.0])
     count = 601
-    spectra = np.array([zoom_fft(stairs * slope, around, count, fs=rate_hz, endpoint=True) for slope in slopes])
+    spectra = np.array(
+        [zoom_fft(stairs * slope, around, count, fs=rate_hz, endpoint=True) for slope in slopes]
+    )
     frequency = np.linspace(*around, count)
     top = float(frequency[int(np.argmax(_explained(spectra, inverse)))])
     weight = np.square(slopes).sum(axis=0)

@@ -283,12 +283,21 @@ class _Recording:
         part = liveliest(rpm, int(LONGEST_S * grid.rate_hz))
         if factor < 2 or np.isfinite(rpm[part]).sum() < 2:
             return None
-        finer = _Grid(label, grid.start_s + part.start / grid.rate_hz, factor * grid.rate_hz, factor * (part.stop - part.start))
+        finer = _Grid(
+            label,
+            grid.start_s + part.start / grid.rate_hz,
+            factor * grid.rate_hz,
+            factor * (part.stop - part.start),
+        )
         first = rows.channel.start_s
         span = ((time - first) * rows.channel.rate_hz for time in (finer.start_s, finer.stop_s))
-        cleaner = Cleaner(rows, sensor, self.trial.processing, *(min(max(int(at), 0), rows.channel.samples) for at in span))
+        cleaner = Cleaner(
+            rows, sensor, self.trial.processing, *(min(max(int(at), 0), rows.channel.samples) for at in span)
+        )
         turns_hz = np.nanmean(rpm[part]) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
-        found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm[part], factor, finer.rate_hz, turns_hz)
+        found = governor_clock(
+            finer.low_passed(rows.channel, cleaner), rpm[part], factor, finer.rate_hz, turns_hz
+        )
         return None if found is None else dataclasses.asdict(found)
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
