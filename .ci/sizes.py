@@ -1,7 +1,8 @@
 """Checks sizes: no file of Python or Rust over 400 lines, no function body over 60 without a reason.
 
-The body of a function is what follows its signature and docstring; in Rust what stands between its braces. A longer function has a
-comment "long: why" on one of its lines, a longer file among its first 25. Rust's tests at the end of a file do not count.
+The body of a function is what follows its signature and docstring; in Rust what stands between its braces. A longer
+function has a comment "long: why" on one of its lines, a longer file among its first 25. Rust's tests at the end of a
+file do not count. `STILL` names those that wait to be mended: none joins them, and one that is mended is struck out.
 """
 
 from __future__ import annotations
@@ -20,6 +21,18 @@ REASON = re.compile(r"(#|//) long: \S+")
 RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )?fn (\w+)")
 
 
+STILL = frozenset(
+    {
+        "rust/src/ship/smooth/emit.rs lay",
+        "rust/src/ship/smooth/flexible.rs bent",
+        "rust/src/ship/smooth/mod.rs with_simd",
+        "rust/src/ship/smooth/model.rs jets_of",
+        "rust/src/ship/smooth/slopes.rs terms",
+        "rust/src/ship/smooth/sources.rs lay",
+    }
+)
+
+
 def python_bodies(lines: list[str]) -> Iterator[tuple[str, int, int]]:
     """Yield name, first and last line (from 1) of each function's body."""
     for node in ast.walk(ast.parse("\n".join(lines))):
@@ -36,34 +49,47 @@ def rust_bodies(lines: list[str]) -> Iterator[tuple[str, int, int]]:
         if not found:
             continue
         indent, name = found[1], found[2]
-        end = next((k for k in range(number, len(lines)) if lines[k].rstrip() in (f"{indent}}}", f"{indent};")), number)
+        if line.endswith(";"):  # a trait's function without a body
+            continue
+        end = next(
+            (k for k in range(number, len(lines)) if lines[k].rstrip() in (f"{indent}}}", f"{indent};")),
+            number,
+        )
         begin = next((k for k in range(number, end) if lines[k].endswith("{")), end)
         yield name, begin + 2, end
 
 
-def offenders(path: Path) -> Iterator[str]:
-    """Yield a line for the file, and for each of its functions, that is too long."""
+def offenders(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield a name and a line for the file, and for each of its functions, that is too long."""
     lines = path.read_text(encoding="utf-8").splitlines()
     if path.suffix == ".rs":
         tests = next((k for k, line in enumerate(lines) if line.startswith("#[cfg(test)]")), len(lines))
         lines = lines[:tests]
     name = path.relative_to(ROOT)
     if len(lines) > FILE_LINES and not any(map(REASON.search, lines[:HEAD_LINES])):
-        yield f"{name}: {len(lines)} lines, expected at most {FILE_LINES}"
+        yield str(name), f"{name}: {len(lines)} lines, expected at most {FILE_LINES}"
     bodies = python_bodies(lines) if path.suffix == ".py" else rust_bodies(lines)
     for function, first, last in bodies:
         if last - first + 1 > BODY_LINES and not any(map(REASON.search, lines[first - 1 : last])):
-            yield f"{name}:{first}: {function} has {last - first + 1} lines, expected at most {BODY_LINES}"
+            line = f"{name}:{first}: {function} has {last - first + 1} lines, expected at most {BODY_LINES}"
+            yield f"{name} {function}", line
 
 
 def main() -> int:
-    """Print every offender; the exit status is 1 where there is one."""
+    """Print every offender; the exit status is 1 where one is not among `STILL`, or one of these is mended."""
     paths = sorted([*(ROOT / "python").rglob("*.py"), *(ROOT / "rust" / "src").rglob("*.rs")])
-    found = [line for path in paths for line in offenders(path)]
-    print(f"{len(found)} files or functions too long, of {len(paths)} files")
-    for line in found:
-        print(f"    {line}")
-    return 1 if found else 0
+    found = [offender for path in paths for offender in offenders(path)]
+    new = [line for name, line in found if name not in STILL]
+    mended = sorted(STILL - {name for name, _ in found})
+    for title, lines in (
+        (f"files or functions too long, of {len(paths)} files", new),
+        ("that are still too long", [line for name, line in found if name in STILL]),
+        ("to be struck out of STILL, mended", mended),
+    ):
+        print(f"{len(lines)} {title}")
+        for line in lines:
+            print(f"    {line}")
+    return 1 if new or mended else 0
 
 
 if __name__ == "__main__":

@@ -9,35 +9,19 @@ beside the clock's: where others use the machine they change less.
 import argparse
 import hashlib
 import json
-import os
 import resource
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
 from benches.long_log import RUN2_S, long_log, trial_text
+from benches.parts import apart, read_whole
 from benches.timing import print_table
 
-CORES = 2
 CHUNKS = (1 << 20, 1 << 16, 99_991)
 """Samples read at once; the first is the default."""
-
-
-def read(path: Path) -> dict[str, float]:
-    """Read the whole file into memory, three times; the last one finds its memory warm."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    pa.set_cpu_count(CORES)
-    for _ in range(3):
-        table = None
-        start, busy_s = time.perf_counter(), time.process_time()
-        table = pq.read_table(path)
-        seconds, busy_s = time.perf_counter() - start, time.process_time() - busy_s
-    return {"seconds": seconds, "busy_s": busy_s, "samples": table.num_rows * table.num_columns}
 
 
 def process(folder: Path, chunk: int) -> dict[str, float | str]:
@@ -57,25 +41,11 @@ def process(folder: Path, chunk: int) -> dict[str, float | str]:
     return {"seconds": seconds, "busy_s": busy_s, "digest": digest.hexdigest()}
 
 
-def apart(*arguments: str) -> dict:
-    """Run one part in a process of its own on two cores."""
-    cores = sorted(os.sched_getaffinity(0))[:CORES]
-    done = subprocess.run(
-        [sys.executable, "-m", "benches.bench_long_log", "--part", *arguments],
-        check=True,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        preexec_fn=lambda: os.sched_setaffinity(0, cores),
-    )
-    return json.loads(done.stdout)
-
-
 def part(arguments: list[str]) -> None:
     """Do one part and print what it took."""
     name, folder, *rest = arguments
     path = Path(folder)
-    result = read(path / "run2.parquet") if name == "read" else process(path, int(rest[0]))
+    result = read_whole(path / "run2.parquet") if name == "read" else process(path, int(rest[0]))
     print(json.dumps({**result, "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 
@@ -96,12 +66,15 @@ def main() -> None:
         if not path.exists():
             long_log(duration_s).write(path)
         (folder / "TRIAL.toml").write_text(trial_text(path.name, duration_s))
-        apart("read", str(folder))  # into the system's file cache
+        apart("benches.bench_long_log", "read", str(folder))  # into the system's file cache
         runs = [
-            (apart("read", str(folder)), apart("process", str(folder), str(CHUNKS[0])))
+            (
+                apart("benches.bench_long_log", "read", str(folder)),
+                apart("benches.bench_long_log", "process", str(folder), str(CHUNKS[0])),
+            )
             for _ in range(repeats)
         ]
-        others = [apart("process", str(folder), str(chunk)) for chunk in CHUNKS[1:]]
+        others = [apart("benches.bench_long_log", "process", str(folder), str(chunk)) for chunk in CHUNKS[1:]]
     samples = runs[0][0]["samples"]
     print(f"{samples / 1e6:.1f} million samples, {duration_s / 3600:.2f} h; median of {repeats} turns")
     times = [statistics.median(run[k]["seconds"] for run in runs) for k in (0, 1)]

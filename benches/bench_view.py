@@ -21,26 +21,12 @@ import time
 from pathlib import Path
 
 from benches.long_log import RUN2_S, long_log
+from benches.parts import apart, read_whole
 from benches.timing import print_table
 
-CORES = 2
 MOVES = 120
 ON_SCREEN_MS = 50.0
 """Aim for the 95th percentile of zoom and pan."""
-
-
-def read(path: Path) -> dict[str, float]:
-    """Read the whole file into memory; the last of three times finds its memory warm."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    pa.set_cpu_count(CORES)
-    for _ in range(3):
-        table = None
-        start, busy_s = time.perf_counter(), time.process_time()
-        table = pq.read_table(path)
-        seconds, busy_s = time.perf_counter() - start, time.process_time() - busy_s
-    return {"seconds": seconds, "busy_s": busy_s, "samples": table.num_rows * table.num_columns}
 
 
 def overview(path: Path, again: bool) -> dict[str, float]:
@@ -62,22 +48,9 @@ def overview(path: Path, again: bool) -> dict[str, float]:
     return {"seconds": times[-1][0], "busy_s": times[-1][1], "cold_s": times[0][0]}
 
 
-def apart(*arguments: str) -> dict:
-    """Run one part in a process of its own on two cores."""
-    cores = sorted(os.sched_getaffinity(0))[:CORES]
-    done = subprocess.run(
-        [sys.executable, "-m", "benches.bench_view", "--part", *arguments],
-        check=True,
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: os.sched_setaffinity(0, cores),
-    )
-    return json.loads(done.stdout)
-
-
 def part(name: str, path: Path) -> None:
     """Do one part and print what it took."""
-    result = read(path) if name == "read" else overview(path, again=name == "again")
+    result = read_whole(path) if name == "read" else overview(path, again=name == "again")
     print(json.dumps({**result, "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 
@@ -146,8 +119,11 @@ def main() -> None:
         path = Path(options.folder or temporary) / f"run2-{duration_s:.0f}.parquet"
         if not path.exists():
             long_log(duration_s).write(path)
-        apart("read", str(path))  # into the system's file cache
-        runs = [tuple(apart(name, str(path)) for name in ("read", "first", "again")) for _ in range(repeats)]
+        apart("benches.bench_view", "read", str(path))  # into the system's file cache
+        runs = [
+            tuple(apart("benches.bench_view", name, str(path)) for name in ("read", "first", "again"))
+            for _ in range(repeats)
+        ]
         moved = on_screen(path, 12 if options.quick else MOVES)
     print(
         f"{runs[0][0]['samples'] / 1e6:.1f} million samples, {duration_s / 3600:.2f} h; median of {repeats} turns"

@@ -1,4 +1,5 @@
-//! Stretches of a channel that stand in it twice: prints of samples that recur in the same order.
+//! Stretches that a channel holds twice. A print is a hash of successive samples; prints that recur in the same order show
+//! a copy.
 
 use pulp::{Simd, WithSimd};
 
@@ -8,15 +9,15 @@ use crate::stop::Stop;
 
 /// Samples in a print.
 const TAPS: usize = 8;
-/// Prints that begin with so many zeros are kept, one in 16: both copies keep the same ones, some 7 in 128 samples.
+/// Only prints that begin with so many zero bits are kept, one in 16, about 7 in 128 samples. Both copies keep the same.
 const KEPT_BITS: u32 = 4;
-/// Prints in a row that recur at one distance before the samples themselves are worth comparing.
+/// Prints in a row that must recur at one distance before the samples themselves are compared.
 const PRINTS: usize = 2;
 /// Longest stretch that a logger may write twice [samples]; its buffer.
 const LONGEST: u64 = 1 << 20;
 /// Samples whose prints are made at once.
 const BATCH: usize = 1024;
-/// Odd and without a pattern: multiples of one another would make the prints of a coarsely rounded signal collide.
+/// Odd factors without a pattern. Factors that are multiples of each other would make prints of rounded signals collide.
 const MIX: [u64; TAPS] = [
     0x9e37_79b9_7f4a_7c15,
     0xbf58_476d_1ce4_e5b9,
@@ -35,7 +36,7 @@ pub struct RepeatScan {
     held: Vec<u32>,
     /// Place of the first sample held.
     at: u64,
-    /// Those kept, each with the place of its first sample.
+    /// The prints kept, each with the place of its first sample.
     prints: Vec<(u64, u64)>,
 }
 

@@ -36,18 +36,18 @@ pub trait Scalar:
     #[must_use]
     fn function(self, value: f64, slope: f64) -> Self;
 
-    /// Whether it is zero and stays so.
+    /// Whether value and derivatives are zero.
     #[inline(always)]
     #[must_use]
     fn is_zero(&self) -> bool {
         self.value() == 0.0 && self.is_constant()
     }
 
-    /// What has decayed, in value or derivatives, cut to zero.
+    /// The number with its value and derivatives set to zero where they are tiny.
     #[must_use]
     fn cut(self) -> Self;
 
-    /// Do what is long and wanted in several places: once for all of them where numbers carry derivatives.
+    /// Run a long operation that several places need; for numbers with derivatives it is compiled once, not at each place.
     fn apart<Op: WithSimd>(self, op: Op) -> Op::Output;
 
     /// `self` |`self`|^(`exponent` - 1).

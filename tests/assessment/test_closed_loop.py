@@ -16,7 +16,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
-from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 from shipfp_rs.vessel.vessel import Vessel
 from tests.launch import LAUNCH, noisy_record
@@ -128,7 +128,8 @@ def test_what_the_data_leave_open_has_no_value() -> None:
 
 
 def test_a_structure_without_poles_is_refused(launch: Fingerprint) -> None:
-    box = Structure.grey_box(Vessel.load("stan-launch-804"), ["inertia"], name="box")
+    one = Parameter("tau_n", "s", 1.0, 0.1, 10.0)
+    box = Structure.from_function(lambda q, record: record.dn_set[None], [one], ["dn"], name="box")
     with pytest.raises(InputError, match="structure 'box' of the fingerprint is not linear, expected one"):
         closed_loop(launch, box)
 

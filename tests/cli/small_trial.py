@@ -42,7 +42,6 @@ stop_s = 39.0
 
 [identify]
 products = true
-free_exponent = true
 starts = 1
 fixed = { tau_n = 1.17 }
 """

@@ -53,7 +53,9 @@ def simulated(draw, step_s):
     )
 
 
-LOAD_TABLE = '[channels.load]\ncolumn = "P_load"\nunit = "kW"\ncalibration = { scale = 1.0 }'
+LOAD_TABLE = (
+    '[channels.load]\ncolumn = "P_load"\nunit = "kW"\ncalibration = { scale = 1000.0 }\nquantity = "power"'
+)
 """Of a trial file that knows a measured load."""
 
 

@@ -14,6 +14,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.designs.subject import Subject
+from shipfp_rs.structures.elements import ELEMENTS
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
 SHIP = (
@@ -62,15 +63,13 @@ def test_breakage_e2_a_fingerprint_is_asked_by_name(found) -> None:
 
 
 def test_breakage_e3_each_repr_is_shorter_than_200_characters(found, trial) -> None:
-    wide = fp.Structure.grey_box(
-        LAUNCH, ["inertia", "A1", "A2", "A3", "X_0", "Kp_abs", "Ki_abs", "torque_exponent"]
-    )
+    wide = fp.Structure.ship([*ELEMENTS], torque="gauge", products=False)
     for thing in (
         found,
         trial,
         SHIP,
         wide,
-        fp.Structure.linear(torque="gauge", twist=True, actuator_lag=True),
+        fp.Structure.ship(["twist", "actuator_lag"], torque="gauge"),
     ):
         assert "\n" not in repr(thing)
         assert len(repr(thing)) < 200
@@ -162,13 +161,8 @@ def _at_starts(found: fp.Fingerprint, structure: fp.Structure) -> fp.Fingerprint
 
 
 STRUCTURES = {
-    "linear": fp.Structure.linear(torque="gauge", sampling=True, free_exponent=True).with_fixed(T_s=0.02),
-    "three parameters": fp.Structure.three_parameters(free_exponent=True).with_prior(p=(2.0, 0.1)),
+    "linear": fp.Structure.linear(torque="gauge", dead_time_loop=True).with_fixed(T_d=0.02),
     "ship": SHIP,
-    "plant": fp.Structure.plant(LAUNCH, free_limit=True, dead_time_set_point=True).with_start(limit=1.1),
-    "grey box": fp.Structure.grey_box(LAUNCH, ["inertia", "Kp_abs"], pass_hz=4.0).with_bounds(
-        inertia=(5.0, 40.0, 90.0)
-    ),
     "joint": fp.Structure.joint({"a": fp.Structure.linear(), "b": fp.Structure.linear()}, ["g"]).with_tied(
         **{"K_i (b)": ("K_i (a)", 1.0)}
     ),

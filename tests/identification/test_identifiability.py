@@ -168,8 +168,8 @@ def test_a_torque_limit_that_is_never_reached_stays_unknown():
     small = simulate(
         launch, signals.chirp(0.05, 2.0, 20.0, 13.0, rate_hz=25.0), noise={"n_e": 0.01, "M_b": 0.01}, seed=1
     )
-    fingerprint = identify(small, Structure.plant(launch, free_limit=True), starts=1)
-    limit = fingerprint["limit"]
+    fingerprint = identify(small, Structure.ship(["torque_limit"]).with_start(M_max=3.0), starts=1)
+    limit = fingerprint["M_max"]
     assert (limit.value, limit.status, limit.reason) == (
         None,
         "unidentifiable",

@@ -217,15 +217,6 @@ def test_spans_join_part_and_mark() -> None:
     assert runs(marks(spans, 0, 30)).tolist() == spans.tolist()
 
 
-@given(st.lists(st.booleans(), max_size=40))
-def test_runs_tell_the_flags(flags: list[bool]) -> None:
-    rebuilt = np.zeros(len(flags), dtype=bool)
-    for start, stop in runs(np.array(flags, dtype=bool)):
-        assert stop > start
-        rebuilt[start:stop] = True
-    assert rebuilt.tolist() == flags
-
-
 def test_a_record_tells_everything_as_json() -> None:
     fault = Fault("stuck", "U_torque", "masked", np.array([[3, 9], [20, 40]]))
     assert fault.to_dict() == {

@@ -4,33 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from shipfp_rs import Structure, Vessel
+from shipfp_rs import Structure
 from shipfp_rs.experiments.experiment import UNITS
 from shipfp_rs.structures import glossary, names
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
 
 PAGE = Path(__file__).parents[2] / "docs" / "background" / "glossary.md"
-LAUNCH = Vessel.load("stan-launch-804")
-TUG = Vessel.load("stan-tug-1205-full")
 STRUCTURES = {
     "linear": Structure.linear(
         torque="gauge", free_exponent=True, dead_time_loop=True, dead_time_set_point=True
     ),
-    "extended": Structure.linear(
-        torque="gauge",
-        products=True,
-        actuator_lag=True,
-        derivative=True,
-        sampling=True,
-        misreading=True,
-        twist=True,
-    ),
     "ship": Structure.ship([*ELEMENTS], torque="gauge", products=False),
-    "exact": Structure.linear(sampling="exact", derivative=True),
-    "plant": Structure.plant(LAUNCH),
-    "grey box": Structure.grey_box(LAUNCH, ["inertia"]),
-    "full grey box": Structure.grey_box(TUG.model_copy(update={"ship": None}), ["inertia"]),
 }
 
 
@@ -42,14 +27,14 @@ def written(terms: tuple[glossary.Term, ...]) -> str:
     return "\n".join(["| symbol | meaning | formula | unit | elsewhere |", "|---|---|---|---|---|", *rows])
 
 
-@pytest.mark.parametrize("group", ["SIGNALS", "LINEAR", "COMBINATIONS", "VESSEL", "OBJECTS"])
+@pytest.mark.parametrize("group", ["SIGNALS", "LINEAR", "COMBINATIONS", "OBJECTS"])
 def test_the_page_shows_the_table(group: str) -> None:
     table = written(getattr(glossary, group))
     assert table in PAGE.read_text(encoding="utf-8"), f"in {PAGE.name} expected:\n{table}"
 
 
 def test_every_symbol_stands_once() -> None:
-    groups = (glossary.SIGNALS, glossary.LINEAR, glossary.COMBINATIONS, glossary.VESSEL, glossary.OBJECTS)
+    groups = (glossary.SIGNALS, glossary.LINEAR, glossary.COMBINATIONS, glossary.OBJECTS)
     assert len(glossary.GLOSSARY) == sum(map(len, groups))
 
 

@@ -62,3 +62,10 @@ def test_breakage_c7_init_writes_a_vessel_file(tmp_path: Path) -> None:
     assert cli.main(["init", str(tmp_path), "--vessel"]) == 0
     assert "[gearbox]" in (tmp_path / "vessel.toml").read_text()
     assert cli.main(["init", str(tmp_path), "--vessel"]) == 2
+
+
+def test_a_load_is_told_by_name_and_unit_together() -> None:
+    names = {"Engine load": "%", "Generator power": "kW", "n_set": "rpm", "Speed": "rpm", "Torque": "Nm"}
+    log = Log.from_arrays(dict.fromkeys(names, np.arange(9.0)), rate_hz=1.0, units=names)
+    roles = guess_roles(log, {})
+    assert (roles.load, roles.torque) == ("Generator power", "Torque")

@@ -75,8 +75,8 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("# [identify]", '[identify]\noffsets = "absolute"', r"identify\.offsets: found 'absolute'"),
         (
             "# [identify]",
-            "[identify]\nfree_exponents = 1",
-            r"identify\.free_exponents: .*did you mean 'free_exponent'",
+            "[identify]\nproduct = true",
+            r"identify\.product: .*did you mean 'products'",
         ),
         ('n_e_rpm = "auto"', 'n_e_rpm = "automatic"', r"operating_point\.n_e_rpm: found 'automatic'"),
         ("start_s = 100.0", "start_s = 100.0\nlog = 'x.csv'", r"windows: found log 'x.csv' in 'C11'"),
@@ -137,10 +137,6 @@ def test_a_missing_trial_is_one_line(tmp_path: Path) -> None:
             ),
             "identify.outputs: found 'dM' without a torque channel",
         ),
-        (
-            ("[identify]", '[structure]\nkind = "grey_box"\nfree = ["Kp_abs"]\ntorque = "brake"\n[other]'),
-            "found 'brake' beside channels.torque.location = 'gauge'",
-        ),
     ],
 )
 def test_breakage_a5_a_trial_says_once_where_the_torque_was_measured(slip, said):
@@ -156,7 +152,7 @@ def test_breakage_a5_a_run_without_a_torque_channel_says_so(tmp_path):
     write_small_trial(tmp_path)
     path = tmp_path / "TRIAL.toml"
     before, _, rest = SMALL.partition("[channels.torque]")
-    path.write_text(before + rest[rest.index("[channels.speed]") :].replace("free_exponent = true", ""))
+    path.write_text(before + rest[rest.index("[channels.speed]") :])
     found = run(path, tmp_path / "out")
     assert found.fingerprint.verdict[-1] == NO_TORQUE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shipfp_rs import Fingerprint, Structure, Vessel, compare, design
+from shipfp_rs import Fingerprint, Structure, compare, design
 from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.assessment.prediction import predict, structure_of
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
@@ -14,7 +14,6 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.trial_tables import Identify
 from shipfp_rs.runs.fit import structure_from
 from shipfp_rs.structures.structure import Parameter
-from shipfp_rs.support.toml import validated
 from tests.identification.test_identifiability import (
     BAND,
     CHIRP,
@@ -28,14 +27,14 @@ PLAIN = Structure.linear(products=True)
 TIED = PLAIN.with_tied(vK_i=("vK_p", 0.1))
 """As in VALUES: 1.583 = 0.1 * 15.83."""
 DELAYED = Structure.linear(products=True, dead_time_loop=True, dead_time_set_point=True)
-EXTENDED = Structure.linear(products=True, actuator_lag=True, dead_time_set_point=True)
+EXTENDED = Structure.ship(["actuator_lag", "dead_time_set_point"])
 ANY = {
     "kernel": TIED,
     "dead times": DELAYED.with_tied(T_set=("T_d", 2.0)),
     "offset": DELAYED.with_tied(T_set=("T_d", -1.0, 0.15), vK_i=("vK_p", 0.1)),
     "chain": DELAYED.with_tied(T_set=("T_d", 2.0), T_d=("vK_p", 0.05 / 15.83)),
     "transfer functions": EXTENDED.with_tied(T_set=("tau_act", 2.0)),
-    "plant": Structure.plant(Vessel.load("stan-launch-804")).with_tied(vK_i=("vK_p", 0.1)),
+    "ship": Structure.ship(["actuator_lag"]).with_tied(vK_i=("vK_p", 0.1), tau_act=("vK_i", 0.01)),
 }
 
 
@@ -48,18 +47,17 @@ def test_a_derivative_is_that_along_with_all_that_follows(case):
     structure = ANY[case]
     values, names = complete(structure), [parameter.name for parameter in structure.free]
     record = experiment(PLAIN)
-    states = {"initial dn": 0.001, "initial dE": 0.002}
+    states = dict(zip(structure.equations.states, (0.001, 0.002), strict=False))
     simulated, slopes = structure.equations.sensitivities(values | states, record, [*names, *states])
-    _, in_frequency = (None, None) if case == "plant" else structure.equations.response(values, BAND, names)
+    _, in_frequency = structure.equations.response(values, BAND, names)
     for place, name in enumerate(names):
         step = 1e-6 * abs(values[name])
         ahead, behind = (structure.complete(values | {name: values[name] + h}) for h in (step, -step))
         moved = [structure.equations.simulate(at | states, record) for at in (ahead, behind)]
         difference = (moved[0] - moved[1]) / (2 * step)
         assert np.allclose(slopes[place], difference, atol=2e-5 * np.abs(difference).max()), name
-        if in_frequency is not None:
-            there, here = (structure.equations.response(at, BAND, ())[0] for at in (ahead, behind))
-            assert np.allclose(in_frequency[place], (there - here) / (2 * step), rtol=1e-4, atol=1e-7), name
+        there, here = (structure.equations.response(at, BAND, ())[0] for at in (ahead, behind))
+        assert np.allclose(in_frequency[place], (there - here) / (2 * step), rtol=1e-4, atol=1e-7), name
     # What the tied parameter was given does not count.
     astray = values | dict.fromkeys(structure.ties, 7.0)
     assert np.array_equal(structure.equations.simulate(astray | states, record), simulated)
@@ -188,20 +186,16 @@ def test_a_tied_parameter_takes_no_start():
 def test_a_trial_file_says_it_too():
     options = Identify.model_validate({"products": True, "tied": {"vK_i": ["vK_p", 0.1]}})
     assert structure_from(options, "brake").ties == TIED.ties
-    assert structure_from(Identify.model_validate({"three_parameters": True}), "brake").outputs == ("dn",)
-    three = structure_from(Identify.model_validate({"three_parameters": True}), "gauge")
-    assert [parameter.name for parameter in three.free] == ["tau_n", "vK_p", "vK_i", "tau_prop"]
 
 
-def test_a_trial_file_asks_for_elements_of_the_drive_train():
-    options = Identify.model_validate({"sampling": "exact", "actuator_lag": True, "fixed": {"T_s": 0.1}})
+def test_a_trial_file_declares_the_ship_with_the_elements_that_act():
+    elements = {"sampling": True, "actuator_lag": True, "twist": False}
+    options = Identify.model_validate({"elements": elements, "starts": 1, "fixed": {"T_s": 0.1}})
     structure = structure_from(options, "gauge")
+    assert not options.chooses
     assert (structure["T_s"].start, structure["T_s"].fixed) == (0.1, True)
-    assert structure.settings["sampling"] == "exact"
-    with pytest.raises(
-        InputError, match=r"trial: sampling: found with three_parameters = true, expected one of the two"
-    ):
-        validated({"sampling": True, "three_parameters": True}, Identify, "trial")
+    assert structure == Structure.ship(["actuator_lag", "sampling"], torque="gauge").with_fixed(T_s=0.1)
+    assert structure_from(options, None).outputs == ("dn",)
 
 
 def test_structures_of_a_users_own_take_ties():

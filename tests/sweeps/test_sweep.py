@@ -87,7 +87,7 @@ class TestRows:
             noise={},
             sensors={"rate_hz": 1000.0, "steady_s": 30.0},
             faults={"A": 6.0, "C": 3.0},
-            identify={"free_exponent": True},
+            identify={"starts": 1},
             factors={"sensors.torque_noise_V": {"values": [0.02]}},
         )
         sweep(plan, tmp_path / "sweep", executor="threads", workers=1)

@@ -18,7 +18,7 @@ LAUNCH_TOML = built_in("vessels")["stan-launch-804"].read_text(encoding="utf-8")
 
 
 def test_the_ships_that_are_built_in() -> None:
-    assert Vessel.names() == ("stan-launch-804", "stan-tug-1205", "stan-tug-1205-full")
+    assert Vessel.names() == ("direct-drive", "stan-launch-804", "stan-tug-1205", "stan-tug-1205-full")
 
 
 def test_plant_parameters_of_the_launch_are_those_of_the_reference_solution() -> None:

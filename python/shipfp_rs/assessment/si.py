@@ -39,7 +39,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     -------
     dict
         Quantity to {"value", "std", "ci95", "unit"}; a parameter that the data do not tell has none. Inertias are seen
-        from the propeller shaft, gains act on the engine's speed in rpm.
+        from the propeller shaft, gains act on the engine's speed in rpm, the torque limit is the engine's.
 
     Notes
     -----
@@ -49,12 +49,10 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     if point is None:
         return {}
     engine_rpm, torque, signal = point
-    shaft_torque = (
-        torque * vessel.gearbox.ratio * vessel.gearbox.efficiency if signal == ENGINE_SIDE else torque
-    )
+    shaft_torque = torque * vessel.torque_ratio if signal == ENGINE_SIDE else torque
     shaft_speed = engine_rpm / 60.0 / vessel.gearbox.ratio
     inertia = abs(shaft_torque) / (2.0 * math.pi * abs(shaft_speed))
-    slope = abs(shaft_torque) / (abs(engine_rpm) * vessel.gearbox.ratio * vessel.gearbox.efficiency)
+    slope = abs(shaft_torque) / (abs(engine_rpm) * vessel.torque_ratio)
     factors = {
         "tau_n": (inertia, "kg m2"),
         "tau_prop": (inertia, "kg m2"),
@@ -65,7 +63,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
         "T_d": (1.0, "s"),
         "T_set": (1.0, "s"),
         "tau_act": (1.0, "s"),
-        "M_max": (abs(shaft_torque), "Nm"),
+        "M_max": (abs(shaft_torque) / (vessel.gearbox.ratio * vessel.gearbox.efficiency), "Nm"),
     }
     rows = {}
     for name, (factor, unit) in factors.items():

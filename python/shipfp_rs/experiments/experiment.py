@@ -30,9 +30,12 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "M_g": "Nm",
         "X_f": "mm",
         "E_n": "rev",
+        "M_load": "Nm",
     }
 )
 """Unit of every signal name that the package knows."""
+DRIVES: Mapping[str, str] = MappingProxyType({"n_set": "set point", "M_load": "load torque"})
+"""Signals that drive a model, and what they are called."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -97,12 +100,13 @@ class Experiment(Tabular):
                 raise InputError(f"experiment {self.name!r}: signal {name!r} is infinite at sample {bad[0]}")
             values.flags.writeable = False
             frozen[name] = values
-        if np.isnan(frozen["n_set"]).any():
-            first = int(np.flatnonzero(np.isnan(frozen["n_set"]))[0])
-            raise InputError(
-                f"experiment {self.name!r}: the set point 'n_set' is NaN at sample {first}; it drives the model and "
-                "can't have gaps, bridge it or cut the window"
-            )
+        for name, what in DRIVES.items():
+            missing = np.flatnonzero(np.isnan(frozen.get(name, np.empty(0))))
+            if missing.size:
+                raise InputError(
+                    f"experiment {self.name!r}: the {what} {name!r} is NaN at sample {missing[0]}; it drives the model "
+                    "and can't have gaps, bridge it or cut the window"
+                )
         for name, value in self.operating_point.items():
             if not np.isfinite(value) or value == 0.0:
                 raise InputError(
@@ -172,6 +176,11 @@ class Experiment(Tabular):
 
         The integrated error E_n counts from zero there and is divided by the engine speed in rev/s, which
         `operating_point["E_n"]` holds, so that d(dE)/dt = dn_set - dn (eq. 3.15).
+
+        Raises
+        ------
+        InputError
+            Where the experiment has no such signal, or no operating point for it.
         """
         if name not in self.signals:
             raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
@@ -212,7 +221,20 @@ class Experiment(Tabular):
 
     @checked
     def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
-        """Return the samples from `start_s` up to, not including, `stop_s`."""
+        """Return the samples from `start_s` up to, not including, `stop_s`.
+
+        Parameters
+        ----------
+        start_s, stop_s
+            Time from the first sample [s].
+        name
+            Label; None: as this one.
+
+        Raises
+        ------
+        InputError
+            Where the window is empty or reaches outside the experiment.
+        """
         first, last = round(start_s * self.rate_hz), round(stop_s * self.rate_hz)
         if not 0 <= first < last <= len(self):
             raise InputError(

@@ -35,7 +35,7 @@ def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | N
 
 
 def whole_signal(experiment: Experiment, name: str) -> tuple[Array, float]:
-    """Return the normalised deviation with masked samples bridged, and the share that was."""
+    """Return the normalised deviation, masked samples bridged, and the share of bridged samples."""
     values = experiment.normalised(name)
     missing = np.isnan(values)
     share = float(missing.mean())
@@ -56,7 +56,7 @@ def to_response(
     provenance: Mapping[str, Any],
 ) -> FrequencyResponse:
     """Gather points; the amplitude's and the phase's deviations are those of the quadratures."""
-    # Exact data leave rounding: a deviation of zero would weigh without limit.
+    # Exact data leave only rounding. Standard deviations of zero would give infinite weights.
     std = {key: np.maximum(deviation, np.finfo(np.float64).eps) for key, (_, deviation, _) in points.items()}
     return FrequencyResponse(
         name=name,

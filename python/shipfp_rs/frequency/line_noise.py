@@ -8,7 +8,7 @@ import numpy.typing as npt
 from shipfp_rs.support.arrays import Array
 
 _REACH = 10
-"""Bins on either side that are looked at."""
+"""Number of bins on either side of a line from which its noise is found."""
 
 
 def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayLike) -> Array:
@@ -43,13 +43,13 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
     spectrum = np.abs(np.fft.rfft(np.where(present, values, 0.0))) ** 2 / present.sum()
     found = np.empty(len(lines))
     for k, line in enumerate(lines):
-        # No further than an octave: over more of it no power law holds.
+        # At most an octave: over a wider band the noise follows no power law.
         first, last = (
             max(round(line) - _REACH, int(line / 2), 1),
             min(round(line) + _REACH, int(2 * line) + 2),
         )
         bins = np.arange(first, min(last + 1, len(spectrum) - 1))
-        # A bin or more away from every line the fit took nothing away.
+        # A bin or more away from every line the residuals are the noise: the fit removed nothing there.
         beside = bins[np.abs(bins[:, None] - lines).min(axis=1, initial=np.inf) > 1.0 - 1e-6]
         below = int(np.sum(beside < line))
         if min(below, len(beside) - below) >= 2:

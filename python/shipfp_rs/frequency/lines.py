@@ -224,7 +224,7 @@ def _solved(
         rows = np.sum(solve_triangular(triangle, np.eye(len(triangle))) ** 2, axis=1)
         unit = 0.5 * (rows[:count] + rows[count : 2 * count])
         std = np.sqrt(unit * line_noise(residual, rate_hz, frequencies))
-        # Of an exact sine rounding is left.
+        # An exact sine leaves only rounding.
         std = np.maximum(std, np.finfo(np.float64).eps * np.nanmax(np.abs(values)))
     return Lines(frequencies, float(solution[-1]), np.abs(phasor), np.angle(phasor), std, middle, residual)
 

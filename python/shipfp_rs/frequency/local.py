@@ -18,10 +18,10 @@ _DEGREE = 2
 _LEAST_HALF = 6
 """Bins on either side at least: 13 for the six unknowns of two quadratics leave seven for the noise."""
 _SHARE = 0.05
-"""Half width as a part of the frequency, where that is more bins: response and leakage are as smooth there."""
+"""Half width of the window as a part of the frequency, if that is more bins: high up the curves are smoother."""
 
 _SILENT = 1e-9
-"""Bins of the set point below this part of its highest hold rounding."""
+"""Bins of the set point below this part of its highest are rounding."""
 
 
 @checked

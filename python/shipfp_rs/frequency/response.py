@@ -20,7 +20,7 @@ from shipfp_rs.support.tables import Columns, Tabular
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
 MOST_TURNS = 4.0
-"""Turns of a fitted phase above which it was given in degrees."""
+"""A fitted phase of more turns than this is taken to be in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class FrequencyResponse(Tabular):
                 "phase_std",
                 math.pi / math.sqrt(3.0),
                 "degrees for radians",
-            ),  # what a phase without any news has
+            ),  # the standard deviation of a phase about which nothing is known
         ):
             for key, values in getattr(self, attribute).items():
                 if len(values) > 1 and values.min() > most:
@@ -174,7 +174,20 @@ class FrequencyResponse(Tabular):
 
     @checked
     def select(self, keep: npt.ArrayLike, *, name: str | None = None) -> FrequencyResponse:
-        """Return the points where the boolean mask `keep`, shape (F,), is true."""
+        """Return the points where a mask is true.
+
+        Parameters
+        ----------
+        keep
+            Boolean mask, shape (F,).
+        name
+            Label; None: as this one.
+
+        Raises
+        ------
+        InputError
+            Where the mask has another shape.
+        """
         mask = np.asarray(keep, dtype=bool)
         if mask.shape != self.frequency_hz.shape:
             raise InputError(
@@ -210,6 +223,11 @@ def sine_response(
     -------
     ndarray
         Complex response, the shape of the inputs.
+
+    Raises
+    ------
+    InputError
+        Where the phases are so large that they must be degrees.
     """
     a_out, b_out, d_out = (np.asarray(part, dtype=np.float64) for part in output)
     a_in, b_in, d_in = (np.asarray(part, dtype=np.float64) for part in set_point)

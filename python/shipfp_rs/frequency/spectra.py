@@ -18,7 +18,7 @@ Estimator = Literal["H1", "H2"]
 
 _OVERLAP = 0.5
 _KEPT = 2
-"""Every second bin: those of a Hann window two apart are as good as independent (correlation 1/36)."""
+"""Every second bin is kept: with a Hann window those two apart are nearly independent (correlation 1/36)."""
 
 
 @checked
@@ -99,7 +99,7 @@ def spectral_response(
             f"band_hz: {low:g} to {high:g} Hz holds none of the bins every {_KEPT * rate / size:g} Hz"
         )
     U = U[:, bins]
-    # Neighbours share half their samples, and by the window's taper less of their power.
+    # Neighbouring segments share half their samples, but less of their power, since the window tapers.
     shared = float(np.sum(window[step:] * window[: size - step]) / np.sum(window**2))
     independent = len(U) / (1.0 + 2.0 * shared**2 * (len(U) - 1) / len(U))
     power_in = np.sum(np.abs(U) ** 2, axis=0)

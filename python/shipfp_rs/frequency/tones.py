@@ -17,7 +17,7 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 _LEAST_PERIODS = 2
-"""Periods of a multisine between whose lines there is room to see the noise."""
+"""Fewest periods of a multisine: with these there are bins between its lines, which show the noise."""
 _EXCITED = 0.05
 """Lines of the set point above this part of its highest are taken for excited."""
 
@@ -121,7 +121,7 @@ def multisine_response(
     period_s
         Period of the excitation [s].
     frequencies_hz
-        Excited lines [Hz]; None: those of the set point above a twentieth of its highest.
+        Excited lines [Hz], shape (F,); None: those of the set point above a twentieth of its highest.
     signals
         Outputs; None: all.
     settle_periods

@@ -12,14 +12,18 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, State
 from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
+from shipfp_rs.identification.estimate import is_rough
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
+from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
+from shipfp_rs.identification.sampling import clock_of
 from shipfp_rs.identification.verdict import shown
-from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.identification.wording import OUTPUTS
+from shipfp_rs.structures.combinations import slope_of
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
-from shipfp_rs.structures.structure import Torque
+from shipfp_rs.structures.outputs import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
@@ -28,10 +32,8 @@ LARGE_MISS_PCT = 10.0
 SMALL_MISS_PCT = 1.6
 """Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
 (static torque check of the thesis, eq. 6.3)."""
-SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
-"""What is small for a ship's parameter of that unit: an interval is not measured by less."""
-AGREE = 5.0
-"""Deviations within which the governor's clocks of several experiments are one."""
+LEAST_EXPLAINED_PCT = 2.0
+"""Part of an output's spread that a usable model explains at least: below it the output is not the ship's answer."""
 KNOWN = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -65,33 +67,28 @@ def chooser_of(
             *(["dM"] if located and common & set(SIGNALS) else []),
             *(["dX"] if "X_f" in common else []),
         ]
-    clock = _governor_clock(experiments)
+    clock = clock_of(experiments)
     if "sampling" in elements or any("T_s" in given for given in narrow.values()):
         clock = None
     if clock:
         elements = {**elements, "sampling": True}
         narrow = {**narrow, "fixed": {**narrow.get("fixed", {}), "T_s": clock[0]}}
+    forced = [name for name, on in elements.items() if on]
+    if is_loaded(experiments) and elements.get("load", True):
+        forced = [*forced, *({"load"} - set(forced))]
+    if "load" in forced and "dM" not in outputs:
+        # The speed alone tells the load's gain over the inertia: one of the two must be known.
+        narrow = {**narrow, "fixed": {"k_L": 1.0, **narrow.get("fixed", {})}}
     return Chooser(
         experiments,
         torque=located or "brake",
         outputs=outputs,
-        forced=[name for name, on in elements.items() if on],
+        forced=forced,
         excluded=[name for name, on in elements.items() if not on],
         narrow=narrow,
         search=search,
         clock=clock,
     )
-
-
-def _governor_clock(experiments: Sequence[Experiment]) -> tuple[float, float] | None:
-    """Sampling period and deviation [s] that the experiments' raw torque agrees on; None where it tells none or several."""
-    clocks = [experiment.governor_clock for experiment in experiments]
-    periods, deviations = np.array([clock for clock in clocks if clock]).reshape(-1, 2).T
-    if not len(periods) or np.ptp(periods) > AGREE * deviations.max():
-        return None
-    weights = 1.0 / deviations**2
-    # What is common to them, the logger's clock, is not averaged out.
-    return float(weights @ periods / weights.sum()), float(deviations.min())
 
 
 def with_limits(fingerprint: Fingerprint) -> Fingerprint:
@@ -175,7 +172,7 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
                     slope = (
                         neglect.shift.get(name, 0.0)
                         if group is groups["parameters"]
-                        else _slope_of(name, values, neglect.shift)
+                        else slope_of(name, values, neglect.shift)
                     )
                     each.append(_beyond(estimate, slope, neglect))
                 more += np.square(np.max(each, axis=0))
@@ -208,47 +205,6 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, 
     inside = rise <= 1.96**2 * (1.0 + 1e-9)
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
     return max(low - lowest, 0.0), max(highest - high, 0.0)
-
-
-def _slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
-    """Change of a combination for a unit of the element's strength."""
-    _, function = COMBINATIONS[name]
-    known = {key: value for key, value in values.items() if value is not None}
-    try:
-        step = 1e-6
-        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
-        return (function(moved) - function(known)) / step
-    except (KeyError, ZeroDivisionError):
-        return 0.0
-
-
-def with_clock(fingerprint: Fingerprint, clock: tuple[float, float] | None) -> Fingerprint:
-    """Return the fingerprint with the governor's period, and intervals that hold however the governor adds up.
-
-    A governor that adds the error to its sum before it uses it acts as one with K_i T_s / 2 more in K_p, one that does so
-    after with as much less; the fit's own K_p stands between the two.
-    """
-    if clock is None:
-        return fingerprint
-    period, std = clock
-    parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
-    values = {name: estimate.value for name, estimate in parameters.items()}
-    ends = (period - 1.96 * std, period + 1.96 * std)
-    parameters["T_s"] = Estimate(period, std, ends, "s", "prior")
-    shift = {
-        name: 0.5 * period * float(values[name.replace("K_p", "K_i")] or 0.0)
-        for name in ("vK_p", "K_p")
-        if name in values
-    }
-    for group in (parameters, derived):
-        for name, estimate in group.items():
-            if estimate.ci95 is None:
-                continue
-            either = abs(shift.get(name, 0.0) if group is parameters else _slope_of(name, values, shift))
-            low, high = estimate.ci95
-            std = None if estimate.std is None else float(np.hypot(estimate.std, either / np.sqrt(3.0)))
-            group[name] = replace(estimate, ci95=(low - either, high + either), std=std)
-    return replace(fingerprint, parameters=parameters, derived=derived)
 
 
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
@@ -335,18 +291,26 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
     ]
     adequate = fingerprint.adequate
     worst = max(adequate["misses_pct"].values(), default=0.0)
-    if not known:
+    unexplained = [
+        f"the {OUTPUTS.get(name, name)}"
+        for name, row in fingerprint.fit.items()
+        if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
+    ]
+    if any(line.startswith("The search did not end in a minimum") for line in fingerprint.verdict):
+        usable = "Not usable, because the search did not end in a minimum; no figure is an estimate."
+    elif unexplained:
+        usable = f"Not usable, because the model explains nothing of {_listed(unexplained)}."
+    elif not known:
         usable = "Not usable, because the data tell no parameter by itself."
     elif not adequate["stands"] and worst > LARGE_MISS_PCT:
         usable = f"Not usable, because the model misses {worst:.2g} % of the response that the set point still explains."
     elif open_ones:
-        usable = (
-            f"Usable for simulation and comparison, except where {_listed(open_ones)} must be known alone."
-        )
+        verb = "is" if len(open_ones) == 1 else "are"
+        usable = f"Usable for simulation and comparison, but {_listed(open_ones)} {verb} not known alone."
     else:
         usable = "Usable for simulation, control tuning and comparison: the data tell every parameter"
-        roughly = [name for name in known if _is_rough(fingerprint.parameters[name])]
-        usable += f", but {_listed(roughly, 'and')} only roughly." if roughly else "."
+        roughly = [name for name in known if is_rough(fingerprint.parameters[name])]
+        usable += f", but {_listed(roughly)} only roughly." if roughly else "."
     rest = [
         line for line in fingerprint.verdict if not line.startswith(("Known:", "The residuals contradict"))
     ]
@@ -372,20 +336,15 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
             + "; the intervals hold for both."
         )
     if adequate["dispersion"] > 1.0:
-        missed = ", ".join(f"{value:.2g} % of {name}" for name, value in adequate["misses_pct"].items())
+        missed = ", ".join(
+            f"{value:.2g} % of the {OUTPUTS.get(name, name)}"
+            for name, value in adequate["misses_pct"].items()
+        )
         lines.append(
             f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."
         )
     return replace(fingerprint, usable=usable, verdict=(*lines, *rest))
 
 
-def _is_rough(estimate: Estimate) -> bool:
-    """Whether half the interval is more than half of the value, or of what is small for a ship."""
-    assert estimate.ci95 is not None
-    assert estimate.value is not None
-    size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0))
-    return estimate.ci95[1] - estimate.ci95[0] > size
-
-
-def _listed(names: Sequence[str], word: str = "or") -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + f" {word} " + names[-1]
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

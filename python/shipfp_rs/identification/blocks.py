@@ -24,7 +24,7 @@ Data = Experiment | FrequencyResponse
 Offsets = bool | Literal["relative"]
 
 CHUNK = 2048
-"""Samples that are worked on at a time, while they are in a cache."""
+"""Samples that are worked on at a time, so that they fit into a cache."""
 
 
 @dataclass
@@ -36,7 +36,7 @@ class Evaluation:
     valid: npt.NDArray[np.bool_]
 
     def turned(self) -> Evaluation:
-        """Return the same, but for `valid`, turned within the samples so that all but the first few of them are zero.
+        """Return the columns after an orthogonal transformation over the samples that leaves few rows; `valid` stays.
 
         What is left has the same products of all columns in all pairs of outputs.
         """
@@ -67,7 +67,7 @@ class Block:
     weigh: bool = False
     """Divide the residuals of a frequency response by its own standard deviations, in amplitude and in phase."""
     relative: bool = False
-    """Offsets are errors of the operating point, which all of an output was divided by."""
+    """Whether offsets are errors of the operating point, by which the whole output was divided."""
 
     @classmethod
     def build(
@@ -127,19 +127,19 @@ class Block:
 
     @property
     def linear(self) -> tuple[str, ...]:
-        """Those of its own unknowns in which the model is linear: the offsets, and the states if the equations are."""
+        """The block's own unknowns in which the model is linear: the offsets, and the initial states of linear equations."""
         equations = self.structure.equations
         curved = set(equations.states) - set(equations.linear_in)
         return tuple(name for name in self.nuisance if name not in curved)
 
     @property
     def offsets(self) -> tuple[str, ...]:
-        """Those of its own unknowns that are constants added to an output; they stand last."""
+        """The block's own unknowns that are constants added to an output; they come last."""
         return tuple(name for name in self.nuisance if name not in self.structure.equations.states)
 
     @cached_property
     def _level(self) -> Array:
-        """What a unit of an offset adds, shape (O, R) or (1, R).
+        """Change of the outputs for one unit of an offset, shape (O, R) or (1, R).
 
         With y = (1 + c) (1 + m) - 1 of an operating point that is off by c, and a model m, to the first order in c and in
         the noise: y - m = c (1 + y).
@@ -200,7 +200,7 @@ class Block:
         root: Array,
         products: Products,
     ) -> Evaluation:
-        """Return what `filtered` does, turned into few rows to be weighted by a root (O, O); `products` are its sums.
+        """Return what `filtered` does in a few rows with the same products, still to be weighted by a root (O, O).
 
         Of `valid` only the number is kept where a kernel sums up.
         """
@@ -212,7 +212,7 @@ class Block:
 
     @property
     def _kernel(self) -> Equations | None:
-        """The equations, where they sum up an experiment's products in a pass of their own."""
+        """The equations, if they have a kernel that sums up an experiment's products in one pass."""
         if isinstance(self.data, FrequencyResponse) or self.relative:
             return None
         equations = self.structure.equations
@@ -253,7 +253,7 @@ class Block:
         return Products(padded.take(_places(len(outputs), sums.shape[1], len(own) < len(nuisance))), count)
 
     def _weighed(self, model: ComplexArray, slopes: ComplexArray) -> Evaluation:
-        """Residuals of log amplitude and of phase over their deviations: a turned phase is no error of amplitude."""
+        """Residuals of log amplitude and of phase, over their standard deviations: a wrong phase is no amplitude error."""
         assert isinstance(self.data, FrequencyResponse)
         amplitude = np.array([self.data.amplitude_std[signal] for signal in self.signals])
         phase = np.array([self.data.phase_std[signal] for signal in self.signals])
@@ -267,9 +267,10 @@ class Block:
 
 @lru_cache(maxsize=64)
 def _places(outputs: int, columns: int, offsets: bool) -> npt.NDArray[np.intp]:
-    """Where the products of all columns (O, C, O, C) are in a kernel's, behind whose columns there is one of zeros.
+    """Return the places of the products of all columns (O, C, O, C) among those of a kernel.
 
-    Behind the derivatives come an offset of the output itself and its residual; an offset of another one is zero.
+    A kernel's columns for an output are its derivatives, an offset of that output, its residual, and one of zeros. An
+    offset of another output has no effect on this one: it takes the column of zeros.
     """
     one, width = columns - 2, columns + 1
     row = np.arange(outputs)[:, None]

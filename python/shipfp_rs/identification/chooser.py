@@ -18,7 +18,8 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
 LOGGER = logging.getLogger("shipfp_rs")
@@ -195,17 +196,17 @@ class Chooser:
         return search, best
 
     def _held(self, fitted: Fitted) -> Fitted:
-        """Return a fit to records less what holding does, as that fit's end has it; without a governor's clock the fit itself."""
+        """Return a fit to records less what holding does by a fit's end; without a governor's clock that fit itself."""
         if self.clock is None:
             return fitted
         search = self._less_held(fitted.search, fitted.minimum)
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _less_held(self, search: Search, minimum: Minimum) -> Search:
-        """Take from the records what a sampling governor does beyond being half a period late; return the search of what is left.
+        """Return the search of records less what a sampling governor does beyond being half a period late.
 
-        It holds what it gives, and reads the speed at one moment: its answer to a change at frequency f differs by up to some
-        (2 pi f T_s)^2 / 10. That is little and hardly changes with the parameters, so that of a fit close by serves.
+        It holds what it gives, and reads the speed at one moment: at a frequency f its answer differs by up to some
+        (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by serves.
         """
         outputs, measured = search.structure.outputs, search.structure.signal_for
         for place, (block, values) in enumerate(search.each(minimum.vector)):

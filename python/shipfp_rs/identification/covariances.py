@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 
 def without_nuisance(jacobian: Array, count: int) -> Array:
-    """Parts of the parameters' columns that the blocks' own unknowns can't imitate, shape (R, P)."""
+    """Return the parameters' columns without the part that the blocks' own unknowns could explain, shape (R, P)."""
     columns, nuisance = jacobian[:, :count], jacobian[:, count:]
     if not nuisance.shape[1]:
         return columns
@@ -27,9 +27,9 @@ def without_nuisance(jacobian: Array, count: int) -> Array:
 
 
 def row_variance(search: Search, evaluations: Sequence[Evaluation], residual: Array, freedom: int) -> Array:
-    """Variance of every row (R,): of each output's weighted residuals, 1 for a known deviation and for a prior.
+    """Variance of every row, shape (R,): that of the output's weighted residuals, 1 for priors and for known deviations.
 
-    0 for a ridge, which is a wish and no measurement; infinite where too few samples leave it unknown.
+    It is 0 for a ridge, which is no measurement, and infinite where there are too few samples.
     """
     outputs = len(search.structure.outputs)
     widths = [evaluation.residual.shape[1] for evaluation in evaluations]

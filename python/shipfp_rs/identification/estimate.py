@@ -44,6 +44,20 @@ class Estimate:
         }
 
 
+ROUGH = 0.25
+"""Half of an interval over its value above which a parameter is told only roughly."""
+SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
+"""What is small for a ship's parameter of that unit: an interval is not measured by less."""
+
+
+def is_rough(estimate: Estimate) -> bool:
+    """Whether the data tell an estimate only roughly, measured by its value or by what is small for a ship."""
+    if estimate.value is None or estimate.ci95 is None:
+        return False
+    size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0))
+    return estimate.ci95[1] - estimate.ci95[0] > 2.0 * ROUGH * size
+
+
 @dataclass(frozen=True)
 class Identifiability:
     """Numerical rank of the sensitivities at the estimate, and the directions that the data leave open.
@@ -70,7 +84,7 @@ class Identifiability:
 
 
 def estimate_of(entry: dict[str, Any]) -> Estimate:
-    """Return the estimate of its JSON form."""
+    """Return the estimate that a JSON form describes."""
     status = entry["status"]
     if status not in get_args(Status):
         raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
@@ -95,7 +109,7 @@ def _figure(entry: Mapping[str, Any], key: str) -> float | None:
 
 
 def _end(value: float | None, open_end: float) -> float:
-    """End of an interval; null in JSON is none."""
+    """End of an interval; null in JSON means that there is none."""
     return open_end if value is None else float(value)
 
 

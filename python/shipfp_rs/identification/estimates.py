@@ -31,17 +31,18 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 AT_BOUND = 1e-5
-"""A parameter this part of its size (or of the width between its bounds, if less) from a bound is on it."""
+"""A parameter is on a bound if it is nearer than this part of its size, or of the width between its bounds, if less."""
 CUT = 10.0
-"""Standard deviations: a parameter that the data leave open only so far, before one meets its bound, has an interval."""
+"""Along a null direction a parameter can move only until one of them meets a bound. Where that is less than so many
+standard deviations, it has an interval all the same."""
 SHORT = 1e-3
-"""The same as a part of the width between its own bounds."""
+"""The same limit, as a part of the width between the parameter's own bounds."""
 EDGE = 1e-6
-"""Part of a parameter's size that is as good as nothing to be left open over."""
+"""The same limit, as a part of the parameter's size, where the standard deviation is zero."""
 SHARPER = 1.0 / 3.0
-"""Part of its widest member's relative deviation below which a combination is worth a line of its own."""
+"""A combination is listed where its relative deviation is below this part of that of its least known member."""
 NOTHING: Mapping[str, Any] = {"names": [], "matrix": []}
-"""Covariance of no parameter."""
+"""The covariance where none is known."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Estimates:
     identifiability: Identifiability
     values: Mapping[str, float]
     rank: int
-    """Of the sensitivities to the parameters that no bound holds."""
+    """Rank of the sensitivities to the parameters that no bound holds."""
     samples: int
     freedom: int
     threshold: Mapping[str, float]
@@ -71,10 +72,10 @@ class _Optimum:
     values: Mapping[str, float]
     scale: Array
     own: Array
-    """Sensitivities of the whitened residuals (R, P), without what the blocks' own unknowns can imitate."""
+    """Sensitivities of the whitened residuals (R, P), without the part that the blocks' own unknowns could explain."""
     everything: Sensitivity
     inward: npt.NDArray[np.int_]
-    """Of each parameter +1 on its lower bound, -1 on its upper one, 0 between them."""
+    """For each parameter +1 on its lower bound, -1 on its upper one, 0 between them."""
     on_bound: Mask
     """Which parameters a bound really holds."""
     profile: Profile
@@ -88,7 +89,7 @@ class _Optimum:
             if bound is not None:
                 values[name] = bound
         values = search.structure.complete(values)
-        # A value that the search drove towards zero is no measure of its own size.
+        # A value near zero does not show the size of its parameter.
         scale = np.array([max(abs(values[p.name]), p.scale) for p in search.free])
         everything = Sensitivity.of(own, search.names, scale)
         inward = np.array([_inward(parameter, values) for parameter in search.free])
@@ -115,7 +116,7 @@ class _Spread:
     held: Mask
     """Which parameters the data press against a bound."""
     inner: Sensitivity
-    """Of the parameters that are not held."""
+    """Sensitivity to the parameters that are not held."""
     unscaled: Array
     """Their covariance (P, P) for residuals of unit variance."""
     covariance: Array
@@ -133,7 +134,7 @@ class _Spread:
         _, freedom = optimum.inside(on_bound, rows)
         variance = row_variance(search, evaluations, residual, freedom)
         quantile = float(student.ppf(0.975, freedom)) if freedom > 0 else np.inf
-        # A bound is no knowledge where the data would leave it by less than the interval's own width.
+        # A bound adds nothing where the data would move the parameter away from it by less than the interval's width.
         held = on_bound & (gain > quantile**2)
         inner, freedom = optimum.inside(held, rows)
         unscaled = inner.covariance()
@@ -144,7 +145,7 @@ class _Spread:
 
     def thresholds(self, names: Sequence[str]) -> dict[str, float]:
         """Rise of the cost at the ends of each parameter's 95 % interval."""
-        # Of a parameter that is not told by itself only the residuals' own variance says what a rise means.
+        # For a parameter that is not known by itself the rise follows from the residuals' variance alone.
         threshold = dict.fromkeys(names, self.quantile**2 * self.variance)
         for place, name in enumerate(self.inner.names):
             own, unscaled = float(self.covariance[place, place]), float(self.unscaled[place, place])
@@ -228,7 +229,7 @@ def _unknown(optimum: _Optimum, spread: _Spread, index: int, reach: float) -> st
     parameter = optimum.search.free[index]
     place = spread.inner.names.index(parameter.name)
     variance = float(spread.covariance[place, place])
-    # Bounds that cut a null direction leave an interval to the parameter that stands on one.
+    # Where bounds cut a null direction, a parameter on a bound still has an interval.
     open_over = CUT * float(np.sqrt(variance)) + EDGE * optimum.scale[index]
     cut = reach < min(open_over, SHORT * (parameter.upper - parameter.lower))
     reason = "" if optimum.on_bound[index] or cut else why_unknown(optimum.everything, index)
@@ -305,9 +306,10 @@ def _relative(estimate: Estimate) -> float:
 
 
 def _derived(parameters: Mapping[str, Estimate], optimum: _Optimum, spread: _Spread) -> dict[str, Estimate]:
-    """Combinations that the data tell although a member is not known by itself.
+    """Combinations that the data determine although one of their members is not known by itself.
 
-    Of a curved model, whose curvature tells each member a little, also those that are told far better than a member.
+    Where the model is curved the data tell something of every member; then also combinations that are known far better
+    than one of their members.
     """
     values, everything, structure = optimum.values, optimum.everything, optimum.search.structure
     curved = structure.settings["kind"] == "ship"

@@ -27,7 +27,7 @@ def nrmse_pct(measured: npt.ArrayLike, residual: npt.ArrayLike) -> float:
 
 
 def fit_pct(squares: float, spread: float) -> float:
-    """Return the same from the sums of squares of the residuals and of the measured signal about its mean."""
+    """Return the fit in per cent from the sums of squares of the residuals and of the measured signal about its mean."""
     return float(100.0 * (1.0 - np.sqrt(squares / spread))) if spread > 0.0 else float("nan")
 
 

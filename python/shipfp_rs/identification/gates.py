@@ -12,17 +12,17 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.arrays import Array
 
 LEAST_SWING = 2e-3
-"""Standard deviation of a set point, or of a load, over its operating point, below which it excites nothing."""
+"""Least standard deviation of a set point or a load, relative to its operating point, that excites the ship."""
 LEAST_SAMPLES = 200
-"""Samples below which no experiment tells a drive train."""
+"""Least number of samples of an experiment."""
 LEAST_CORRELATION = 0.3
-"""Correlation of the speed with the set point at the best delay below which it does not follow."""
+"""The speed follows the set point if their correlation, at the best delay, is above this."""
 LONGEST_DELAY_S = 5.0
-"""Longest delay at which the speed is looked for behind its set point [s]."""
+"""Longest delay of the speed behind its set point that is tried [s]."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
 POINT_OFF = 0.3
-"""Part by which the mean of a signal may be off its operating point."""
+"""Largest difference of a signal's mean from its operating point, relative."""
 
 
 def require_excited(experiments: Sequence[Experiment]) -> None:
@@ -53,8 +53,18 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
 
 
 def _swing(experiment: Experiment) -> float:
-    loads = [experiment.normalised("M_load")] if "M_load" in experiment.signals else []
-    return max(float(np.nanstd(values)) for values in (experiment.dn_set, *loads))
+    return max(float(np.std(experiment.dn_set)), _load_swing(experiment))
+
+
+def _load_swing(experiment: Experiment) -> float:
+    """Standard deviation of a measured load over its operating point; 0 without one."""
+    return float(np.std(experiment.normalised("M_load"))) if "M_load" in experiment.signals else 0.0
+
+
+def is_loaded(experiments: Sequence[Experiment]) -> bool:
+    """Whether every experiment has a measured load, and it moves in one of them."""
+    measured = all("M_load" in experiment.signals for experiment in experiments)
+    return measured and max(map(_load_swing, experiments)) >= LEAST_SWING
 
 
 def _slow(values: Array, rate_hz: float) -> Array:
@@ -88,7 +98,7 @@ def _require_operating_point(experiment: Experiment) -> None:
 
 
 def _require_following(experiment: Experiment) -> None:
-    if "M_load" in experiment.signals and float(np.std(experiment.dn_set)) < LEAST_SWING:
+    if _load_swing(experiment) > float(np.std(experiment.dn_set)):
         return
     found = _speed(experiment)
     if found is None:
@@ -121,7 +131,10 @@ def _require_torque_sign(experiment: Experiment) -> None:
     if not np.isfinite(torque).any():
         return
     slow, speed = _slow(torque, experiment.rate_hz), _slow(found[1], experiment.rate_hz)
-    columns = np.column_stack([speed, np.gradient(speed) * experiment.rate_hz])
+    loads = (
+        [_slow(experiment.normalised("M_load"), experiment.rate_hz)] if "M_load" in experiment.signals else []
+    )
+    columns = np.column_stack([speed, np.gradient(speed) * experiment.rate_hz, *loads])
     fitted = np.linalg.lstsq(columns, slow, rcond=None)[0]
     rest = slow - columns @ fitted
     explained = 1.0 - float(rest @ rest) / max(float(slow @ slow), 1e-300)

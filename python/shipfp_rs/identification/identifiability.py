@@ -107,7 +107,7 @@ class Sensitivity:
         return reach
 
     def tells(self, gradient: Array) -> bool:
-        """Whether a combination with this gradient (P,) has no part along a null direction."""
+        """Whether the data determine a combination with this gradient (P,): it has no part along a null direction."""
         relative = gradient * self.scale
         size = float(np.linalg.norm(relative))
         return size > 0.0 and float(np.linalg.norm(self.null @ relative)) < NULL_PART * size
@@ -121,7 +121,7 @@ def gradient_of(
 ) -> Array:
     """Central-difference gradient of a combination with respect to `names`, exact to about 1e-9 relative.
 
-    Parameters that are tied to these follow them.
+    Parameters that are tied to one of `names` change with it.
     """
     following = ties or {}
     gradient = np.empty(len(names))
@@ -142,7 +142,7 @@ def describe(sensitivity: Sensitivity) -> Identifiability:
     members = [name for index, name in enumerate(names) if np.linalg.norm(null[:, index]) > NULL_PART]
     missing = len(null)
     closing: list[str] = []
-    # More than three missing pieces of knowledge would be a list nobody reads.
+    # Lists of more than three missing values would help nobody.
     if 0 < missing <= 3:
         for chosen in combinations(members, missing):
             columns = null[:, np.array([names.index(name) for name in chosen])]

@@ -16,7 +16,6 @@ from shipfp_rs.identification.automatic import (
     reworded,
     widened_by_bias,
     widened_by_neglect,
-    with_clock,
     with_limits,
     with_rivals,
 )
@@ -27,7 +26,9 @@ from shipfp_rs.identification.gates import require_excited
 from shipfp_rs.identification.minima import Found, search_minima
 from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.identification.sampling import with_clock
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 

@@ -21,9 +21,10 @@ EXACT = 1e-7
 def along_valley(
     search: Search, best: Minimum, names: Sequence[str], row: Array, place: int, quantile: float
 ) -> tuple[float, float]:
-    """Both ends of a parameter's interval by its row (P,) of the covariance, along the structure's valley.
+    """Both ends of a parameter's interval, from its row (P,) of the covariance.
 
-    Without one they are as far from the value as its deviation says.
+    Where the structure knows the curve on which its outputs change least, the ends lie on that curve; else they lie as
+    many standard deviations from the value as the quantile says.
     """
     kept = best.vector[~search.linear]
     index = search.names.index(names[place])
@@ -45,10 +46,10 @@ def profile_ends(
     scale: float,
     about: tuple[float, float],
 ) -> tuple[End, End]:
-    """Both ends of a parameter's interval, which are looked for first `about` where they should be.
+    """Both ends of a parameter's interval: where the cost has risen by the square of the quantile.
 
-    The rise of the cost at an end is the quantile's square, made larger by what the variance of the estimate is beyond
-    that for residuals of unit variance.
+    The search for them begins at the two values `about`. The rise is larger by the ratio of the estimate's `variance` to
+    `told`, its variance for residuals of unit variance.
     """
     half = quantile * float(np.sqrt(variance))
     if half < EXACT * scale:
@@ -59,7 +60,7 @@ def profile_ends(
 
 
 def within_bounds(parameter: Parameter, low: float, high: float) -> tuple[End, End]:
-    """Both ends, cut by the bounds."""
+    """Both ends, moved to the bounds where they lie beyond."""
     return (
         End(low, "data") if low > parameter.lower else End(parameter.lower, "bound"),
         End(high, "data") if high < parameter.upper else End(parameter.upper, "bound"),
@@ -67,6 +68,9 @@ def within_bounds(parameter: Parameter, low: float, high: float) -> tuple[End, E
 
 
 def deviation_of(value: float, low: End, high: End, quantile: float) -> float | None:
-    """Half the interval in quantiles; the side that the data set where a bound cuts the other, None if they set none."""
+    """Return the standard deviation: half the interval over the quantile.
+
+    Where a bound cuts one side, only the other counts; None where bounds cut both.
+    """
     sides = [abs(end.value - value) for end in (low, high) if end.kind == "data"]
     return float(np.mean(sides)) / quantile if sides else None

@@ -67,7 +67,7 @@ def search_minima(
     if options.random_search:
         vectors[0] = best_of_random(search, options.random_search, options.seed)
     minima = _minima(search, vectors, options.progress)
-    # A start that ended in a worse minimum is not worth the noise models: they take most of the time.
+    # Only the best minimum is refined with noise models, which take most of the time.
     best = search.refine(minima[0])
     given = options.initial_state
     settings = {
@@ -144,7 +144,7 @@ def _blocks(
             raise InputError(
                 f"{item.name!r}: weighting 'std' is for frequency responses, an experiment has no deviations"
             )
-        if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "plant"):
+        if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "ship"):
             _require_sense(item)
     return tuple(
         Block.build(
@@ -193,7 +193,7 @@ def _minima(
     if not found:
         raise IdentificationError(f"none of {len(vectors)} starts led to a minimum; the first: {failures[0]}")
     found.sort(key=lambda minimum: minimum.criterion)
-    # Of minima as low as each other take one that is known to be one.
+    # Among minima of the same height take one at which the search converged.
     as_low = (minimum for minimum in found if minimum.criterion <= found[0].criterion + AS_LOW)
     best = next((minimum for minimum in as_low if minimum.converged), found[0])
     return [best, *(minimum for minimum in found if minimum is not best)]

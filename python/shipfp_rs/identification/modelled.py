@@ -20,7 +20,7 @@ from shipfp_rs.support.tables import package
 
 
 class Modelled:
-    """What a fingerprint's model does; mixed into `Fingerprint`."""
+    """Simulations with a fingerprint's model; mixed into `Fingerprint`."""
 
     structure: Mapping[str, Any]
     settings: Mapping[str, Any]

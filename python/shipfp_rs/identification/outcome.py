@@ -87,7 +87,7 @@ def fingerprint_of(ended: Found, *, vessel: str | None) -> Fingerprint:
 
 
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
-    """Figures of the simulation: without the gains that lead a predictor back to what was measured."""
+    """Figures of fit of the plain simulation, all Kalman gains zero."""
     plain = replace(
         search, blocks=tuple(replace(block, weigh=False) if block.weigh else block for block in search.blocks)
     )

@@ -1,4 +1,4 @@
-"""Profile likelihood: how far a parameter can go before the best that the others can do costs too much."""
+"""Profile likelihood: how far a parameter can be moved, the others refitted, before the cost has risen too much."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 CLOSE = 0.02
-"""Deviations between the level wanted and that of a point from which the end is interpolated."""
+"""The end is interpolated from a point whose level differs by less than this from the one wanted, in deviations."""
 SETTLED = 1e-2
-"""Part of the threshold below which a promised fall of the cost is not worth a step."""
+"""A step must promise to lower the cost by at least this part of the threshold."""
 STEPS = 12
 """Steps (Levenberg and Marquardt's where plain Gauss-Newton ones fail) of the other parameters at one value of this one."""
 TRIALS = 40
-"""Values tried on the way to one end; with growth by four at most that is farther than any unit."""
+"""Most values tried on the way to one end. With steps that grow fourfold that reaches any size."""
 GROWTH = 4.0
 
 
 JUMP = 10.0
-"""Deviations from which on a point says nothing of where the level is passed: more likely the others lost their way."""
+"""A point whose level is off by more deviations is not used: more likely the other parameters are not at their best."""
 INSIDE = 0.5
-"""Deviations below which a point within `CLOSE` of one past the level shows that the others lost their way there."""
+"""If a point less than so many deviations high lies within `CLOSE` of one past the level, the others were not at their
+best at the latter."""
 DOUBTS = 8
-"""Times that such a point is forgotten once one nearer was reached, from where the others may find their way."""
+"""How often such a point is dropped and tried again, starting from a nearer one."""
 EDGE = 0.05
-"""Part of a bracket that the next value keeps from its ends, and least growth of a step."""
+"""The next value keeps this part of a bracket away from its ends; also the least growth of a step."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +56,13 @@ class Profile:
     """
 
     def __init__(self, search: Search, best: Minimum) -> None:
-        # Only changes of the cost count, which an error far below the noise leaves as they are.
+        # Only differences of the cost count, so an error far below the noise does no harm.
         self._search, self._noise = search, replace(best.noise, sharp=best.noise.models is None)
         self._problem = Elimination(search, best.vector, best)
         kept = ~search.linear
         lower, upper = search.bounds()
         self._bounds = Bounds(lower[kept], upper[kept])
-        # What the last value's steps needed, the next one's will.
+        # The next value will need about the same damping as the last one.
         self._damping = 0.0
         self._origin = self._point(self._bounds.clip(best.vector[kept]))
 
@@ -98,7 +99,7 @@ class Profile:
                 return End(start + _between(inner, tried), "data")
             if level >= 1.0:
                 outer, beyond = tried, point
-                # Where the cost jumps there is no value at the level itself.
+                # Where the cost jumps, no value has exactly the level wanted.
                 if abs(deviation - inner[0]) < CLOSE**2 * abs(deviation):
                     return End(start + inner[0], "data")
             elif cut:
@@ -111,7 +112,7 @@ class Profile:
             deviation = _between(inner, outer) if np.isfinite(outer[0]) else _beyond(before, inner)
         if np.isinf(outer[0]):
             return End(float(np.copysign(np.inf, step)), "open")
-        # Of a wall that was closed in on no more is known than that it is there.
+        # The bracket has closed in on a jump of the cost: the end is there.
         closed = abs(outer[0] - inner[0]) < CLOSE * abs(outer[0])
         return End(start + inner[0], "data" if closed else "open")
 
@@ -173,7 +174,7 @@ class Profile:
             again = moved(point, step_from(point, point.residual, 0.0).step)
             point = min(point, again, key=lambda one: one.cost)
         if not point.cost < enough:
-            # Along a valley the linear lead goes too far; from where the others stand they find their own way.
+            # Along a curved valley the linear step goes too far. Then the other parameters start from where they are.
             point = min(point, moved(near, np.zeros_like(lead.step)), key=lambda one: one.cost)
         damping = self._damping
         for _ in range(STEPS if np.isfinite(point.cost) else 0):

@@ -210,7 +210,7 @@ def _best_promise(
 
 
 def held(equations: Equations, values: Mapping[str, float], experiment: Experiment) -> Array:
-    """What a governor that samples gives beyond one that is half its period late, averaged over when it samples, shape (O, N)."""
+    """What a governor that samples gives beyond one that is half its period late, a mean over its phases, shape (O, N)."""
     mean = bare(equations)
     assert isinstance(mean, ShipEquations)
     exact = replace(mean, mean_sampling=False)

@@ -25,16 +25,16 @@ Mask = npt.NDArray[np.bool_]
 WHITENESS_LAGS = 25
 """Lags of the autocorrelation, as many as MATLAB's `resid` shows."""
 INPUT_LAGS = 12
-"""Lags of the set point besides zero, in geometric steps, for dynamics that are missing may be fast or slow."""
+"""Number of lags of the set point besides zero, in geometric steps, since missing dynamics may be fast or slow."""
 INPUT_REACH = 10
-"""The longest of them is this part of the record."""
+"""The longest lag, as a part of the record."""
 BAND = 1.96
 """Standard deviations of a normal variable that hold 95 %."""
 OPEN = 1e-8
-"""A direction of the lagged set points with less than this part of its size left is one that the fit took away."""
+"""A direction of the lagged set points counts as explained by the fit where less than this part of its size is left."""
 
 STILL = 1e-4
-"""Probability below which what a fit explains is no chance."""
+"""The fit explains more than chance where the probability is below this."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def input_correlations(
     if search.huber is None:
         gram = search.gram(minimum.vector, noise, minimum.sums)
     else:
-        # Residuals far out count as in the fit: up to the threshold of its cost (eq. 4.7).
+        # Outlying residuals are cut off at the threshold of the fit's cost (eq. 4.7).
         residuals = [np.clip(residual, -search.huber, search.huber) for residual in residuals]
         gram = np.asarray(priors.T @ priors)
         for part, residual in zip(
@@ -276,7 +276,7 @@ def _with_past(block: Block, samples: int, model: Array, reach: int) -> Array:
 
 
 def _stable_model(residual: Array) -> Array:
-    """Autoregressive model [1, a1, ..., ap] by Yule and Walker, which never runs away."""
+    """Autoregressive model [1, a1, ..., ap] by Yule and Walker, which is always stable."""
     products = np.array([residual[lag:] @ residual[: len(residual) - lag] for lag in range(AR_ORDER + 1)])
     if not products[0] > 0.0:
         return np.append(1.0, np.zeros(AR_ORDER))
@@ -311,7 +311,7 @@ def _test(
 def responds(search: Search, minimum: Minimum) -> bool:
     """Whether the fit explains experiments better than constants do, by a likelihood ratio, or there are responses.
 
-    Where nothing moves, initial states can still be fitted to the noise, and parameters to what they start.
+    Even without excitation initial states can be fitted to the noise, and parameters to their decay.
     """
     if not all(isinstance(block.data, Experiment) for block in search.blocks):
         return True
@@ -322,7 +322,7 @@ def responds(search: Search, minimum: Minimum) -> bool:
 
 
 def _of_constants(block: Block, models: Sequence[Array] | None) -> Products:
-    """Sums of what constants leave of a record, zero where the fit has no offsets, filtered by the noise's models."""
+    """Sums of the residuals of a fit of constants (zero without offsets), filtered by the noise's models."""
     mean = (
         block.mean if any(name.startswith("offset") for name in block.nuisance) else np.zeros(len(block.mean))
     )
@@ -335,7 +335,7 @@ def _of_constants(block: Block, models: Sequence[Array] | None) -> Products:
 
 
 def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
-    """Return an output's residual power along what the set point drives over that of noise, one at least.
+    """Return the ratio of an output's residual power that the set point explains to that of noise, at least one.
 
     `figures` are those of `OutputTests.figures`: the share that the set point explains, of so many samples, over the
     degrees of freedom of the test.

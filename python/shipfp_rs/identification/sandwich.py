@@ -22,7 +22,7 @@ ORDER = 4
 """Samples that the autoregression reaches back. A higher one alone would not do: signals that a low-pass brought to a
 lower rate have an edge in their spectrum, about which the spectra of autoregressions wave by a third."""
 REACH = 1.25
-"""Of the lag window, in square roots of the number of samples."""
+"""Reach of the lag window, in square roots of the number of samples."""
 
 
 def score_covariance(rows: Sequence[Array], records: Sequence[Record]) -> Array:
@@ -41,7 +41,7 @@ def score_covariance(rows: Sequence[Array], records: Sequence[Record]) -> Array:
     for columns in rows:
         size = next_fast_len(2 * max(columns.shape[-1], left.shape[-1]), real=True)
         transform = rfft(columns, size)
-        # e = A^-1 w, so the columns that w meets are A^-H J at each frequency.
+        # With e = A^-1 w, J'e = (A^-H J)'w at each frequency.
         inverse = np.linalg.inv(rfft(polynomial, size, axis=0))
         met = np.einsum("foq,pof->pqf", inverse.conj(), transform, optimize=True)
         # Lags above zero, and those below it at the end, where a transform has them.
@@ -74,7 +74,7 @@ def _correlation(polynomial: Array, records: Sequence[Record]) -> Array:
         products = irfft(transform[:, None] * transform.conj()[None], size)
         whole += products[..., : reach + 1]
         count += int(told.sum())
-    # Divided by all samples alike: the spectrum can't become negative.
+    # Every lag is divided by the number of all samples, so that the spectrum can't become negative.
     return np.asarray(whole * parzen(2 * reach + 1)[reach:] / max(count - order * outputs, 1))
 
 

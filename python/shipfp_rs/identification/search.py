@@ -22,19 +22,19 @@ from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support.arrays import Array
 
 STABLE_DRAWS = 50
-"""Vectors drawn before a random start is given up because its loop is always unstable."""
+"""Most vectors drawn for a random start; after so many with an unstable loop it is given up."""
 AR_ORDER = 8
 WEIGHT_ITERATIONS = 100
 CRITERION_TOLERANCE = 1e-8
 """Change of N ln det(E'E/N) that ends the iteration of the weights: parameters then move by 1e-4 of their deviation."""
 ROUGH = 1e-2
-"""The same where noise models are still to be fitted."""
+"""The same change, where noise models are still to be fitted."""
 LITTLE = 0.1
 """Fall of the deviance that ends a descent whose noise models are still to be fitted."""
 NOTHING = 1e-6
-"""The same that ends the last one: a thousandth of a standard deviation."""
+"""Fall of the deviance that ends the last descent: a thousandth of a standard deviation."""
 UNMOVED = 1e-10
-"""Relative change of the vector that ends it where there is no noise to measure the change by."""
+"""Relative change of the vector that ends a descent where there is no noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class Search(WeightedProblem):
     enough: float | None = None
     """Fall of the deviance that is not worth a step; None: as little as the estimates' last digits ask for."""
     worth: float = np.inf
-    """Deviance that a descent gives up on when it can't get below."""
+    """A descent ends early when it can't get below this deviance."""
 
     def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
         """Search from `start`; the weights are refitted until they agree with the residuals."""
@@ -121,7 +121,7 @@ class Search(WeightedProblem):
             message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
             criterion = self._criterion(vector, noise, sums)
             return Minimum(vector, criterion, reached.settled, message, used, noise, sums)
-        # While the weights still change much, a minimum for the present ones is worth no more than a few steps.
+        # While the weights still change much, a few steps towards the minimum for the present ones are enough.
         rough = self._reweighs and noise.models is None and not self._descends
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
             solution = self._solve(problem, kept, noise, tick, rough=rough)
@@ -150,11 +150,11 @@ class Search(WeightedProblem):
 
     @property
     def _descends(self) -> bool:
-        """Whether steps of our own go down: whitened residuals, none of them bent, along a known valley."""
+        """Whether `descend` searches: for whitened residuals without a Huber threshold, along a known valley."""
         return self._whitens and self.huber is None and self.structure.equations.has_valley
 
     def _criterion(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> float:
-        """What the minima are ranked by."""
+        """Return the figure by which minima are ranked."""
         if self._reweighs:
             return self.noise_at(vector, noise, *mean_scatter(sums))[1]
         return float(self.gram(vector, noise, sums)[-1, -1])

@@ -41,6 +41,8 @@ class _Record:
     slope: Array
     set_point: Array
     torque: Array | None
+    load: Array
+    """Deviation of a measured load; zero without one."""
     keep: npt.NDArray[np.intp]
     """Samples that the regressions use."""
 
@@ -48,9 +50,9 @@ class _Record:
 def starts(structure: Structure, experiments: Sequence[Experiment], count: int = 3) -> list[dict[str, float]]:
     """Return start values of a ship's parameters by name, the most promising first.
 
-    The torque gives p and the inertia behind the gauge (or all of it, at the brake) from M = N^p + tau dN/dt. Then
-    dN/dt = -a (N - 1) + b e + c int e dt, with e = u(t - T_1) - N(t - T_d), is linear in a, b and c for each pair of
-    delays: the best pair of each band of delays in the loop is a start.
+    The torque gives p and the inertia behind the gauge (or all of it, at the brake) from M = N^p + tau dN/dt + k_L w, w the
+    deviation of a measured load. Then dN/dt = -a (N - 1) + b e + c int e dt - d w, with e = u(t - T_1) - N(t - T_d), is
+    linear in a, b, c and d for each pair of delays: the best pair of each band of delays in the loop is a start.
 
     Parameters
     ----------
@@ -101,6 +103,7 @@ def _smoothed(structure: Structure, experiment: Experiment, pass_hz: float) -> _
         bridged = np.interp(index, index[whole], values[whole])
         return np.asarray(sosfiltfilt(filt, bridged))
 
+    load = experiment.normalised("M_load") if "k_L" in structure.names else np.zeros(len(speed))
     smoothed = smooth(speed)
     # Samples within the low-pass's reach of a gap are left out.
     near_gap = np.convolve(~whole, np.ones(2 * round(0.5 * rate / pass_hz) + 1), mode="same") > 0.5
@@ -115,27 +118,31 @@ def _smoothed(structure: Structure, experiment: Experiment, pass_hz: float) -> _
         np.gradient(smoothed, 1.0 / rate),
         np.asarray(sosfiltfilt(filt, experiment.dn_set)),
         smooth(rows["dM"]) if "dM" in rows else None,
+        np.asarray(sosfiltfilt(filt, load)),
         keep,
     )
 
 
 def _torque(records: Sequence[_Record]) -> dict[str, float]:
-    """Fit s (N^p + tau dN/dt) to the torque by Gauss-Newton steps in s, p and tau."""
+    """Fit s (N^p + tau dN/dt + k w) to the torque by Gauss-Newton steps in s, p, tau and k."""
     speed = np.concatenate([1.0 + record.speed[record.keep] for record in records])
     slope = np.concatenate([record.slope[record.keep] for record in records])
     torque = np.concatenate(
         [1.0 + record.torque[record.keep] for record in records if record.torque is not None]
     )
+    load = np.concatenate([record.load[record.keep] for record in records])
     logarithm = np.log(np.maximum(speed, 1e-3))
-    scale, p, tau = 1.0, 2.0, 0.3
+    scale, p, tau, gain = 1.0, 2.0, 0.3, 1.0
     for _ in range(20):
         power = np.exp(p * logarithm)
-        columns = np.column_stack([power + tau * slope, scale * power * logarithm, scale * slope])
-        change = np.linalg.lstsq(columns, torque - scale * columns[:, 0], rcond=None)[0]
+        whole = power + tau * slope + gain * load
+        columns = np.column_stack([whole, scale * power * logarithm, scale * slope, scale * load])
+        change = np.linalg.lstsq(columns, torque - scale * whole, rcond=None)[0]
         scale, p, tau = scale + change[0], float(np.clip(p + change[1], -1.0, 5.0)), tau + change[2]
+        gain += change[3]
         if np.abs(change).max() < 1e-9:
             break
-    return {"p": p, "tau": max(float(tau), 1e-3)}
+    return {"p": p, "tau": max(float(tau), 1e-3)} | ({"k_L": float(gain)} if load.any() else {})
 
 
 def _loops(
@@ -184,9 +191,11 @@ def _regression(
         rows = np.column_stack(
             [record.speed[at], error, asked[at - behind] - turned[at - back], record.slope[at]]
         )
-        # Constants, and a drift of the integral where the set point is read by some part wrong, belong to the record.
-        own = np.column_stack([np.ones(len(at)), np.linspace(-1.0, 1.0, len(at))])
-        basis = np.linalg.qr(own)[0]
+        # Constants, and a drift of the integral where the set point is read by some part wrong, belong to the record;
+        # what a load does to the shaft is taken out beside.
+        own = [np.ones(len(at)), np.linspace(-1.0, 1.0, len(at))]
+        own += [record.load[at]] if record.load[at].any() else []
+        basis = np.linalg.qr(np.column_stack(own))[0]
         rows -= basis @ (basis.T @ rows)
         gram += rows.T @ rows
     rates = _solved(gram)
@@ -230,6 +239,8 @@ def _values(
     }
     if gauge:
         values["tau_prop"] = torque["tau"]
+    if "k_L" in torque:
+        values["k_L"] = torque["k_L"]
     return values
 
 

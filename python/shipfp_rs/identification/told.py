@@ -31,7 +31,7 @@ LATEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "&%$#_{}"},
 
 
 class Told:
-    """What a fingerprint looks like; mixed into `Fingerprint`."""
+    """Text and tables of a fingerprint; mixed into `Fingerprint`."""
 
     parameters: Mapping[str, Estimate]
     derived: Mapping[str, Estimate]

@@ -13,11 +13,11 @@ from shipfp_rs.optimise.normal_equations import Products, cleared, condense, reg
 from shipfp_rs.support.arrays import Array
 
 REPEATED = 1e-4
-"""Part of the cost that better values of the eliminated unknowns may save before another pass is made there."""
+"""Another pass is made where better values of the eliminated unknowns would lower the cost by more than this part."""
 PASSES = 3
 """Passes over the data for one point at most."""
 REMEMBERED = 8
-"""Points whose sums are kept: other weights need no pass over the data."""
+"""Number of points whose sums are kept, since new weights then need no new pass over the data."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class Elimination:
     def __init__(self, problem: WeightedProblem, start: Array, known: Minimum | None = None) -> None:
         self._problem = problem
         self._linear = problem.linear
-        # No derivative depends on an offset, so one pass tells all of them, from wherever it is made but near.
+        # No derivative depends on an offset, so the pass may be made at any offset near the best one.
         self._exact = all(set(block.linear) <= set(block.offsets) for block in problem.blocks)
         kept, best = start[~self._linear], start[self._linear]
-        # Where it was last, the best values there, and their slopes by the kept unknowns.
+        # The last point, the best values of the eliminated unknowns there, and their slopes by the kept ones.
         self._lead = kept, best, np.zeros((len(best), len(kept)))
         self._known = [] if known is None else [_Pass(known.vector, known.noise, known.sums)]
 

@@ -51,16 +51,13 @@ def _known(
     ]
     if known:
         yield "Known: " + "; ".join(known) + "."
-    settings = structure.settings
-    if settings.get("three_parameters") and (settings["torque"] == "gauge" or "dM" not in structure.outputs):
-        yield "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
     together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
         yield "Known only together: " + "; ".join(together) + "."
 
 
 def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    """What is not known at all, and what stands on a bound."""
+    """Yield what is not known at all, and what is on a bound."""
     for name, estimate in parameters.items():
         if estimate.status == "unidentifiable":
             yield f"Not identifiable from these data: {name} ({estimate.reason})."
@@ -78,7 +75,7 @@ def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
 
 
 def _gaps(identifiability: Identifiability) -> Iterator[str]:
-    """What the data can't tell apart, and what would settle it."""
+    """Yield what the data can't tell apart, and what would settle it."""
     if identifiability.rank < identifiability.free:
         yield (
             f"The data tell {identifiability.rank} of {identifiability.free} free parameters apart; the response stays "
@@ -99,7 +96,7 @@ def _poor(fit: Mapping[str, Mapping[str, float | None]]) -> list[str]:
     overall = fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
     if chi_squared is not None and freedom is not None:
-        # Known deviations judge a fit better than its share of the spread: some points may carry no weight.
+        # With known deviations chi-squared judges a fit better than per cent do: some points may carry no weight.
         poor = chi_squared > 2 * freedom
         return [f"chi-squared {chi_squared:.4g} at {freedom:.0f} degrees of freedom"] if poor else []
     rows = {output: row["nrmse_pct"] for output, row in fit.items() if output != "overall"}

@@ -26,7 +26,7 @@ class Noise:
     root: Array
     models: tuple[Array, ...] | None = None
     sharp: bool = True
-    """Whether a pass over the records must be exact beyond what noise lets see; on the way to a minimum it need not."""
+    """Whether passes over the records must be far more exact than the noise; on the way to a minimum they need not."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class WeightedProblem:
     covariance: str = "model"
     intervals: str = "profile"
     weights: Noise | None = None
-    """Weights and noise models that are given, as another search left them; None: they follow the residuals."""
+    """Weights and noise models of another search, held; None: they follow the residuals."""
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
@@ -94,7 +94,7 @@ class WeightedProblem:
         return self.structure.complete(values | dict(self.initial) | found)
 
     def places(self) -> Iterator[slice]:
-        """Yield where each block's own unknowns stand in the full vector."""
+        """Yield the places of each block's own unknowns in the full vector."""
         start = len(self.free)
         for block in self.blocks:
             yield slice(start, start + len(block.nuisance))
@@ -166,7 +166,7 @@ class WeightedProblem:
 
     @cached_property
     def _grids(self) -> list[tuple[npt.NDArray[np.intp], ...]]:
-        """Where each block's columns and residual stand in the products of all."""
+        """Places of each block's columns and residual in the products of all."""
         places = [np.r_[: len(self.free), own.start : own.stop, self.size] for own in self.places()]
         return [np.ix_(place, place) for place in places]
 
@@ -221,7 +221,7 @@ class WeightedProblem:
         return np.concatenate([lower, -open_end]), np.concatenate([upper, open_end])
 
     def noise_at(self, vector: Array, noise: Noise, count: int, scatter: Array) -> tuple[Noise, float]:
-        """Weights that fit the residuals filtered by the noise's models, and what the minima are ranked by.
+        """Return the weights that follow from the filtered residuals, and the criterion by which minima are ranked.
 
         The weights are the identity, inverse standard deviations, or the inverse root of the covariance. With them the
         criterion is N ln det of the scatter of so many samples' residuals.
@@ -248,7 +248,7 @@ class WeightedProblem:
         return Noise(np.diag(1.0 / np.sqrt(np.maximum(spread / len(self.blocks), 1e-24))))
 
     def require_stable(self, vector: Array) -> None:
-        """Raise SimulationError where the closed loop of a structure that can tell is unstable."""
+        """Raise SimulationError where the structure knows that its closed loop is unstable."""
         if not self.structure.equations.stable(self.values(vector)):
             raise SimulationError("the closed loop is unstable, a ship that was measured is not")
 

@@ -21,11 +21,11 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
 SETTLE_S = 4.0
-"""Left out after a step: the plant still moves."""
+"""Time after a step that is left out, since the plant still moves [s]."""
 SAME_POINT = 0.01
-"""Relative difference in speed below which two rests are one point."""
+"""Two rests are one steady point if their speeds differ by less, relative."""
 LEAST_SPAN = 1.1
-"""Ratio of the highest to the lowest speed from which on an exponent means something."""
+"""Least ratio of the highest to the lowest speed for a meaningful exponent."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = No
     """
     n_s = np.asarray(n_e_rpm, dtype=np.float64) / 60.0 / vessel.gearbox.ratio
     D = vessel.propeller.diameter_m
-    # C_Q* is of the speed of the blade at 0.7 R and the disc: K_Q = C_Q* pi / 8 (0.7 pi)^2 = 1.899 C_Q*.
+    # C_Q* refers to the blade's speed at 0.7 R and the disc's area: K_Q = C_Q* pi / 8 (0.7 pi)^2 = 1.899 C_Q*.
     K_Q = vessel.K_Q_over_eta_r if C_Q is None else C_Q * math.pi / 8.0 * (0.7 * math.pi) ** 2
     return np.asarray(K_Q * vessel.water.density_kg_m3 * D**5 * n_s**2)
 
@@ -130,7 +130,7 @@ def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
 
 
 def _lasts(window: FoundWindow) -> bool:
-    """Whether something is left of a rest once it has settled."""
+    """Whether a rest is longer than the plant takes to settle."""
     return window.kind == "steady" and window.stop_s - window.start_s > 2.0 * SETTLE_S
 
 
@@ -153,7 +153,7 @@ def found_experiments(
             f"{log.name}: no steady stretch found; the checks need one of {2.0 * SETTLE_S:g} s, which "
             "operating_point.steady_s may name"
         )
-    # The signals are wanted as they are: any operating point will do.
+    # Only the signals' own values are needed, so any operating point will do.
     plain = trial.model_copy(
         update={
             "windows": windows,

@@ -11,7 +11,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Rack, Torque
 
 OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated")
-"""Faults of level, told by the samples of any channel that is no pulse train."""
+"""Faults of level, which can be found in any channel that is no pulse train."""
 OF_A_TRAIN = ("gap",)
 OF_ROLES: Mapping[str, tuple[str, ...]] = {
     "set_point": ("D1", "D2", "D3"),
@@ -46,7 +46,7 @@ def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[st
 
 
 def sentences(told: Mapping[str, Any], *, trial: bool) -> list[str]:
-    """Say it in words, channels with the same faults together."""
+    """Return sentences that say which faults were looked for; channels with the same faults share one."""
     together: dict[tuple[str, ...], list[str]] = {}
     for name, kinds in told["channels"].items():
         together.setdefault(tuple(kinds), []).append(name)

@@ -12,12 +12,12 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import PulseTimes, pulse_times
 
 PROBE_S = 120.0
-"""Stretch from which it is told whether a channel is a pulse train."""
+"""Length of the stretch from which a channel is judged [s]."""
 LEAST_PULSES = 10
 NEAR_A_LEVEL = 0.15
-"""Share of a train's height within which a sample is at one of its two levels."""
+"""A sample is at one of the two levels if it is nearer than this share of the train's height."""
 AT_LEVELS = 0.75
-"""Share of samples at a level from which on a train has two of them; a sine has half of them there."""
+"""A train has two levels if this share of its samples is at one of them; of a sine's samples half are."""
 EVEN = 0.3
 """Relative difference from the median of nine periods that teeth and reflectors have at most, and steps of a set point
 or of a torque exceed."""
@@ -26,13 +26,13 @@ SLOWEST_HZ = 0.2
 """A shaft that turns slower than this once in five seconds is at rest."""
 SINE_EVEN_SHARE = 0.9
 SINE_SLOWEST_HZ = 5.0
-"""Sinusoidal pick-ups tell nothing at lower rates; set points and seas do."""
+"""Lowest rate of a sinusoidal pick-up [Hz]; at lower ones are set points and waves."""
 SINE_SCATTER = 0.15
-"""Scatter of the heights of neighbouring pulses; that of a torque's ripple, of several orders, is larger."""
+"""Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
 SINE_OFFSET = 1.0
-"""Heights by which a pick-up's middle is off zero at most; a torque's ripple is small beside the torque."""
+"""Largest distance of a pick-up's middle from zero, in heights; a torque's ripple is small beside the torque."""
 SINE_DRIFT = 1.5
-"""Heights by which its middle moves for the middle half of the time."""
+"""Largest range of its middle during the middle half of the time, in heights."""
 MAINS_HZ = (50.0, 60.0)
 MAINS_WITHIN, MAINS_STEADY = 5e-3, 1e-3
 """No shaft turns so evenly at the mains' frequency."""
@@ -64,7 +64,7 @@ def pulse_rate(rows: Rows) -> float | None:
 def _even_share(pulses: PulseTimes) -> float:
     periods = np.diff(pulses.times_s)
     usual = median_filter(periods, size=9, mode="nearest")
-    # One sample more or less is no unevenness of the train.
+    # One sample more or less does not make a train uneven.
     return float(np.mean(np.abs(periods - usual) < np.maximum(EVEN * usual, 1.2 / pulses.rate_hz)))
 
 

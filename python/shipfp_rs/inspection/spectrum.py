@@ -17,15 +17,15 @@ from shipfp_rs.vessel.vessel import Vessel
 SEGMENT_S = 20.0
 """Length of a segment of the averaged spectrum: lines 0.25 Hz apart are told from one another."""
 LEAST_SAMPLES = 64
-"""Of a segment, and of a channel that has a spectrum."""
+"""Fewest samples of a segment, and of a channel that gets a spectrum."""
 ABOVE_FLOOR = 4.0
-"""Height of a line over the median about it."""
+"""Least height of a line over the median around it."""
 FLOOR_HZ = 4.0
 """Width of the stretch whose median is the floor."""
 LOWEST_HZ = 0.5
 MOST_PEAKS = 12
 NAMED_WITHIN = 0.01
-"""Relative distance from a known rate within which a line has its name."""
+"""A line gets the name of a known rate if it is nearer than this, relative."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 Samples = npt.NDArray[Any]
@@ -49,3 +50,10 @@ class Channel:
     def stop_s(self) -> float:
         """Time just after the last sample [s]."""
         return self.start_s + self.samples / self.rate_hz
+
+
+def with_nan(block: Samples) -> Samples:
+    """Return samples as recorded, gaps as NaN: integers with gaps become float64."""
+    if not isinstance(block, np.ma.MaskedArray):
+        return block
+    return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data

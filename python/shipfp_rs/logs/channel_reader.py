@@ -14,13 +14,13 @@ from shipfp_rs.logs.channel import BLOCK, Samples
 from shipfp_rs.logs.log import Log
 
 KEPT = 1 << 17
-"""Samples that stay at hand behind the last one read: stretches overlap by filter margins of a second or two."""
+"""Samples kept in memory before the last one read, since stretches overlap by a filter's length of a second or two."""
 STRETCH_BYTES = 1 << 27
 """Memory for a channel whose stretches are gone through more than once: over four hours at 2 kHz as float32."""
 
 
 class Stopped(Exception):
-    """Whoever asked for the samples wants no more of them."""
+    """Raised where the samples are not wanted any more."""
 
 
 class Rows:

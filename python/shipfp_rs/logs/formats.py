@@ -1,8 +1,13 @@
-"""File formats: which module reads a suffix, and what the first bytes of a text say."""
+"""File formats: which module reads a suffix, what the first bytes of a text say, and errors of damaged files."""
 
 from __future__ import annotations
 
+import contextlib
 import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from shipfp_rs.errors import InputError, ShipfpError
 
 MODULES = {
     ".parquet": "parquet",
@@ -82,3 +87,17 @@ def of_text(suffix: str, begin: bytes) -> tuple[str, str]:
 
 def _is_text(begin: bytes) -> bool:
     return not re.search(rb"[\x00-\x08\x0e-\x1f]", begin) or begin[:2] in (b"\xff\xfe", b"\xfe\xff")
+
+
+@contextlib.contextmanager
+def one_line_errors(path: Path) -> Iterator[None]:
+    """Turn whatever a format's package raises over a file into `InputError`."""
+    try:
+        yield
+    except (ShipfpError, Warning):
+        raise
+    except Exception as error:  # these packages raise anything from KeyError to MemoryError on damaged files
+        reason = " ".join(str(error).split())[:500] or type(error).__name__
+        raise InputError(
+            f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
+        ) from error

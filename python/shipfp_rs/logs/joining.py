@@ -19,9 +19,9 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_joiner
 
 RATES_AGREE = 1e-4
-"""Relative difference within which the rates of two pieces, each estimated from its own times, are one."""
+"""Two pieces have the same rate where their rates, each estimated from its own times, differ by less, relative."""
 LONGEST_GAP = 100.0
-"""Missing samples per recorded one from which on pieces are of two recordings."""
+"""With more missing samples per recorded one two pieces are taken for two recordings."""
 
 
 @register_joiner("pattern")
@@ -79,7 +79,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
             piece = log.channels[own.name]
             at = round((piece.start_s + offset - start_s) * rate)
             if abs(at - end) <= 1:
-                at = end  # no clock is known to a sample
+                at = end  # clocks are not exact to a sample
             if at < end:
                 raise InputError(
                     f"{log.name}: channel {own.name!r} begins {(end - at) / rate:g} s before the piece before it has ended; "
@@ -122,7 +122,7 @@ def _require_same(first: Log, other: Log) -> None:
 
 
 def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
-    """Seconds to add to the times of each piece, and what was taken for granted."""
+    """Seconds to add to the times of each piece, and a note on what was assumed."""
     stamps = [log.start_utc for log in logs if log.start_utc is not None]
     if len(stamps) == len(logs):
         zero = min(stamps)
@@ -168,15 +168,15 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     Parameters
     ----------
     logs
-        Logs that tell when their clocks stood at zero, or none of which does: then their times are one clock's.
-        A channel that several have carries its file's name in front.
+        Either all logs have a date, or none has; without dates their times are taken for those of one clock.
+        A channel name that several logs have gets the file's name in front.
     name
         Of the log; the first one's by default.
 
     Raises
     ------
     InputError
-        Where some tell a date and others do not, or the recordings do not overlap in time.
+        Where some logs have a date and others do not, or the recordings do not overlap in time.
     """
     if not logs:
         raise InputError("merge: no log, expected two or more")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,10 +13,10 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text
+from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors
 from shipfp_rs.support import hints, units
 from shipfp_rs.support.arguments import checked
 
@@ -54,7 +53,7 @@ class Log:
             twice = next(channel for channel in names if names.count(channel) > 1)
             raise InputError(f"{name}: channel {twice!r} stands there twice; give each channel its own name")
         for channel in channels:
-            # Rows are found from times: a time must tell samples apart.
+            # Rows are found by their times, so the times of two samples must differ.
             last_s = max(abs(channel.start_s), abs(channel.stop_s)) if channel.rate_hz > 0.0 else np.inf
             if channel.samples < 0 or not last_s * channel.rate_hz < 2.0**50:
                 raise InputError(
@@ -143,7 +142,26 @@ class Log:
         start_s: float = 0.0,
         name: str = "memory",
     ) -> Log:
-        """Build a log of channels at one rate from arrays in memory, each of shape (N,)."""
+        """Build a log of channels at one rate from arrays in memory.
+
+        Parameters
+        ----------
+        arrays
+            Name of each channel to its samples, shape (N,).
+        rate_hz
+            Sample rate [Hz].
+        units
+            Name to unit, as the logger would write it; a channel without one has none.
+        start_s
+            Time of the first samples on the log's clock [s].
+        name
+            Label.
+
+        Raises
+        ------
+        InputError
+            Where samples are no numbers in one dimension.
+        """
         held = {key: np.asarray(values) for key, values in arrays.items()}
         for key, values in held.items():
             if values.ndim != 1 or values.dtype.kind not in "biuf":
@@ -175,7 +193,13 @@ class Log:
 
     @checked
     def channel(self, name: str) -> Channel:
-        """Return what is known of a channel; `InputError` with the nearest name where there is none."""
+        """Return what is known of a channel.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel; it suggests the nearest name.
+        """
         if name not in self.channels:
             known = list(self.channels)
             hint = hints.nearest(name, known)
@@ -183,7 +207,20 @@ class Log:
         return self.channels[name]
 
     def rows(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> tuple[int, int]:
-        """Return first sample of a stretch and first one after it; the whole channel by default."""
+        """Return the indices of the first sample of a stretch and of the first one after it.
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        start_s, stop_s
+            Stretch on the log's clock [s]; None: from the channel's start, to its end.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel, or the stretch is empty or outside it.
+        """
         channel = self.channel(name)
         tolerance = 0.5 / channel.rate_hz
         start = channel.start_s if start_s is None else start_s
@@ -200,24 +237,56 @@ class Log:
     def chunks(
         self, name: str, size: int = BLOCK, *, start_s: float | None = None, stop_s: float | None = None
     ) -> Iterator[Samples]:
-        """Yield a channel in arrays of at most `size` samples, dtype as recorded."""
+        """Yield a channel in arrays of at most `size` samples, dtype as recorded, gaps as NaN.
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        size
+            Longest array, in samples.
+        start_s, stop_s
+            Stretch on the log's clock [s]; None: from the channel's start, to its end.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel, or the stretch is empty or outside it.
+        """
         first, last = self.rows(name, start_s, stop_s)
         left = last - first
         if left <= 0:
             return
         for block in self._blocks(name, first, size):
-            yield _with_nan(block[:left])
+            yield with_nan(block[:left])
             left -= len(block)
             if left <= 0:
                 return
 
     def raw_blocks(self, name: str, first: int = 0, size: int | None = None) -> Iterator[Samples]:
-        """Yield a channel from a row on with its gaps masked, all blocks of one type; what `write` stores."""
+        """Yield a channel as `write` stores it: gaps masked, all arrays of one dtype.
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        first
+            Index of the first sample wanted.
+        size
+            Longest array, in samples.
+        """
         return self._blocks(name, first, size or BLOCK)
 
     @checked
     def read(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> Samples:
-        """Return a channel from `start_s` up to, not including, `stop_s` on the log's clock, as recorded.
+        """Return a channel as recorded, shape (N,).
+
+        Parameters
+        ----------
+        name
+            Of the channel.
+        start_s, stop_s
+            From when up to, not including, when on the log's clock [s]; None: from the channel's start, to its end.
 
         Raises
         ------
@@ -235,6 +304,11 @@ class Log:
 
         Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
         shorter than the longest end in nulls, which cost next to nothing.
+
+        Raises
+        ------
+        InputError
+            Where the name does not end in .parquet, or is that of the log's own file.
         """
         path = Path(path)
         suffix = path.suffix.lower()
@@ -244,29 +318,8 @@ class Log:
         return _WRITERS[suffix](self, path)
 
 
-@contextlib.contextmanager
-def one_line_errors(path: Path) -> Iterator[None]:
-    """Turn whatever a format's package raises over a file into `InputError`."""
-    try:
-        yield
-    except (ShipfpError, Warning):
-        raise
-    except Exception as error:  # these packages raise anything from KeyError to MemoryError on damaged files
-        reason = " ".join(str(error).split())[:500] or type(error).__name__
-        raise InputError(
-            f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
-        ) from error
-
-
-def _with_nan(block: Samples) -> Samples:
-    """Samples as recorded, gaps as NaN: integers with gaps become float64."""
-    if not isinstance(block, np.ma.MaskedArray):
-        return block
-    return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
-
-
 Reader = Callable[..., Log]
-"""(path, rate_hz) to a log; those that are registered to take more get it by keyword."""
+"""Function of (path, rate_hz) that returns a log; further options that it is registered for come by keyword."""
 Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
 _WRITERS: dict[str, Writer] = {}

@@ -15,21 +15,23 @@ from shipfp_rs.optimise.gauss_newton import (
 from shipfp_rs.support.arrays import Array, Mask
 
 STEP_TOLERANCE = 1e-6
-"""A Gauss-Newton step that would change a parameter by more than this part of it tells that the search stopped short."""
+"""If a Gauss-Newton step would change a parameter by more than this part of it, the search stopped too early."""
 EXACT_STEP = 1e-10
-"""A step below this part is rounding, whatever the gradient says: a perfect fit leaves a residual of mere noise."""
+"""A step below this part is rounding: with a perfect fit the residual, and so the gradient, is rounding, too."""
 PLATEAU = 1e-10
-"""A parameter whose effect, relative to the residual, fell below this part of what it was does nothing any more."""
+"""A parameter has lost its effect if that, relative to the residual, fell below this part of what it was at the start."""
 FAR_AWAY = 1e4
-"""A parameter this many times its start has run away, if it lost its meaning on the way; the square, if it had none."""
+"""A parameter has run away if it is this many times its start and lost its effect on the way; with no effect at the start,
+the square of this counts."""
 SMALLEST = 1e-300
-"""Stands for the size of what has none."""
+"""Size that stands in for that of a value of zero."""
 NEAR = 1e-2
 """Relative change of the parameters when a direction without slope is tried."""
 NO_EFFECT = 1e-15
-"""A parameter which, changed by its own size, changes the residual by less than this part of it has no effect."""
+"""A parameter has no effect if changing it by its own size changes the residual by less than this part."""
 ACROSS = 1.1
-"""Relative change along a lost direction from which to search again: the smaller of two merged terms changes its sign."""
+"""Relative change along a direction that lost its effect, before a new search; it makes the smaller of two merged terms
+change its sign."""
 FAR = (0.1, 0.01, 10.0)
 """Factors by which a parameter without any effect is tried elsewhere: it may have started on a plateau."""
 
@@ -52,7 +54,7 @@ def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float, hidden: 
     step = gauss_newton_step(point, bounds)
     slope, slope_before = (np.linalg.norm(p.jacobian, axis=0) for p in (point, start))
     free = ~step.held
-    # In products, since either residual may be zero.
+    # Products, not quotients, since either residual may be zero.
     reach = np.maximum(np.abs(point.vector), np.abs(start.vector))
     lost = slope * np.sqrt(start.cost) < PLATEAU * slope_before * np.sqrt(point.cost)
     lost = free & (reach > 0.0) & (lost | ((slope == 0.0) & (slope_before > 0.0)))
@@ -63,12 +65,12 @@ def doubt(point: Point, start: Point, bounds: Bounds, tolerance: float, hidden: 
         )
     if point.cost > 0.0 and (slope * reach <= NO_EFFECT * np.sqrt(point.cost)).all():
         return "no entry of the vector has an effect here"
-    # What starts at zero is measured by the change that would count beside the residual.
+    # The size of a parameter that starts at zero is the change of it that would matter beside the residual.
     typical = np.sqrt(start.cost) / np.where(slope_before > 0.0, slope_before, np.inf)
     size = np.where(start.vector != 0.0, np.abs(start.vector), typical)
     part = np.abs(step.step) / np.maximum(np.maximum(np.abs(point.vector), size), SMALLEST)
     worst = int(np.argmax(part))
-    # A long step that gains less than rounding leads along the floor of a valley: nowhere on it is better.
+    # A long step that gains less than rounding leads along the floor of a valley, on which no point is better.
     if part[worst] > STEP_TOLERANCE and step.promise > max(ROUNDING, hidden) * point.cost:
         return f"entry {worst} of the vector still wants to move by {part[worst]:.1e} of its size"
     if step.promise > max(tolerance, hidden) * point.cost and part[worst] > EXACT_STEP:

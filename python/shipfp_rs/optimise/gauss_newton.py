@@ -10,11 +10,11 @@ import numpy as np
 from shipfp_rs.support.arrays import Array, Mask
 
 NULL_TOLERANCE = 1e-7
-"""Directions with a singular value below this part of the largest are tried out instead of trusted."""
+"""Along directions with a singular value below this part of the largest no step is computed; points there are tried."""
 ROUNDING = 1e-13
 """Part of the cost below which its changes are noise."""
 TURNS = 4
-"""Bounds met or left on the way to a step, as a multiple of the number of entries."""
+"""Most changes of the set of active bounds during one step, as a multiple of the number of entries."""
 POLISH_STEPS = 30
 
 
@@ -63,7 +63,7 @@ def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
     norm = np.sqrt(np.einsum("rq,rq->q", point.jacobian, point.jacobian))
     scale = np.where(norm > 0.0, norm, 1.0)
     size = len(scale)
-    # The triangular factor of [J r] tells all that the tall matrix does.
+    # The triangular factor of [J r] has the same products as the tall matrix.
     factor = np.asarray(np.linalg.qr(np.column_stack([point.jacobian / scale, point.residual]), mode="r"))
     triangle, target = factor[:, :size], factor[:, size]
     slope = triangle.T @ target
@@ -82,7 +82,7 @@ def gauss_newton_step(point: Point, bounds: Bounds) -> Step:
         part = np.divide(room, way, out=np.full(size, np.inf), where=free & (way != 0.0))
         if part.min(initial=np.inf) < 1.0:
             first = int(np.argmin(part))
-            # To the first bound on the way: the others may lie ahead only because this one would be passed.
+            # Go to the first bound only: the others may lie ahead only because this one would be crossed.
             step = np.clip(step + part[first] * way, lower, upper)
             step[first] = lower[first] if way[first] < 0.0 else upper[first]
             held[first] = True
@@ -119,7 +119,7 @@ def polish(
         if still or step.promise < promising * point.cost:
             return point
         length = float(np.linalg.norm(step.step * np.linalg.norm(point.jacobian, axis=0)))
-        # At the floor of rounding the cost says nothing more, but a shrinking step still does.
+        # Once the cost changes by rounding only, a shrinking step still shows progress.
         floor = step.promise <= ROUNDING * point.cost
         enough = point.cost * (1.0 + ROUNDING) if floor and length < last else point.cost
         for part in (1.0,) if floor else (1.0, 0.5, 0.25):

@@ -19,15 +19,16 @@ from shipfp_rs.support.arrays import Array, Mask
 Function = Callable[[Array], tuple[Array, Array]]
 
 NOTICEABLE = 1e-9
-"""Part of the cost by which another point must be lower to be lower."""
+"""Another point counts as lower if its cost is less by more than this part."""
 ROUNDS = 8
-"""Times that a search whose end is in doubt may go on from there, as long as it gains."""
+"""How often a search whose end is in doubt is continued from there, as long as that lowers the cost."""
 WORTHWHILE = 1e-12
-"""Part of an entry below which a step of it, near a minimum, is not worth an evaluation."""
+"""Near a minimum a step that changes no entry by more than this part is not taken."""
 DEVIATIONS = 1e-7
-"""Standard deviations of the estimates below which a step, near a minimum, is not."""
+"""Near a minimum a step smaller than so many standard deviations of the estimates is not taken."""
 HIDDEN = 1e-3
-"""The same below which a step along the bent floor of a valley, which the search can't take, leaves no doubt of its end."""
+"""A step that the search can't take, along the curved floor of a valley, makes its end doubtful only if it is larger than
+so many standard deviations."""
 ROUGH = 1e-6
 """Relative change of the sum of squares that ends an approach."""
 STOPPED = "stopped at the limit of"
@@ -160,7 +161,7 @@ class _LimitReachedError(Exception):
 
 
 class _Recorder:
-    """The function, its failures turned into infinite cost, its best point kept, its limits watched."""
+    """Calls the function; turns failures into an infinite cost, keeps the best point, and watches the limits."""
 
     def __init__(
         self,
@@ -214,7 +215,7 @@ class _Recorder:
             self.failure = "its residual or Jacobian is not finite"
         if self.evaluations == 1:
             return Point(vector, np.zeros(0), np.zeros((0, len(vector))), np.inf)
-        # SciPy's searches take residuals that are not finite as a step too far.
+        # SciPy's searches shorten a step that leads to residuals which are not finite.
         nothing = np.full_like(self.first.residual, np.nan)
         return Point(vector, nothing, self.first.jacobian, np.inf)
 
@@ -235,7 +236,9 @@ def _checked(start: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -
     return bounds.clip(vector), bounds
 
 
-@np.errstate(all="ignore")  # a step too far may overflow, in the model or in SciPy's norms; it is turned back
+@np.errstate(
+    all="ignore"
+)  # a step that is too long may overflow, in the model or in SciPy's norms; it is shortened
 def _minimise(
     recorder: _Recorder,
     start: Array,
@@ -308,7 +311,7 @@ def _way_down(
         if not np.isfinite(trial.cost):
             continue
         end = run(trial)
-        # Where two terms merged, the way down may only open after some of one is moved to the other.
+        # Where two terms merged, the cost may only fall after part of one is moved to the other.
         for other in (end, *map(recorder, nearby(end, first, bounds))):
             if _is_lower(other, point.cost):
                 return other
@@ -331,6 +334,6 @@ def _run_scipy(recorder: _Recorder, point: Point, *, bounds: Bounds, tolerance: 
             max_nfev=recorder.max_evaluations + 1,
         )
     except np.linalg.LinAlgError:
-        # A decomposition that does not converge ends this run; the best point stands and is judged as any other.
+        # A decomposition that does not converge ends this run; its best point is kept and judged as any other.
         return recorder.best
     return recorder(ended.x)

@@ -12,7 +12,7 @@ TOLD = 1e-12
 """Part of the strongest direction among the unknowns that enter linearly below which they are not told apart."""
 
 ROUNDING = 1e-14
-"""Part of a column's sum of squares below which what is left of it is noise."""
+"""After other columns are cleared from a column, less than this part of its sum of squares is rounding."""
 
 DISTINCT = 1e-8
 """Least part of their sizes by which columns must differ, as a square, for their products to tell all that they tell."""
@@ -57,7 +57,7 @@ class Products:
         None where the columns, weighted by a root (O, O), are so nearly dependent that products tell less than they do.
         """
         weighted = self.gram(root)
-        # A residual that a fit leaves nothing of may come out below zero by rounding.
+        # The square of a residual that is zero may come out negative by rounding.
         size = np.sqrt(np.maximum(np.diag(weighted), 0.0))
         size[size == 0.0] = 1.0
         if not np.linalg.eigvalsh(weighted / np.outer(size, size))[0] > DISTINCT:
@@ -67,7 +67,7 @@ class Products:
         size = np.sqrt(np.maximum(np.diag(gram), 0.0))
         size[size == 0.0] = 1.0
         strength, direction = np.linalg.eigh(gram / np.outer(size, size))
-        # Outputs may depend on each other, so some directions hold nothing but rounding.
+        # Where outputs depend on each other, some directions are rounding only.
         short = size[:, None] * direction * np.sqrt(np.maximum(strength, 0.0))
         return np.ascontiguousarray(short.reshape(outputs, columns, -1).swapaxes(0, 1))
 
@@ -114,7 +114,7 @@ def condense(gram: Array) -> tuple[Array, Array]:
     size = np.sqrt(np.diag(gram)[:-1])
     size[size == 0.0] = 1.0
     strength, direction = np.linalg.eigh(gram[:-1, :-1] / np.outer(size, size))
-    # What is below rounding is a null direction: no row, so no step along it.
+    # A direction below rounding gets no row, so no step goes along it.
     root = np.sqrt(np.where(strength > 1e-15 * strength[-1], strength, 0.0))
     turned = direction.T @ (gram[:-1, -1] / size)
     along = np.divide(turned, root, out=np.zeros_like(turned), where=root > 0.0)

@@ -39,6 +39,11 @@ def pulse_intervals(
     Returns
     -------
     Axes
+
+    Raises
+    ------
+    InputError
+        For less than one turn of pulses.
     """
     (ax,) = panels_of(None if ax is None else [ax], 1)
     times = pulses.times_s

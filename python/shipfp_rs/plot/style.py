@@ -25,6 +25,7 @@ LABELS: Mapping[str, str] = {
     "M_g": "gauge torque $M_g$",
     "X_f": "fuel rack $X_f$",
     "E_n": "speed error $E_n$",
+    "M_load": "load torque $M_{load}$",
 }
 """What the signals are called in legends."""
 QUANTITIES: Mapping[str, str] = {
@@ -44,6 +45,7 @@ COLOURS: Mapping[str, str] = {
     "M_g": ORANGE,
     "X_f": GREEN,
     "E_n": GREEN,
+    "M_load": GREY,
 }
 REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)

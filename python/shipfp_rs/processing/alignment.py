@@ -24,19 +24,19 @@ from shipfp_rs.tacho import pulse_times
 COARSE_HZ, FINE_HZ = 10.0, 100.0
 """Rates at which the lag is searched and refined."""
 COARSE_S, FINE_S = 300.0, 60.0
-"""Stretches that have one lag each; 100 parts in a million are 30 ms in the longer ones."""
+"""Lengths of the stretches whose lags are found [s]; a drift of 100 parts in a million is 30 ms in the longer ones."""
 SMOOTH_S = 0.03
-"""Standard deviation of the bell that the fine signals are smoothed with, so that lines between samples follow them."""
+"""Standard deviation of the Gaussian that smooths the fine signals [s], so that straight lines between samples will do."""
 ALIKE = 0.8
 """Least correlation of a stretch of one logger with the other's."""
 MOST_DRIFT = 1e-3
-"""Relative difference of rate that no two working clocks have."""
+"""Two working clocks differ in rate by less than this."""
 STEPS = 4
 """Gauss-Newton steps of a stretch's lag, and passes over the line through all of them."""
 PASSES = 3
 """Times that the lags of all stretches are fitted anew."""
 NEXT_PULSE = 0.25
-"""Distance to the other logger's pulse, in intervals, up to which it is the same."""
+"""Two loggers' pulses are the same one where they lie closer together than this part of an interval."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class _Series:
 
 
 def _smooth(log: Log, name: str) -> _Series:
-    """What of a channel lies well below the fine rate: a step between two samples has no time of its own."""
+    """Low-pass a channel well below the fine rate, since a step between two samples has no exact time."""
     rows = Rows(log, name)
     channel = rows.channel
     rate_hz = nearest_rate(channel, FINE_HZ)
@@ -240,7 +240,8 @@ def _correlation(around: Array, part: Array) -> Array:
 def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
     """Line through the lags of short stretches, each fitted between the samples.
 
-    A stretch's lag is that of its lively part, which need not be its middle: each pass takes off the drift of the last.
+    A stretch's lag is that of the part in which the signal moves, which need not be its middle; so each pass first removes
+    the drift that the last one found.
     """
     length_s = min(FINE_S, (there.stop_s - there.start_s) / 4.0)
     parts = [

@@ -17,6 +17,9 @@ from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 
+OF_A_LEVEL = ("stuck", "dropout", "clipped")
+"""Faults that a load's own level looks like."""
+
 
 class Cleaner:
     """Calibrated samples of a channel with its faults bridged or masked; remembers those of one stretch.
@@ -26,7 +29,7 @@ class Cleaner:
     rows
         The channel.
     sensor
-        Its calibration. A set point drives the model and is bridged; torque and rack are masked.
+        Its calibration. Set point and load drive the model and are bridged; torque and rack are masked.
     processing
         What counts as a fault.
     first, last
@@ -35,7 +38,7 @@ class Cleaner:
     Raises
     ------
     InputError
-        Where the set point is lost for longer than may be bridged.
+        Where the set point, or the load, is lost for longer than may be bridged.
     """
 
     def __init__(
@@ -47,15 +50,17 @@ class Cleaner:
         last: int,
     ) -> None:
         settings = processing.faults
-        self.drives = isinstance(sensor, SetPoint)
+        is_set_point = isinstance(sensor, SetPoint)
+        self.drives = isinstance(sensor, SetPoint | Load)
+        self.what = "set point" if is_set_point else "load"
         self.rows = rows
         self.channel = rows.channel
-        unit = "rpm" if self.drives else "mm" if isinstance(sensor, Rack) else "Nm"
+        unit = "rpm" if is_set_point else "mm" if isinstance(sensor, Rack) else "Nm"
         if isinstance(sensor, Load) and sensor.quantity == "power":
             unit = "W"
         self.calibration = sensor.calibration.calibration(unit)
-        self._spike = "D1" if self.drives else "spike" if isinstance(sensor, Rack | Load) else "C"
-        self.spikes = processing.set_point_jumps if self.drives else processing.torque_spikes
+        self._spike = "D1" if is_set_point else "spike" if isinstance(sensor, Rack | Load) else "C"
+        self.spikes = processing.set_point_jumps if is_set_point else processing.torque_spikes
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz
         # The low-pass reaches beyond the stretch on either side.
@@ -68,11 +73,14 @@ class Cleaner:
             LevelLimits(
                 stuck_s=settings.stuck_s, dropout_s=settings.dropout_s, spike_s=self.spikes.longest_s
             ),
-            mains_hz=self.mains_hz if self.drives else None,
+            mains_hz=self.mains_hz if is_set_point else None,
             least_hum=settings.least_hum,
-            repeats=self.drives,
+            repeats=is_set_point,
         )
-        # A channel that stands still throughout may be meant to: that is told, and nothing is left to repair it from.
+        if isinstance(sensor, Load):
+            # A load that is switched off stays at zero, and at its rating it stays at a limit: neither is a fault.
+            found = {kind: spans for kind, spans in found.items() if kind not in OF_A_LEVEL}
+        # A channel that never changes may be right. It is reported and left as it is: nothing is there to repair it from.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
         self._hum = found.pop("D2", whole[:0])
@@ -83,10 +91,10 @@ class Cleaner:
             self._require_short(settings.longest_bridge_s)
 
     def __call__(self, first: int, stop: int) -> Array:
-        """Return samples [first, stop) with what is lost bridged or NaN."""
+        """Return samples [first, stop); lost ones are bridged or NaN."""
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
-        if self.drives and marks(self._hum, first, stop).any():
+        if marks(self._hum, first, stop).any():
             samples = self._without_hum(samples, missing, first)
         spiky, found = self._spiky(samples, missing)
         self._spikes.append(first + found[self._judged(found, first, len(samples))])
@@ -111,7 +119,7 @@ class Cleaner:
         return clipped_to(spans, self.first, self.last)
 
     def _require_short(self, longest_s: float) -> None:
-        """Refuse a set point that is lost for too long to be guessed."""
+        """Refuse a channel that drives the model and is lost for too long to be guessed."""
         for kind, found in self._found.items():
             spans = self._within(found)
             long = spans[spans[:, 1] - spans[:, 0] > longest_s * self.channel.rate_hz]
@@ -119,13 +127,13 @@ class Cleaner:
                 start, stop = long[0].tolist()
                 at, until = (self.channel.start_s + k / self.channel.rate_hz for k in (start, stop))
                 raise InputError(
-                    f"{self.rows.log.name}: set point {self.channel.name!r} has a fault, {KINDS[kind]}, from {at:g} "
+                    f"{self.rows.log.name}: {self.what} {self.channel.name!r} has a fault, {KINDS[kind]}, from {at:g} "
                     f"to {until:g} s (samples {start} to {stop - 1}); it drives the model and no more than "
                     f"{longest_s:g} s are bridged, cut the window there"
                 )
 
     def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:
-        """Take the hum out of a piece; spikes would ring in it as far as its window reaches, and are bridged before."""
+        """Remove the hum from a piece; spikes are bridged before, since each would disturb it over the filter's length."""
         filled = bridge(samples, missing | self._spiky(samples, missing)[0])
         return samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
 
@@ -151,12 +159,12 @@ class Cleaner:
             for start, stop in runs(~absent)
         )
         for begin, end in found:
-            # One more on either side: the receiver's filter rounds a spike's feet.
+            # One sample more on either side: the receiver's filter widens a spike's foot.
             spiky[max(begin - 1, 0) : end + 1] = True
         return spiky, found
 
     def _judged(self, spans: Spans, first: int, size: int) -> Mask:
-        """Whether spans stand far enough inside a piece to be judged from both sides; pieces overlap by more."""
+        """Whether spans lie so far inside a piece that both sides of them are seen; pieces overlap by more."""
         border = round(0.5 * MARGIN_S * self.channel.rate_hz)
         low = 0 if first == 0 else border
         high = size if first + size == self.channel.samples else size - border

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.spikes import bridge
@@ -48,7 +48,7 @@ def about_local_point(experiment: Experiment) -> Experiment:
 
 
 def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
-    """Return the experiment without the slow drift of its outputs; the set point stays as it is.
+    """Return the experiment without the slow drift of its outputs; what drives the model stays as it is.
 
     Every output is fitted by a polynomial of time together with the set point and its slope, which stand for the plant's
     answer; the polynomial is taken off but for its mean, so that levels, and with them the operating point, stay. Drift
@@ -85,7 +85,7 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
         return np.asarray(values - trend + trend[known].mean())
 
     signals = {
-        name: without(values) if name != "n_set" and np.isfinite(values).any() else values
+        name: without(values) if name not in DRIVES and np.isfinite(values).any() else values
         for name, values in experiment.signals.items()
     }
     return replace(experiment, signals=signals)

@@ -19,14 +19,14 @@ from shipfp_rs.tacho import IntervalSpeed, Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
 
 TRAINS_AGREE = 0.02
-"""Relative difference in speed that no two pulse trains of one shaft line have."""
+"""Pulse trains of one shaft line differ in speed by less than this, relative."""
 LEAST_INTERVALS = 8
-"""Below so many a train says nothing beside the others."""
+"""A train with fewer intervals is not compared with the others."""
 
 
 @dataclass(frozen=True)
 class _Level:
-    """A speed recorded as such beside one that was counted: its scale, its deviation, and how they scatter."""
+    """A recorded speed compared with one counted from pulses: its scale, its standard deviation, and their scatter."""
 
     train: SpeedLevel
     speed: IntervalSpeed
@@ -186,7 +186,7 @@ class EngineSpeed:
         def sampled(first: int, stop: int) -> Array:
             time = base.start_s + np.arange(first, stop) / base.rate_hz
             rps = fit.fit.speed(time)
-            # The deviation, which tells where nothing but the spline's stiffness is, takes longer than the speed.
+            # The standard deviation shows where the spline only bridges a gap. It takes longer than the speed.
             lost = np.isnan(fit.at(time[::every])[0])
             rps[np.repeat(lost, every)[: len(time)]] = np.nan
             return rps * own.rpm_per_rps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft
@@ -12,7 +13,7 @@ from scipy.signal.windows import tukey
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 RATE_HZ = 800.0
-"""Rate at which the torque is searched, where it was recorded as fast; stairs of 5 ms then have two harmonics in the band."""
+"""Rate at which the torque is searched, where it was recorded as fast: stairs of 5 ms have two harmonics below it."""
 LONGEST_S = 1000.0
 """Longest stretch that is searched: it tells a clock that acts, and longer ones cost memory."""
 DRIVEN_HZ = 6.0
@@ -33,7 +34,7 @@ firing and blades, whose frequency goes with the speed, leave more beside their 
 PIECES = 8
 """Parts of the record, as lively each as the others, through all of which a clock keeps its phase."""
 COHERENT = 0.75
-"""Part of the power of a clock's harmonic, piece by piece, that one line through all pieces must explain, for two of them."""
+"""Part of a harmonic's power, piece by piece, that one line through all pieces must explain; for two harmonics."""
 CHANCE = 20.0
 """Power over noise that one of some harmonics may have by chance."""
 PART = 0.7
@@ -87,7 +88,7 @@ def governor_clock(
     stairs = _without(_filled(torque), rate_hz)
     length = fft.next_fast_len(2 * len(stairs), real=True)
     spectra = np.array([fft.rfft(stairs * slope, length) for slope in slopes])
-    inverse = np.linalg.inv(slopes @ slopes.T)
+    inverse = np.asarray(np.linalg.inv(slopes @ slopes.T), dtype=np.float64)
     step = rate_hz / length
     power = _over_noise(_explained(spectra, inverse), step)
     found = _comb(power, step, min(SEEN * rate_hz, 2.0 * FASTEST_HZ), orders_hz)
@@ -111,7 +112,7 @@ def _filled(values: Array) -> Array:
 
 
 def _slopes(speed: Array, factor: int, rate_hz: float) -> Array:
-    """First and second derivative of the speed below `DRIVEN_HZ` at the torque's rate, each of unit power, shape (2, factor N)."""
+    """First and second derivative of the speed below `DRIVEN_HZ`, at the torque's rate, of unit power: (2, factor N)."""
     count = len(speed)
     filled = _filled(speed)
     level = (filled - filled.mean()) * tukey(count, 0.02)
@@ -186,7 +187,7 @@ def _refined(
     spectra = np.array(
         [zoom_fft(stairs * slope, around, count, fs=rate_hz, endpoint=True) for slope in slopes]
     )
-    frequency = np.linspace(*around, count)
+    frequency = np.linspace(around[0], around[1], count)
     top = float(frequency[int(np.argmax(_explained(spectra, inverse)))])
     weight = np.square(slopes).sum(axis=0)
     time = np.arange(len(stairs)) / rate_hz
@@ -204,7 +205,7 @@ def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> 
     turned = stairs * np.exp(-2j * np.pi * line_hz / rate_hz * np.arange(len(stairs)))
     lively = np.cumsum(np.square(slopes).sum(axis=0))
     ends = np.searchsorted(lively, lively[-1] * np.arange(PIECES + 1) / PIECES)
-    pieces = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
+    pieces = [slice(*pair) for pair in pairwise(ends)]
     along = np.array([slopes[:, piece] @ turned[piece] for piece in pieces])
     grams = np.array([slopes[:, piece] @ slopes[:, piece].T for piece in pieces])
 

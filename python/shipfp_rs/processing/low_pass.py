@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.fir import taps
 from shipfp_rs.support.spans import Spans, runs
+from shipfp_rs.support.spikes import bridge
 
 Source = Callable[[int, int], Array]
 """(first, stop) to samples on a channel's own index, NaN where masked."""
@@ -26,6 +29,12 @@ MASKED_SHARE = 0.05
 """Share of the filter's weight on masked samples from which on its output is masked."""
 ALIGNED = 1e-6
 """Parts of a sample by which clocks differ through rounding alone."""
+SAME_CLOCK, SAME_RATE = 1e-6, 1e-3
+"""Parts by which rates of one clock differ through rounding, and by which two clocks of one nominal rate do."""
+REACH = 16
+"""Samples on either side that a value between two samples is made of."""
+KAISER = 8.0
+"""Of the window over them: up to two fifths of the sample rate a value is right to one part in a thousand."""
 
 
 def nearest_rate(channel: Channel, wanted_hz: float) -> float:
@@ -40,6 +49,41 @@ def nearest_rate(channel: Channel, wanted_hz: float) -> float:
         )
     share = wanted_hz / channel.rate_hz
     return channel.rate_hz * float(Fraction(share).limit_denominator(max(100, round(1.0 / share))))
+
+
+def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[Channel, Source]:
+    """Return a channel, and samples of it, at a rate that is to the common one as two small numbers are.
+
+    The nodes of a bus have a clock each, a few parts in a million or ten thousand off: a channel of such another clock is
+    sampled again, by a windowed sinc. Any other rate is returned as it is.
+    """
+    share = rate_hz / channel.rate_hz
+    nearest = Fraction(share).limit_denominator(max(500, round(1.0 / share)))
+    if math.isclose(nearest, share, rel_tol=SAME_CLOCK) or not math.isclose(
+        nearest, share, rel_tol=SAME_RATE
+    ):
+        return channel, source
+    step = channel.rate_hz * float(nearest) / rate_hz
+    samples = int((channel.samples - 1) / step) + 1
+    resampled = partial(_between, source, channel.samples, step)
+    return replace(channel, rate_hz=rate_hz / float(nearest), samples=samples), resampled
+
+
+def _between(source: Source, samples: int, step: float, first: int, stop: int) -> Array:
+    """Return samples [first, stop) of those that lie `step` samples of a source apart; NaN beside what is masked there."""
+    at = np.arange(first, stop) * step
+    low = max(int(at[0]) - REACH, 0)
+    values = source(low, min(int(at[-1]) + REACH + 2, samples))
+    missing = np.isnan(values)
+    filled = bridge(values, missing)
+    whole = np.floor(at).astype(np.int64)
+    taps_at = np.arange(1 - REACH, REACH + 1)
+    distance = (at - whole)[:, None] - taps_at
+    weights = np.sinc(distance) * np.i0(KAISER * np.sqrt(np.maximum(1.0 - (distance / REACH) ** 2, 0.0)))
+    places = np.clip(whole[:, None] + taps_at - low, 0, len(values) - 1)
+    found = np.sum(weights * filled[places], axis=1) / weights.sum(axis=1)
+    found[missing[places[:, REACH - 1 : REACH + 1]].any(axis=1)] = np.nan
+    return np.asarray(found)
 
 
 class LowPass:
@@ -57,7 +101,7 @@ class LowPass:
 
     def __init__(self, channel: Channel, rate_hz: float, start: float) -> None:
         ratio = Fraction(rate_hz / channel.rate_hz).limit_denominator(4096)
-        if ratio > 1 or not math.isclose(ratio, rate_hz / channel.rate_hz, rel_tol=1e-6):
+        if ratio > 1 or not math.isclose(ratio, rate_hz / channel.rate_hz, rel_tol=SAME_CLOCK):
             raise InputError(
                 f"channel {channel.name!r}: found {channel.rate_hz:g} Hz, expected {rate_hz:g} Hz or a multiple of "
                 "it by a simple ratio; choose another processing.rate_hz"

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.logs.channel import Channel
+from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
@@ -26,8 +25,9 @@ from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest
-from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate
-from shipfp_rs.processing.plausibility import require_sense, require_unit
+from shipfp_rs.processing.grid import Grid
+from shipfp_rs.processing.low_pass import nearest_rate
+from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
@@ -38,6 +38,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
 from shipfp_rs.support.spans import clipped_to, joined, marks
+from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -77,7 +78,7 @@ def process(
         calibration's unit, NaN where masked.
         `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, the
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
-        or, where they are the set point's, in every answer to it.
+        or, where they are the set point's or the load's, in every answer to it.
 
     Raises
     ------
@@ -96,25 +97,6 @@ def process(
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point = recording.operating_point()
     return [recording.experiment(window, point) for window in windows]
-
-
-@dataclass(frozen=True)
-class _Grid:
-    """Times at which the signals of a stretch are sampled."""
-
-    label: str
-    start_s: float
-    rate_hz: float
-    count: int
-
-    @property
-    def stop_s(self) -> float:
-        return self.start_s + self.count / self.rate_hz
-
-    def low_passed(self, channel: Channel, source: Source) -> Array:
-        """Return samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
-        start = (self.start_s - channel.start_s) * channel.rate_hz
-        return LowPass(channel, self.rate_hz, start)(source, self.count)
 
 
 @dataclass(frozen=True)
@@ -168,7 +150,7 @@ class _Recording:
             stopped=self._stopped,
         )
 
-    def _grid(self, label: str) -> _Grid:
+    def _grid(self, label: str) -> Grid:
         """Times from a sample of the set point on; whatever else is evaluated at them."""
         base = self._base.channel
         first, last = self._within(self._base, label)
@@ -178,7 +160,7 @@ class _Recording:
             raise InputError(
                 f"{label}: {start_s:g} to {stop_s:g} s hold {count} samples at {self.rate_hz:g} Hz"
             )
-        return _Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
+        return Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
 
     def _within(self, rows: Rows, label: str) -> tuple[int, int]:
         try:
@@ -236,15 +218,26 @@ class _Recording:
             point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
         for signal, sensor in self.trial.channels.levels.items():
             if isinstance(sensor, Load):
-                continue  # an input: its mean over the steady stretch, where there is one
+                # What is measured of it there is all of it or a part; without a steady stretch it is the torque.
+                if signal not in point:
+                    point[signal] = self._shaft_torque()
+                continue
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
+
+    def _shaft_torque(self) -> float:
+        """Torque of the shaft at the operating point, from that at the place of the torque channel [Nm]."""
+        torque, value = self.trial.channels.torque, self.trial.operating_point.M_Nm
+        assert torque is not None
+        assert value is not None
+        return value * self.vessel.torque_ratio if torque.location == "brake" else value
 
     def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
         """Cut one window."""
         signals, account = self._signals(_label(window))
         settings = self.trial.processing
+        require_loaded(_label(window), signals, point)
         if window.kind == "chirp":
             only = constant_frequency(signals["n_set"], self.rate_hz)
             if only is not None:
@@ -283,21 +276,14 @@ class _Recording:
         part = liveliest(rpm, int(LONGEST_S * grid.rate_hz))
         if factor < 2 or np.isfinite(rpm[part]).sum() < 2:
             return None
-        finer = _Grid(
-            label,
-            grid.start_s + part.start / grid.rate_hz,
-            factor * grid.rate_hz,
-            factor * (part.stop - part.start),
-        )
-        first = rows.channel.start_s
-        span = ((time - first) * rows.channel.rate_hz for time in (finer.start_s, finer.stop_s))
-        cleaner = Cleaner(
-            rows, sensor, self.trial.processing, *(min(max(int(at), 0), rows.channel.samples) for at in span)
-        )
+        start_s = grid.start_s + part.start / grid.rate_hz
+        finer = Grid(label, start_s, factor * grid.rate_hz, factor * (part.stop - part.start))
+        end_s = rows.channel.start_s + rows.channel.samples / rows.channel.rate_hz
+        within = rows.within(start_s, min(finer.stop_s, end_s))
+        cleaner = Cleaner(rows, sensor, self.trial.processing, *within)
         turns_hz = np.nanmean(rpm[part]) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
-        found = governor_clock(
-            finer.low_passed(rows.channel, cleaner), rpm[part], factor, finer.rate_hz, turns_hz
-        )
+        torque = finer.low_passed(rows.channel, cleaner)
+        found = governor_clock(torque, rpm[part], factor, finer.rate_hz, turns_hz)
         return None if found is None else dataclasses.asdict(found)
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -310,6 +296,9 @@ class _Recording:
         for name, sensor in self.trial.channels.levels.items():
             cleaned, is_torque = self.levels[name][label], isinstance(sensor, Torque)
             signals[name] = cleaned.samples
+            if isinstance(sensor, Load) and sensor.quantity == "power":
+                shaft = bridge(speed.rpm, np.isnan(speed.rpm)) / 60.0 / self.vessel.gearbox.ratio
+                signals[name] = cleaned.samples / (2.0 * np.pi * shaft)
             faults = faults + cleaned.faults
             told_by[sensor.column] = [name]
             kind = "torque" if is_torque else "load" if isinstance(sensor, Load) else "rack"
@@ -319,7 +308,8 @@ class _Recording:
                 kept = "kept: negative on average; normalised with a negative mean it tells the same"
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
         require_sense(label, signals, self.vessel)
-        told_by[self._base.channel.name] = [name for name in signals if name != "n_set"]
+        answers = [name for name in signals if name not in DRIVES]
+        told_by |= dict.fromkeys(self._drives(), answers)
         self._exclude(signals, label, faults, told_by)
         return signals, {
             "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * self.rate_hz:g} Hz passed, "
@@ -329,6 +319,11 @@ class _Recording:
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
         }
+
+    def _drives(self) -> list[str]:
+        """Channels that drive the model: what is repaired in them is masked in every answer."""
+        load = self.trial.channels.load
+        return [self._base.channel.name, *([] if load is None else [load.column])]
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
         """Tell where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
@@ -379,7 +374,7 @@ class _Recording:
         kept = f"kept: no chirp, its frequency stays at {frequency_hz:.3g} Hz"
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
-    def _engine_speed(self, grid: _Grid) -> _EngineSpeed:
+    def _engine_speed(self, grid: Grid) -> _EngineSpeed:
         """Return the engine speed in a stretch.
 
         It is sampled at the rate of the set point first, so that it passes the very filter that the others do.

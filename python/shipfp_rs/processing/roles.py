@@ -1,4 +1,4 @@
-"""What the channels of a log are: set point, torque, speed, actuator, pulse trains, by name and by what they do."""
+"""What the channels of a log are: set point, torque, speed, actuator, load, pulse trains, by name and by what they do."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.coarse import block_means, bridged
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.units import TO_NM, TO_RPM
+from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W
 
 NAMES: Mapping[str, str] = {
     "set_point": r"set[ _-]?point|n[ _-]?set|setp|soll|sollwert|f[üu]hrungsgr|gewenst|wenswaarde|consigne|b[øo]rv[æa]rde|"
     r"referansetall|setpunt|consigna|riferimento|zadana|asetusarvo|ayar|задан|requested|desired|demand|command|"
     r"speed ?ref|lever|hendel",
+    "load": r"load|last|generator|alternator|belasting|dynamo|grid|netz",
     "torque": r"torq|moment|koppel|couple|torsion|strain|dehnung|rek$|coppia|par[ _]motor|vridmoment|"
     r"dreiemoment|drejningsmoment|"
     r"wej?wn|v[äa][äa]nt[öo]|tork|крутящ",
@@ -27,6 +29,8 @@ NAMES: Mapping[str, str] = {
     r"obroty|kierros|devir|оборот|rpm|tacho|n[ _]?(?:e|eng|engine|motor|s|shaft)$",
 }
 """Parts of names in the languages of yards and loggers, without regard to case; the first that fits counts."""
+LOAD_UNITS = TO_W.keys() | TO_NM.keys()
+"""Units of a load; that of an engine's bus in per cent is no load of a shaft."""
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
@@ -39,6 +43,8 @@ class Roles:
     set_point: str | None = None
     torque: str | None = None
     actuator: str | None = None
+    load: str | None = None
+    """What the machine drives, as power or torque."""
     speeds: list[str] = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
 
@@ -72,7 +78,14 @@ def guess_roles(log: Log, trains: Mapping[str, float], set_point: str | None = N
         if name in trains:
             roles.reasons[name] = f"pulse train, {trains[name]:.4g} pulses a second"
             continue
-        role = next((role for role, words in NAMES.items() if re.search(words, name, re.IGNORECASE)), None)
+        role = next(
+            (
+                role
+                for role, words in NAMES.items()
+                if re.search(words, name, re.IGNORECASE) and (role != "load" or channel.unit in LOAD_UNITS)
+            ),
+            None,
+        )
         if role is None:
             role = (
                 "torque"
@@ -94,7 +107,7 @@ def guess_roles(log: Log, trains: Mapping[str, float], set_point: str | None = N
         roles.reasons[set_point] = "set point as told"
     else:
         roles.set_point = _only(named["set_point"], "set point", roles) or _leader(log, trains, named, roles)
-    for role in ("torque", "actuator"):
+    for role in ("torque", "actuator", "load"):
         chosen = _only([name for name in named[role] if name != roles.set_point], role, roles)
         setattr(roles, role, chosen)
     roles.speeds = [
@@ -156,14 +169,5 @@ def _coarse(log: Log, name: str) -> Array | None:
     block = round(channel.rate_hz / LAG_RATE_HZ)
     if block < 1 or channel.samples < 2 * block:
         return None
-    parts, held = [], np.empty(0)
-    for chunk in log.chunks(name):
-        held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
-        whole = len(held) // block * block
-        parts.append(held[:whole].reshape(-1, block).mean(axis=1))
-        held = held[whole:]
-    values = np.concatenate(parts)
-    known = np.isfinite(values)
-    if known.sum() < 2:
-        return None
-    return np.asarray(np.interp(np.arange(len(values)), np.flatnonzero(known), values[known]))
+    values = block_means(log, name, block)
+    return bridged(values) if np.isfinite(values).sum() >= 2 else None

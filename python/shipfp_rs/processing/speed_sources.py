@@ -107,7 +107,7 @@ class _NoRows:
 
 
 def read_edges(path: Path, tacho: Tacho) -> Array:
-    """Return the times of a list of edges [s], of those up to the upper level where it tells levels.
+    """Return the times of a list of edges [s]; where the list has levels, only of the edges that rise to the upper one.
 
     Raises
     ------

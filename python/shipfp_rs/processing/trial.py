@@ -8,11 +8,9 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_channels import LOADS, SIGNAL_OF_LOCATION, Channels
+from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION, Channels
 from shipfp_rs.processing.trial_tables import (
-    OF_ANY_STRUCTURE,
     Align,
-    GreyBox,
     Header,
     Identify,
     OperatingPoint,
@@ -40,8 +38,6 @@ class Trial(Section):
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
-    structure: GreyBox | None = None
-    """None: the structure that the data choose, or the linear one that [identify] describes."""
     identify: Identify = Identify()
     report: Report = Report()
 
@@ -50,18 +46,13 @@ class Trial(Section):
         names = [window.name for window in self.windows]
         if len(set(names)) < len(names):
             raise unexpected("windows", f"names {names}", "each name once")
-        linear = sorted(self.identify.model_fields_set - OF_ANY_STRUCTURE)
-        if self.structure is not None and linear:
-            raise unexpected(
-                f"identify.{linear[0]}", "a key of the linear structure", "none beside the table [structure]"
-            )
         self._require_one_place_of_torque()
         point = self.operating_point
         given = {
             "n_e": point.n_e_rpm,
             **dict.fromkeys(SIGNAL_OF_LOCATION.values(), point.M_Nm),
             "X_f": point.X_mm,
-            **dict.fromkeys(LOADS.values(), 1.0),
+            "M_load": point.M_Nm if self.channels.torque is not None else None,
         }
         missing = any(given[signal] is None for signal in ("n_e", *self.channels.levels))
         if missing and point.steady_s is None:
@@ -89,32 +80,29 @@ class Trial(Section):
         return self
 
     def _require_one_place_of_torque(self) -> None:
-        """Refuse tables that say otherwise than the torque channel where the torque was measured, or whether it was."""
+        """Refuse an [identify] that contradicts the torque channel: where the torque was measured, or whether it was."""
         measured = self.channels.torque
-        for table, options in (("identify", self.identify), ("structure", self.structure)):
-            if options is None:
-                continue
-            asked = options.torque
-            if measured is None and (
-                asked is not None or ("dM" in options.outputs and "outputs" in options.model_fields_set)
-            ):
-                key, found = ("torque", f"{asked!r}") if asked is not None else ("outputs", "'dM'")
-                raise unexpected(
-                    f"{table}.{key}",
-                    f"{found} without a torque channel",
-                    "a table [channels.torque], or this key left out",
-                )
-            if measured is not None and asked is not None and asked != measured.place:
-                raise unexpected(
-                    f"{table}.torque",
-                    f"{asked!r} beside channels.torque.location = {measured.location!r}",
-                    f"{measured.place!r}, or this key left out: the location says it",
-                )
+        options, asked = self.identify, self.identify.torque
+        if measured is None and (
+            asked is not None or ("dM" in options.outputs and "outputs" in options.model_fields_set)
+        ):
+            key, found = ("torque", f"{asked!r}") if asked is not None else ("outputs", "'dM'")
+            raise unexpected(
+                f"identify.{key}",
+                f"{found} without a torque channel",
+                "a table [channels.torque], or this key left out",
+            )
+        if measured is not None and asked is not None and asked != measured.place:
+            raise unexpected(
+                "identify.torque",
+                f"{asked!r} beside channels.torque.location = {measured.location!r}",
+                f"{measured.place!r}, or this key left out: the location says it",
+            )
 
     @property
     def chooses(self) -> bool:
         """Whether the data choose the structure, within what [identify] leaves open."""
-        return self.structure is None and self.identify.chooses
+        return self.identify.chooses
 
     @classmethod
     @checked

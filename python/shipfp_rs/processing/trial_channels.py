@@ -12,9 +12,9 @@ from shipfp_rs.support.units import TO_REV, TO_RPM, told
 
 Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]
-"""Samples a second of any logger there is."""
+"""Samples per second; the range covers every logger."""
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
-"""Of a channel [s]; what comes later than a minute is a clock of its own."""
+"""Delay of a channel [s]; more than a minute is no delay but another clock."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
@@ -52,7 +52,7 @@ class SetPoint(Section):
     unit: str
     calibration: Line
     delay_s: Delay = 0.0
-    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+    """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
 
 
 class Torque(Section):
@@ -64,16 +64,16 @@ class Torque(Section):
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
     delay_s: Delay = 0.0
-    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+    """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
 
     @property
     def place(self) -> Literal["gauge", "brake"]:
-        """Side of the inertias that the equations have it on."""
+        """Side of the inertias on which the torque acts in the equations."""
         return "gauge" if self.location == "gauge" else "brake"
 
 
 class Rack(Section):
-    """The fuel rack, or what an engine's CAN bus tells of its fuel: nothing without fuel, and in proportion to it.
+    """The fuel rack, or a CAN bus's fuel signal: zero without fuel, and proportional to it.
 
     Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm.
     """
@@ -82,23 +82,19 @@ class Rack(Section):
     unit: str
     calibration: Line
     delay_s: Delay = 0.0
-    """How late the channel tells what happened, half the period at which a bus repeats it included [s]; taken off."""
-
-
-LOADS = {"torque": "M_load", "power": "P_load"}
-"""Signals that a measured load becomes."""
+    """Delay of the channel [s], which is removed. For a bus half of its repetition period is part of it."""
 
 
 class Load(Section):
-    """The load of a dynamometer, a generator or a hydraulic brake, calibrated to Nm or W."""
+    """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
     column: Name
     unit: str
     calibration: Line
     quantity: Literal["torque", "power"]
-    """Torque [Nm] of the load, or its power [W]."""
+    """Torque [Nm], or power [W], which is divided by the shaft's speed."""
     delay_s: Delay = 0.0
-    """How late the channel tells what happened [s]; taken off."""
+    """Delay of the channel [s], which is removed."""
 
 
 class Tacho(Section):
@@ -110,11 +106,11 @@ class Tacho(Section):
 
     kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
     column: str = ""
-    """Of the log; in a list of edges that of the times, the first one by default."""
+    """Column of the log; in a list of edges the column of the times, by default the first."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """Of a wheel with missing teeth as many as it would have: 60 for 60-2."""
+    """Pulses in a turn; for a wheel with missing teeth counted as if none were missing: 60 for 60-2."""
     missing: Annotated[int, Field(ge=0, le=4)] = 0
-    """Teeth that a wheel lacks side by side, for its mark: 2 for 60-2."""
+    """Missing teeth, side by side, that mark the turn: 2 for 60-2."""
     quadrature: Name | None = None
     """Column of the second train of a pair that is a quarter of a pulse apart."""
     shaft: Literal["engine", "propeller"] = "engine"
@@ -123,18 +119,18 @@ class Tacho(Section):
     hysteresis: Positive | None = None
     """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
     delay_s: Delay = 0.0
-    """How late the channel tells what happened, filters of telemetry and amplifiers [s]; taken off."""
+    """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
     file: FilePath | None = None
     """A list of edges: a file with a column of times on the log's clock [s]."""
     level: Name | None = None
-    """Its column of levels: of such a list only edges up to a level above the middle count."""
+    """The list's column of levels; with one, only edges that rise to a level above the middle count."""
     time_std_s: Positive | None = None
     """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
     unit: str = ""
-    """Of an angle deg, rad, rev or counts; of a speed rpm, rad/s, rev/s or Hz: turns a second."""
+    """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, or Hz for turns a second)."""
     counts_per_rev: Positive | None = None
     calibration: Line | None = None
-    """Of an analogue speed or angle: what its volts make in `unit`."""
+    """Calibration of an analogue speed or angle, from volts to `unit`."""
     std: Positive | None = None
     """Standard deviation of a sample, in `unit`; from the samples themselves where it isn't given."""
 
@@ -210,15 +206,15 @@ class Channels(Section):
 
     @property
     def levels(self) -> dict[str, Torque | Rack | Load]:
-        """Measured outputs that are recorded as levels, by the signals that they become."""
+        """Channels of torque, rack and load, by the names of the signals that they become."""
         torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
         actuator = self.rack or self.actuator
-        load = {} if self.load is None else {LOADS[self.load.quantity]: self.load}
+        load = {} if self.load is None else {"M_load": self.load}
         return torque | ({} if actuator is None else {"X_f": actuator}) | load
 
     @property
     def tachos(self) -> dict[str, Tacho]:
-        """The sources of speed by name; a pair of trains in quadrature is two."""
+        """The sources of speed by name; a pair of trains in quadrature counts as two."""
         found: dict[str, Tacho] = {}
         for name, tacho in self.__pydantic_extra__.items():
             found[name] = tacho

@@ -16,13 +16,12 @@ Relation = Annotated[
     Field(strict=False),
     BeforeValidator(lambda value: [*value, 0.0] if isinstance(value, list) and len(value) == 2 else value),
 ]
-"""Name of a parameter, factor and offset; without one 0."""
+"""Name of a parameter, factor and offset; the offset is 0 where none is given."""
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
 
 KINDS = ("steady", "sine", "sines", "chirp", "steps", "multisine", "squares", "prbs", "noise", "other")
 """Usual kinds of windows."""
-ELEMENTS = ("actuator_lag", "derivative", "sampling", "misreading", "twist", "curvature")
 
 
 class Header(Section):
@@ -62,9 +61,9 @@ class OperatingPoint(Section):
 
     n_e_rpm: Auto = None
     M_Nm: Auto = None
-    """At the place of the torque channel."""
+    """Torque at the place of the torque channel [Nm]; that of the load, too, where the load has no steady stretch."""
     X_mm: Auto = None
-    """Of the rack's channel, in the unit of its calibration."""
+    """Value of the rack's channel, in the unit of its calibration."""
     steady_s: Pair | None = None
     """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
 
@@ -79,7 +78,7 @@ class Spikes(Section):
     """Short excursions from the running median that are taken for faults."""
 
     longest_s: Positive = 0.05
-    """Longest one [s]; excursions of the plant are longer."""
+    """Longest spike [s]; what the plant itself does lasts longer."""
     threshold: Positive = 6.0
     """Height in robust standard deviations about the running median."""
     least: Positive = 0.05
@@ -94,7 +93,7 @@ class Faults(Section):
     dropout_s: Positive = 0.01
     """Shortest stretch at zero of a channel that stays away from it [s]."""
     longest_bridge_s: Positive = 0.25
-    """Longest stretch over which a lost set point is guessed, by a straight line [s]; the answers are masked there."""
+    """Longest stretch of a lost set point that is bridged by a straight line [s]; the outputs are masked there."""
     mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Frequency of the mains, whose hum is taken out of the set point [Hz]."""
     least_hum: Positive = 1e-3
@@ -108,7 +107,7 @@ class Processing(Section):
     """Common rate of the signals [Hz]. Above what the tachometer tells there is only interpolation, which a fit that
     whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s tell 10 Hz."""
     normalise: Literal["global", "local"] = "global"
-    """About the trial's operating point, or each window about its own means."""
+    """Normalise with the trial's operating point, or each window with its own means."""
     detrend: Annotated[int, Field(ge=0, le=3)] = 0
     """Degree of a polynomial drift that is taken off the outputs; 0: none. A window whose set point is such a trend
     itself, a stair of steps, keeps its outputs as they are."""
@@ -116,13 +115,13 @@ class Processing(Section):
     """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
     timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
     torque_spikes: Spikes = Spikes()
-    """Of the rack's channel, too."""
+    """What counts as a spike of the torque, and of the rack."""
     set_point_jumps: Spikes = Spikes()
     faults: Faults = Faults()
 
 
 def _no_slip(word: str) -> str:
-    """Refuse what is all but one of the usual kinds; any other word is the user's own."""
+    """Refuse a misspelt kind; any other word is the user's own."""
     if word not in KINDS and (near := nearest(word, KINDS, 0.75)):
         raise PydanticCustomError(
             "kind", "one of {known}, or a word of your own{near}", {"known": ", ".join(KINDS), "near": near}
@@ -148,27 +147,10 @@ class Window(Section):
         return self
 
 
-class GreyBox(Section):
-    """The plant of the vessel itself in place of [identify]'s linear structure; names are checked by the structure."""
-
-    kind: Literal["grey_box"]
-    free: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
-    """What is searched for; all else is the vessel's."""
-    torque: Literal["gauge", "brake"] | None = None
-    """None: what the torque channel's location says."""
-    outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
-    pass_hz: Annotated[float, Field(gt=0.0)] | None = None
-    """Compare below this frequency only: above it an engine's firing has a phase that no fit can know."""
-
-
 HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
 """Keys of [identify] that are options of `identify` under the same name."""
-OF_ANY_STRUCTURE = frozenset(("elements", "fixed", "priors", "tied", *HOW, "starts", "seed"))
-"""Keys of [identify] that do not describe the linear structure."""
-
-
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
-"""Keys of [identify] that narrow the choice that the data make; any other key describes the linear structure."""
+"""Keys of [identify] that narrow the choice that the data make; any other key declares the structure."""
 
 
 class Report(Section):
@@ -178,30 +160,17 @@ class Report(Section):
 
 
 class Identify(Section):
-    """The structure to fit and how; parameter names are checked by the structure itself.
+    """The structure to fit and how; names of elements and parameters are checked by the structure itself.
 
-    Without a key beyond `NARROWING` the data choose the elements of the one ship model.
+    Without a key beyond `NARROWING` the data choose the elements of the ship; with one those act that are said to.
     """
 
     elements: dict[str, bool] = Field(default_factory=dict)
-    """Elements of the ship model that are forced on (true) or off (false); the data choose the others."""
-
+    """Elements that act (true) or do not (false); where the data choose, they choose the others."""
     torque: Literal["gauge", "brake"] | None = None
     """None: what the torque channel's location says."""
-    products: bool = False
+    products: bool = True
     """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
-    three_parameters: bool = False
-    """Leave v and g out: effective tau_n, vK_p and vK_i remain, enough to simulate the speed with."""
-    free_exponent: bool = False
-    dead_time_loop: bool = False
-    dead_time_set_point: bool = False
-    actuator_lag: bool = False
-    derivative: bool = False
-    sampling: Literal[True, False, "exact"] = False
-    misreading: bool = False
-    twist: bool = False
-    curvature: bool = False
-    """These six as in `Structure.linear`; not with three_parameters."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
     fixed: dict[str, float] = Field(default_factory=dict)
     priors: dict[str, Pair] = Field(default_factory=dict)
@@ -210,8 +179,8 @@ class Identify(Section):
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
     noise: Literal["ar", "white", "innovations"] | None = None
-    covariance: Literal["model", "sandwich"] = "model"
-    offsets: Literal[True, False, "relative"] = True
+    covariance: Literal["model", "sandwich"] | None = None
+    offsets: Literal[True, False, "relative"] | None = None
     initial_state: Literal["estimated", "zero"] = "estimated"
     """These five as in `identify`."""
     starts: Starts | None = None
@@ -229,14 +198,6 @@ class Identify(Section):
         return not self.model_fields_set - NARROWING
 
     @property
-    def linear_elements(self) -> dict[str, Any]:
-        """What of the drive train beyond eq. 3.14-3.54 is asked for, by the options of `Structure.linear`."""
-        return {name: value for name in ELEMENTS if (value := getattr(self, name))}
-
-    @model_validator(mode="after")
-    def _three_parameters_are_all(self) -> Self:
-        if self.three_parameters and self.linear_elements:
-            raise unexpected(
-                next(iter(self.linear_elements)), "with three_parameters = true", "one of the two"
-            )
-        return self
+    def acting(self) -> tuple[str, ...]:
+        """Elements of the structure that is declared."""
+        return tuple(name for name, acts in self.elements.items() if acts)

@@ -11,7 +11,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import Roles
 from shipfp_rs.processing.windows import FoundWindow, longest_rest
-from shipfp_rs.support.units import TO_NM, TO_RPM
+from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
@@ -84,6 +84,8 @@ def filled_in(
         tables["channels.torque"] = _of(log.channel(roles.torque), tables["channels.torque"], TO_NM)
     else:
         tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
+    if roles.load is not None:
+        tables["channels.load"] = _load(log.channel(roles.load), tables["channels.load"])
     if not trains and roles.speeds:
         del tables["channels.PTM_e"]
         tables["channels.PTM_4"] = "\n\n".join(_speed(log.channel(name)) for name in roles.speeds)
@@ -122,6 +124,13 @@ def _of(channel: Channel, table: str, factors: Mapping[str, float]) -> str:
         table = _with(table, "unit", json.dumps(channel.unit))
     factor = factors.get(channel.unit.replace(" ", ""))
     return table if factor is None else _with(table, "calibration", f"{{ scale = {factor} }}")
+
+
+def _load(channel: Channel, table: str) -> str:
+    """Return the table of a load, which the template has as a comment."""
+    told = re.sub("^# ", "", table, flags=re.MULTILINE)
+    power = channel.unit in TO_W
+    return _with(_of(channel, told, TO_W if power else TO_NM), "quantity", '"power"' if power else '"torque"')
 
 
 def _speed(channel: Channel) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.coarse import block_means, bridged
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
@@ -21,25 +22,25 @@ Kind = Literal["steady", "sine", "chirp", "steps", "other"]
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
 BLOCK_S = 0.5
-"""Stretch whose median is one level; longer than the relay's jumps many times over."""
+"""Length of the blocks whose medians are the levels [s], many times that of a relay's jump."""
 LEAST_REST_S = 10.0
-"""Shortest rest; the crest of a slow sine is level for less, or bends."""
+"""Shortest rest [s]. The crest of a slow sine stays level for less, or is curved."""
 AT_REST = 6.0
-"""Standard deviations of a block's median within which it is at the level of the rest."""
+"""A block is at the level of a rest where its median differs by at most so many of its standard deviations."""
 BEND = 2.5
-"""Standard deviations that a parabola may rise over a rest: the crests of slow sines rise by more."""
+"""A parabola through a rest rises by at most so many standard deviations; through the crest of a slow sine by more."""
 SWINGS = 1.5
-"""Spread within a block, over that of the noise, from which on the set point swings faster than blocks tell."""
+"""Where a block's spread is so many times that of the noise, the set point swings faster than blocks can show."""
 STEP_WITHIN_S = 1.5
 """A change from one level to another that takes no longer is a step."""
 LONG_HOLD = 2.5
-"""Times the usual hold of a series of steps after which it has ended."""
+"""A series of steps has ended after so many times its usual hold without a step."""
 CROSSED = 0.35
 """Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
 JUMPED = 1.5
-"""Times the amplitude beyond which a sample is a jump of the generator's relay."""
+"""A sample further out than so many amplitudes is a jump of the generator's relay."""
 SAME_FREQUENCY = 1.15
-"""Ratio of the last periods to the first up to which they are one frequency."""
+"""The excitation has one frequency where the ratio of its last periods to its first is below this."""
 
 _LETTERS = {"steady": "R", "sine": "S", "chirp": "C", "steps": "St", "other": "X"}
 
@@ -108,7 +109,7 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
-    # Whatever is no rest and no step between two rests.
+    # Everything between two rests that is not a step.
     borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
@@ -158,18 +159,11 @@ class _Trace:
                 f"{log.name}: channel {name!r} has {channel.samples} samples at {channel.rate_hz:g} Hz, expected "
                 f"{LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
             )
-        parts, held = [], np.empty(0)
-        for chunk in log.chunks(name):
-            held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
-            whole = len(held) // ratio * ratio
-            parts.append(held[:whole].reshape(-1, ratio).mean(axis=1))
-            held = held[whole:]
-        samples = np.concatenate(parts)
+        samples = block_means(log, name, ratio)
         samples = samples[: len(samples) // block * block]
-        known = np.isfinite(samples)
-        if not known.any():
+        if not np.isfinite(samples).any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        samples = np.interp(np.arange(len(samples)), np.flatnonzero(known), samples[known])
+        samples = bridged(samples)
         rows = samples.reshape(-1, block)
         medians = np.median(rows, axis=1)
         # Absolute deviations: jumps of the relay are rare among them.

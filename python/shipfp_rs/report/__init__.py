@@ -135,13 +135,13 @@ def render(
     ship = say(
         "{vessel}, structure “{name}”",
         vessel=fingerprint.vessel or say("ship not named"),
-        name=fingerprint.structure.get("name", ""),
+        name=_structure_name(str(fingerprint.structure.get("name", "")), say),
     )
     scripts = [_resource("sort.js"), _resource("zoom.js")]
     # Whatever slipped through the escaping could neither run nor call anyone.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {allowed}"
-    return (
+    page = (
         environment()
         .get_template("report.html")
         .render(
@@ -156,6 +156,13 @@ def render(
             sections=sections,
         )
     )
+    return say.cells(page)
+
+
+def _structure_name(name: str, say: Say) -> str:
+    """Return a structure's name, the elements of a ship in the report's language."""
+    kind, colon, elements = name.partition(": ")
+    return say.word(kind) + colon + ", ".join(say.word(element) for element in elements.split(", "))
 
 
 def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:

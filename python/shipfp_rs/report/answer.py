@@ -12,23 +12,21 @@ from markupsafe import Markup
 from shipfp_rs import plot
 from shipfp_rs.assessment.si import QUANTITIES
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.estimate import Estimate, Row, decimals, rounded, rounded_rows
+from shipfp_rs.identification.estimate import Estimate, Row, decimals, is_rough, rounded, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
-from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 
 SHOWN_S = (8.0, 30.0)
 """Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
-ROUGH = 0.25
-"""Half of an interval over its value above which a parameter is told roughly."""
+FAILED = "Not usable"
+"""How the first sentence of a fingerprint begins that is good for nothing."""
 RELATED = 0.9
 """Correlation above which parameters are told roughly because of each other."""
 CHANNELS = ("T_M", "T_n", "T_0")
 """Parameters of the measurement, no part of the ship."""
-OF_ELEMENTS = frozenset(parameter.name for element in ELEMENTS.values() for parameter in element.parameters)
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
 
 
@@ -42,16 +40,51 @@ def answer(
 ) -> Iterable[str]:
     """Yield the verdict's first sentence, the ship and its loop beside a picture, and what can't be told."""
     lead = fingerprint.usable or (fingerprint.verdict[0] if fingerprint.verdict else "")
-    tone = "bad" if lead.startswith("Not usable") else "warn" if ", except" in lead else "good"
+    failed = lead.startswith(FAILED)
+    tone = "bad" if failed else "warn" if "not known alone" in lead else "good"
     yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone if lead else "")
-    parts = [_picture(experiments, simulated, pictures, say)]
-    if loop:
-        parts.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
-    right = Markup("\n").join(part for part in parts if part)
-    ship = piece("facts", say("The ship"), ship_rows(fingerprint, say))
-    yield piece("columns", [part for part in (ship, right) if part])
-    for line in open_questions(fingerprint, say):
+    tables = [piece("facts", say("The ship"), ship_rows(fingerprint, say))]
+    # The loop of a model that is not the ship's would be taken for the ship's.
+    if loop and not failed:
+        tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
+    picture = _picture(experiments, simulated, pictures, say)
+    yield piece("columns", [part for part in (Markup("\n").join(tables), picture) if part])
+    for line in (*next_steps(lead, say), *acting(fingerprint, say), *open_questions(fingerprint, say)):
         yield piece("paragraph", line, "open")
+
+
+def next_steps(lead: str, say: Say) -> list[str]:
+    """Return what to do about a fingerprint that can't be used; nothing for one that can."""
+    if not lead.startswith(FAILED):
+        return []
+    if "the model" not in lead:
+        return [
+            say(
+                "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a "
+                "parameter known from elsewhere."
+            )
+        ]
+    return [
+        say(
+            "The figures hold for the model, not for the ship. Look where measurement and model part: a channel of another "
+            "record, a wrong calibration, or a load or limit that the model lacks."
+        )
+    ]
+
+
+def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
+    """Return which elements act, which may, which were not found, and whether something small is missing."""
+    named: dict[str, list[str]] = {"on": [], "open": [], "off": []}
+    for row in fingerprint.elements.values():
+        named[row["state"]].append(say.word(row["words"]))
+    sentences = {
+        "on": say("Acts: {names}.", names=", ".join(named["on"])),
+        "open": say("May act or not: {names}.", names=", ".join(named["open"])),
+        "off": say("Not found to act: {names}.", names=", ".join(named["off"])),
+    }
+    told = [sentence for state, sentence in sentences.items() if named[state]]
+    told += [say.sentence(line) for line in fingerprint.verdict if line.startswith("The residuals show that")]
+    return [" ".join(told)] if told else []
 
 
 def interval(row: Row, estimate: Estimate, say: Say) -> str:
@@ -60,12 +93,12 @@ def interval(row: Row, estimate: Estimate, say: Say) -> str:
         return ""
     if estimate.status == "at_bound" and estimate.value is not None:
         below, above = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
-        return f"≤ {row.high}" if above >= below else f"≥ {row.low}"
+        return say.number(f"≤ {row.high}" if above >= below else f"≥ {row.low}")
     return say("{low} to {high}", low=row.low, high=row.high)
 
 
-def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str]]:
-    """Return plain name, value with unit, interval, and the same in SI units, of each parameter of the ship."""
+def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str, str]]:
+    """Return plain name, symbol, value with unit, interval, and the same in SI units, of each parameter of the ship."""
     rows = []
     known = dict(fingerprint.parameters)
     if any(estimate.value is None for estimate in known.values()):
@@ -74,19 +107,27 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         if row.name in CHANNELS:
             continue
         estimate = known[row.name]
-        value = f"{row.value}\u00a0{unit_shown(row.unit)}".strip() if row.value else say.word(row.status)
-        told = interval(row, estimate, say) or (say.word(row.status) if row.value else "")
-        rows.append((say.name(row.name) or row.name, value, told, _in_si(fingerprint, row.name)))
+        value = f"{say.number(row.value)}\u00a0{unit_shown(row.unit)}".strip()
+        told = interval(row, estimate, say) or say.word(row.status)
+        if not row.value:
+            value, told = say.word(row.status), ""
+        name = say.name(row.name)
+        rows.append(
+            (name or row.name, row.name if name else "", value, told, _in_si(fingerprint, row.name, say))
+        )
     return rows
 
 
-def _in_si(fingerprint: Fingerprint, symbol: str) -> str:
+def _in_si(fingerprint: Fingerprint, symbol: str, say: Say) -> str:
     quantity = fingerprint.si.get(QUANTITIES.get(symbol, ""))
     if quantity is None or quantity["unit"] in ("-", fingerprint[symbol].unit):
         return ""
-    places = decimals(quantity["std"])
-    spread = "" if quantity["std"] is None else f" ± {rounded(1.96 * quantity['std'], places)}"
-    return f"{rounded(quantity['value'], places)}{spread} {unit_shown(quantity['unit'])}"
+    places, unit = decimals(quantity["std"]), unit_shown(quantity["unit"])
+    value = f"{say.number(rounded(quantity['value'], places))}\u00a0{unit}"
+    if quantity["ci95"] is None:
+        return value
+    low, high = (rounded(end, places) for end in quantity["ci95"])
+    return f"{value} ({say('{low} to {high}', low=low, high=high)})"
 
 
 def unit_shown(unit: str) -> str:
@@ -94,8 +135,8 @@ def unit_shown(unit: str) -> str:
     return "" if unit == "-" else unit.replace("kg m2", "kg m²").replace("1/s2", "1/s²").replace("deg", "°")
 
 
-def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str]]:
-    """Return what a control engineer asks first: name, value with unit, interval, and what it means."""
+def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str, str]]:
+    """Return what a control engineer asks first: name, no symbol, value with unit, interval, and what it means."""
     meanings = {
         "bandwidth": say("the speed follows the set point up to here"),
         "phase margin": _damped(loop["phase margin"].value, say),
@@ -106,13 +147,13 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
     for row in rounded_rows({name: loop[name] for name in WORTH if name in loop}):
         estimate = loop[row.name]
         value = (
-            f"{row.value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
+            f"{say.number(row.value)}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
             if row.value
             else say("none")
         )
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
             value = say("without limit")
-        rows.append((say.word(row.name), value, interval(row, estimate, say), meanings[row.name]))
+        rows.append((say.word(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
     return rows
 
 
@@ -131,7 +172,11 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
         for name, estimate in fingerprint.parameters.items()
         if estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None
     ]
-    rough = [name for name, estimate in fingerprint.parameters.items() if _is_rough(name, estimate)]
+    rough = [
+        name
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status in ("free", "prior") and is_rough(estimate)
+    ]
     lines = []
     if unknown:
         closing = fingerprint.identifiability.closes_gap
@@ -155,21 +200,14 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
         if linked:
             names = ", ".join(linked)
             line += " " + say(
-                "Any one of {names}, known from elsewhere, would sharpen the others.", names=names
+                "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.",
+                names=names,
             )
         lines.append(line)
-    if not lines and fingerprint.parameters:
+    decided = not any(row["state"] == "open" for row in fingerprint.elements.values())
+    if not lines and fingerprint.parameters and decided and not fingerprint.usable.startswith(FAILED):
         lines.append(say("Nothing is left open: the data tell every parameter that was asked for."))
     return lines
-
-
-def _is_rough(name: str, estimate: Estimate) -> bool:
-    if estimate.ci95 is None or not estimate.value or estimate.status not in ("free", "prior"):
-        return False
-    low, high = estimate.ci95
-    # An element whose strength may be zero is told by how strong it is at most.
-    bounded = name in OF_ELEMENTS and low <= 0.0 <= high
-    return not bounded and 0.5 * (high - low) > ROUGH * abs(estimate.value)
 
 
 def _listed(symbols: Iterable[str], say: Say) -> str:

@@ -67,7 +67,8 @@ def _limit(name: str, row: Mapping[str, Any], say: Say) -> str:
     if not limit:
         return ""
     side = say("above") if name == "torque_limit" else say("below")
-    return f"{limit['parameter']} {side} {limit['value']:.3g} {unit_shown(limit['unit'])}".strip()
+    value = say.number(f"{limit['value']:.3g}")
+    return f"{limit['parameter']} {side} {value} {unit_shown(limit['unit'])}".strip()
 
 
 def ladder(ax: Axes, rows: Sequence[Mapping[str, Any]], say: Say) -> None:

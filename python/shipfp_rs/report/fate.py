@@ -238,7 +238,9 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
         )
     for experiment in experiments:
         about = ", ".join(f"{name} = {value:.6g}" for name, value in experiment.operating_point.items())
-        yield paragraph(say("{name}: operating point {point}.", name=experiment.name, point=about))
+        yield paragraph(
+            say("{name}: operating point {point}.", name=experiment.name, point=say.number(about))
+        )
         account = [
             [Cell(str(key)), Cell(plain(value))]
             for key, value in experiment.provenance.items()

@@ -114,7 +114,7 @@ def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
         yield paragraph(
             say("The model's outputs stay the same when these change together, in the proportion given:")
         )
-        yield bullets(str(entry["combination"]) for entry in found.null_space)
+        yield bullets(say.number(str(entry["combination"])) for entry in found.null_space)
     if found.closes_gap:
         yield paragraph(say("Any one of these, known from elsewhere, would settle the rest:"))
         yield bullets(found.closes_gap)

@@ -29,7 +29,7 @@ SENTENCES: Mapping[str, str] = {
     "What it means for the speed loop": "Was das für den Drehzahlregelkreis heißt",
     "{low} to {high}": "{low} bis {high}",
     "none": "keine",
-    "without limit": "unbegrenzt",
+    "without limit": "ohne Grenze",
     "the speed follows the set point up to here": "bis hierher folgt die Drehzahl dem Sollwert",
     "what the gains may grow by before the loop swings": "so viel darf die Verstärkung wachsen, bis der Kreis schwingt",
     "until the speed stays within 5 % of a step of the set point": "bis die Drehzahl nach einem Sollwertsprung auf 5 % genau bleibt",
@@ -39,14 +39,27 @@ SENTENCES: Mapping[str, str] = {
     "{name}, {start} to {stop} s: measured, and the model's answer to the same set point.": (
         "{name}, {start} bis {stop} s: gemessen, und die Antwort des Modells auf denselben Sollwert."
     ),
+    "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a parameter known "
+    "from elsewhere.": (
+        "Mehr davon hilft: eine längere Aufzeichnung, ein größerer Ausschlag des Sollwerts, ein Drehmomentkanal oder ein Parameter "
+        "aus anderer Quelle."
+    ),
+    "The figures hold for the model, not for the ship. Look where measurement and model part: a channel of another record, a "
+    "wrong calibration, or a load or limit that the model lacks.": (
+        "Die Zahlen gelten für das Modell, nicht für das Schiff. Zu prüfen, wo Messung und Modell auseinandergehen: ein Kanal aus "
+        "einer anderen Aufzeichnung, eine falsche Kalibrierung, eine Last oder Grenze, die dem Modell fehlt."
+    ),
+    "Acts: {names}.": "Es wirkt: {names}.",
+    "May act or not: {names}.": "Wirkt vielleicht: {names}.",
+    "Not found to act: {names}.": "Keine Wirkung gefunden: {names}.",
     "Cannot be told: {names}.": "Nicht bestimmbar: {names}.",
     "Known from elsewhere (torsional calculation, factory test), any of {names} would settle it.": (
         "Aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde eines davon es klären: {names}."
     ),
     "More excitation or another signal may.": "Mehr Anregung oder ein weiteres Signal können es klären.",
     "Told only roughly: {names}.": "Nur grob bestimmt: {names}.",
-    "Any one of {names}, known from elsewhere, would sharpen the others.": (
-        "Eines von {names}, aus anderer Quelle bekannt, würde die übrigen schärfen."
+    "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.": (
+        "Eines von {names}, aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde die übrigen schärfen."
     ),
     "Nothing is left open: the data tell every parameter that was asked for.": (
         "Nichts bleibt offen: Die Daten bestimmen jeden gesuchten Parameter."
@@ -259,6 +272,8 @@ ELEMENTS: Mapping[str, str] = {
 
 WORDS: Mapping[str, str] = {
     **ELEMENTS,
+    "ship": "Schiff",
+    "linear": "linear",
     "estimated": "geschätzt",
     "given": "vorgegeben",
     "estimated, with prior": "geschätzt, mit Vorwissen",
@@ -323,6 +338,7 @@ LABELS: tuple[tuple[str, str], ...] = (
     ("shaft torque", "Wellenmoment"),
     ("brake torque", "Motormoment"),
     ("gauge torque", "Messmoment"),
+    ("load torque", "Lastmoment"),
     ("speed error", "Drehzahlabweichung"),
     ("integrated error", "aufsummierte Abweichung"),
     ("fuel rack", "Füllung"),

@@ -11,6 +11,11 @@ from shipfp_rs.structures.names import Language, plain_name
 from shipfp_rs.support.checks import one_of
 
 LANGUAGES = ("en", "de")
+NUMBER = re.compile(r"-?\d+\.\d+(e-?\d+)?")
+POINT = re.compile(r"(?<=\d)\.(?=\d)")
+"""A decimal point; a section of a book has one, too, but no sentence that a fingerprint holds names any."""
+CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
+"""A table's cell of figures: what opens it, and its text."""
 
 
 class Say:
@@ -29,7 +34,19 @@ class Say:
     def __call__(self, text: str, **values: Any) -> str:
         """Return a sentence of the report, its names in braces filled in."""
         said = SENTENCES[text] if self.language == "de" else text
-        return said.format(**values) if values else said
+        shown = {
+            key: self.number(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
+            for key, value in values.items()
+        }
+        return said.format(**shown) if values else said
+
+    def number(self, text: str) -> str:
+        """Return text whose numbers have the language's decimal sign."""
+        return POINT.sub(",", text) if self.language == "de" else text
+
+    def cells(self, page: str) -> str:
+        """Return a page whose cells of figures have the language's decimal sign."""
+        return CELL.sub(lambda found: found[1] + self.number(found[2]), page)
 
     def word(self, text: str) -> str:
         """Return a word or name that a fingerprint or an experiment holds; as it is where it has no translation."""
@@ -51,4 +68,4 @@ class Say:
             return text
         for pattern, said in PHRASES:
             text = re.sub(pattern, said, text)
-        return text
+        return self.number(text)

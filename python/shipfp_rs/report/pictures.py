@@ -15,6 +15,7 @@ from shipfp_rs.report.markup import link_to, piece
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.ticker import Formatter
 
 WIDE = 8.0
 """Width [in] from which on a picture scrolls on a phone, where its text could not be read any more."""
@@ -74,6 +75,8 @@ class Pictures:
         if self._say.language == "en":
             return
         for ax in axes:
+            for axis in (ax.xaxis, ax.yaxis):
+                axis.set_major_formatter(_spoken(axis.get_major_formatter(), self._say))
             legend = ax.get_legend()
             texts = [ax.xaxis.label, ax.yaxis.label, *(legend.get_texts() if legend is not None else ())]
             for text in texts:
@@ -89,6 +92,23 @@ class Pictures:
         # A tenth of a point is finer than any screen, and half the size.
         svg = re.sub(r'\bd="[^"]*"', lambda path: re.sub(r"(\.\d)\d+", r"\1", path.group()), svg)
         return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(caption)}" ', 1)
+
+
+def _spoken(inner: Formatter, say: Say) -> Formatter:
+    """Return what labels ticks as `inner` does, with the language's decimal sign."""
+    from matplotlib.ticker import Formatter
+
+    class Spoken(Formatter):
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return say.number(inner(x, pos))
+
+        def format_ticks(self, values: list[float]) -> list[str]:
+            return [say.number(text) for text in inner.format_ticks(values)]
+
+        def get_offset(self) -> str:
+            return say.number(inner.get_offset())
+
+    return Spoken()
 
 
 def _png(figure: Figure) -> bytes:

@@ -8,7 +8,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
     const cell = row.cells[column];
     if (cell.dataset.key !== undefined) return Number(cell.dataset.key);
     const text = cell.textContent.trim();
-    const number = /^[−-]?[\d.]/.test(text) ? parseFloat(text.replace("−", "-")) : NaN;
+    const number = /^[−-]?[\d.]/.test(text) ? parseFloat(text.replace("−", "-").replace(",", ".")) : NaN;
     return text === "" ? null : Number.isNaN(number) ? text : number;
   };
   const compare = (a, b) =>

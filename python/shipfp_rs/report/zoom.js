@@ -43,10 +43,12 @@
     return power * [1, 2, 5, 10].find((factor) => factor * power >= least * 0.999999);
   };
   const niceTime = (least) => [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 36000].find((step) => step >= least) ?? nice(least);
+  // Numbers that are read, not saved, have the language's decimal sign.
+  const said = (number) => document.documentElement.lang === "de" ? String(number).replace(".", ",") : String(number);
   const digits = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   const clock = (seconds, step) => {
     const whole = Math.floor(seconds + 1e-9), pad = (value) => String(value).padStart(2, "0");
-    const rest = step < 1 ? (seconds - whole).toFixed(digits(step)).slice(1) : "";
+    const rest = step < 1 ? said((seconds - whole).toFixed(digits(step))).slice(1) : "";
     return `${Math.floor(whole / 3600)}:${pad(Math.floor(whole / 60) % 60)}:${pad(whole % 60)}${rest}`;
   };
 
@@ -195,7 +197,7 @@
       this.status.textContent = this.to - this.from < this.seconds ? `${this.told(this.from)} ${this.say("to")} ${this.told(this.to)} ${this.say("of")} ${this.told(this.seconds)}` : "";
     }
 
-    told(seconds) { return this.long ? clock(seconds, 0.1) : `${seconds.toFixed(2)} s`; }
+    told(seconds) { return this.long ? clock(seconds, 0.1) : `${said(seconds.toFixed(2))} s`; }
 
     fault(direction) {
       const whole = this.to - this.from >= this.seconds;
@@ -264,7 +266,7 @@
       for (let tick = Math.ceil(low / rise); tick * rise <= high; tick++) {
         const at = y(tick * rise).toFixed(1);
         make(svg, "line", { class: "grid", x1: LEFT, x2: LEFT + this.wide, y1: at, y2: at });
-        make(svg, "text", { x: LEFT - 5, y: Number(at) + 4, "text-anchor": "end" }, (tick * rise).toFixed(digits(rise)));
+        make(svg, "text", { x: LEFT - 5, y: Number(at) + 4, "text-anchor": "end" }, said((tick * rise).toFixed(digits(rise))));
       }
       const least = (this.to - this.from) * 75 / this.wide;
       const run = this.long && least > 1 ? niceTime(least) : nice(least);
@@ -272,7 +274,7 @@
         const at = x(tick * run).toFixed(1);
         make(svg, "line", { class: "grid", x1: at, x2: at, y1: top, y2: top + height });
         if (last && x(tick * run) < LEFT + this.wide - (this.long ? 110 : 70)) {
-          make(svg, "text", { x: at, y: top + height + 15, "text-anchor": "middle" }, this.long ? clock(tick * run, run) : (tick * run).toFixed(digits(run)));
+          make(svg, "text", { x: at, y: top + height + 15, "text-anchor": "middle" }, this.long ? clock(tick * run, run) : said((tick * run).toFixed(digits(run))));
         }
       }
       const group = make(svg, "svg", { x: LEFT, y: top, width: this.wide, height, viewBox: `${LEFT} ${top} ${this.wide} ${height}` });
@@ -348,7 +350,7 @@
       const index = (series) => Math.min(Math.floor(this.time(x) / this.step + (series.pairs ? 0 : 0.5)), series.steps.length / series.per - 1);
       const told = this.panels.flatMap((panel) => panel.series).filter((series) => !this.hidden.has(series)).map((series) => {
         const found = extremes(series, index(series), index(series) + 1);
-        const value = (step) => Number((series.low + step * (series.high - series.low) / STEPS).toPrecision(5));
+        const value = (step) => said(Number((series.low + step * (series.high - series.low) / STEPS).toPrecision(5)));
         const text = !found ? this.say("masked") : found[0] === found[1] ? value(found[0]) : `${value(found[0])} ${this.say("to")} ${value(found[1])}`;
         return `${series.label} ${text}`;
       });

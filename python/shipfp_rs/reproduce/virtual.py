@@ -27,6 +27,7 @@ from shipfp_rs.reproduce.virtual_data import (
     trial,
     validation_steps,
 )
+from shipfp_rs.reproduce.virtual_plant import plant_structure
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 
@@ -118,7 +119,7 @@ def _thesis_jobs() -> tuple[_Job, ...]:
 def _our_jobs() -> tuple[_Job, ...]:
     vessel = launch()
     linear = searched_as_printed(Structure.linear(products=True, name="linear"))
-    plant = searched_as_printed(Structure.plant(vessel, name="plant"))
+    plant = searched_as_printed(plant_structure(vessel))
     # The plant explains its own data: there are no residuals to weigh by.
     ways: tuple[tuple[Structure, Weighting], ...] = ((linear, "variance"), (plant, "none"))
     return (

@@ -13,7 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.runs.fit import structure_of
+from shipfp_rs.runs.fit import located, structure_from
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -76,7 +76,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
     notify("reading the trial")
     trial = Trial.load(path)
     vessel = Vessel.load(trial.trial.vessel)
-    structure = structure_of(trial, vessel)
+    structure = structure_from(trial.identify, located(trial))
     notify("opening the log")
     logs = trial.logs()
     channels = [entry for log in logs for entry in _channels(trial, log)]
@@ -168,12 +168,7 @@ def _missing(trial: Trial, structure: Structure, experiments: Sequence[Experimen
     if channels.rack is None:
         lines.append("no fuel rack: v and the governor's gains are known as products only")
     known = {*trial.identify.fixed, *trial.identify.priors}
-    if (
-        trial.structure is None
-        and channels.torque is not None
-        and channels.torque.location == "gauge"
-        and "tau_n" not in known
-    ):
+    if channels.torque is not None and channels.torque.location == "gauge" and "tau_n" not in known:
         lines.append(
             "a gauge between the inertias and no tau_n known beforehand: the whole of tau_n stays unknown"
         )

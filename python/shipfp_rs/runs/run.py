@@ -17,7 +17,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses, write_report
-from shipfp_rs.runs.fit import chosen, structure_of
+from shipfp_rs.runs.fit import chosen, located, structure_from
 from shipfp_rs.structures.names import Language
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.vessel.vessel import Vessel
@@ -93,7 +93,7 @@ def evaluate(
     """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
-    declared = None if trial.chooses else structure_of(trial, vessel)
+    declared = None if trial.chooses else structure_from(trial.identify, located(trial))
     experiments = [
         # A result is handed on: it names the file, not where it lay on this machine.
         replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})

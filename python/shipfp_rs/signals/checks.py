@@ -19,14 +19,32 @@ _LARGEST_SAMPLES = 200_000_000
 
 def sample_times(duration_s: float, rate_hz: float) -> Array:
     """Sample times of a stretch, at least one."""
-    positive("duration", duration_s)
+    return np.arange(_sample_count("duration", duration_s, rate_hz)) / rate_hz
+
+
+def _sample_count(name: str, duration_s: float, rate_hz: float) -> int:
+    positive(name, duration_s)
     positive("rate_hz", rate_hz)
     samples = duration_s * rate_hz
     if not 1.0 <= samples + 0.5 <= _LARGEST_SAMPLES:
         raise InputError(
             f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples, expected 1 to {_LARGEST_SAMPLES}"
         )
-    return np.arange(round(samples)) / rate_hz
+    return round(samples)
+
+
+def whole_samples(name: str, duration_s: float, rate_hz: float) -> int:
+    """Return how many samples a duration [s] is; refuse one that is no whole number of them."""
+    count, samples = _sample_count(name, duration_s, rate_hz), duration_s * rate_hz
+    if not math.isclose(count, samples, rel_tol=1e-9):
+        raise InputError(f"{name} is {duration_s:g}, {samples:g} samples, expected a whole number of samples")
+    return count
+
+
+def zero_or_more(name: str, value: float) -> None:
+    """Refuse what is not a finite number from zero up."""
+    if not (math.isfinite(value) and value >= 0.0):
+        raise InputError(f"{name} is {value}, expected zero or more")
 
 
 def numbers(name: str, values: npt.ArrayLike) -> list[float]:

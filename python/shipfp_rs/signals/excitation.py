@@ -12,6 +12,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Hold
+from shipfp_rs.signals.checks import zero_or_more
 from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array, same
 from shipfp_rs.support.checks import positive
@@ -118,7 +119,13 @@ class Excitation:
 
     @checked
     def power_in(self, low_hz: float, high_hz: float) -> float:
-        """Return the part of the mean square that lies from `low_hz` to `high_hz` [-], the mean left out."""
+        """Return the part of the mean square in a band [-], the mean left out.
+
+        Parameters
+        ----------
+        low_hz, high_hz
+            Ends of the band [Hz], both in it.
+        """
         frequency, amplitude = self.spectrum()
         power = amplitude**2
         power[0] = 0.0
@@ -126,9 +133,19 @@ class Excitation:
 
     @checked
     def ramped(self, ramp_s: float) -> Excitation:
-        """Return a copy that swells from zero and dies away to zero, each over `ramp_s` as half a cosine.
+        """Return a copy that grows from zero at its start and falls to zero at its end, each as half a cosine.
 
         The ship is spared the jump of a signal that starts or ends off zero; the ramps cost excitation.
+
+        Parameters
+        ----------
+        ramp_s
+            Length of each ramp [s].
+
+        Raises
+        ------
+        InputError
+            Where two ramps are longer than the excitation.
         """
         positive("ramp_s", ramp_s)
         count = round(ramp_s * self.rate_hz)
@@ -144,10 +161,20 @@ class Excitation:
 
     @checked
     def settled(self, before_s: float, after_s: float = 0.0) -> Excitation:
-        """Return a copy with the operating point held before and after, for the ship to settle."""
+        """Return a copy with the operating point held before and after, for the ship to settle.
+
+        Parameters
+        ----------
+        before_s, after_s
+            How long it is held [s].
+
+        Raises
+        ------
+        InputError
+            For a negative time.
+        """
         for name, value in (("before_s", before_s), ("after_s", after_s)):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} is {value}, expected zero or more")
+            zero_or_more(name, value)
         lead, tail = round(before_s * self.rate_hz), round(after_s * self.rate_hz)
         shift = lead / self.rate_hz
         moved = tuple(replace(s, start_s=s.start_s + shift, stop_s=s.stop_s + shift) for s in self.segments)
@@ -160,6 +187,23 @@ class Excitation:
         text.write("time_s,set_point_deviation_rpm\n")
         np.savetxt(text, np.column_stack([self.time, self.samples]), fmt="%.17g", delimiter=",")
         return write_text_atomically(Path(path), text.getvalue())
+
+
+def repeated(
+    name: str, kind: str, rate_hz: float, one_period: Array, periods: int, hold: Hold = "first"
+) -> Excitation:
+    """Return so many periods [rpm], each a segment of its own.
+
+    Raises
+    ------
+    InputError
+        For less than one period.
+    """
+    if periods < 1:
+        raise InputError(f"periods is {periods}, expected 1 or more")
+    length = len(one_period) / rate_hz
+    segments = tuple(Segment(f"period {k + 1}", k * length, (k + 1) * length) for k in range(periods))
+    return Excitation(name, kind, rate_hz, np.tile(one_period, periods), hold, segments)
 
 
 @checked
@@ -187,8 +231,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     """
     if not excitations:
         raise InputError("excitations is empty, expected at least one")
-    if not (math.isfinite(pause_s) and pause_s >= 0.0):
-        raise InputError(f"pause_s is {pause_s}, expected zero or more")
+    zero_or_more("pause_s", pause_s)
     first = excitations[0]
     for part in excitations[1:]:
         if (part.rate_hz, part.hold) != (first.rate_hz, first.hold):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from scipy import signal
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
-from shipfp_rs.signals.excitation import Excitation, Segment
+from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times, whole_samples
+from shipfp_rs.signals.excitation import Excitation, repeated
 from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.checks import positive
 
@@ -56,21 +54,12 @@ def prbs(
     """
     if not 2 <= order <= 20:
         raise InputError(f"order is {order}, expected 2 to 20")
-    if periods < 1:
-        raise InputError(f"periods is {periods}, expected 1 or more")
     positive("amplitude_rpm", amplitude_rpm)
-    positive("bit_s", bit_s)
-    bit = round(bit_s * rate_hz)
-    if bit < 1 or not math.isclose(bit, bit_s * rate_hz, rel_tol=1e-9):
-        raise InputError(
-            f"bit_s is {bit_s:g}, {bit_s * rate_hz:g} samples, expected a whole number of samples"
-        )
+    bit = whole_samples("bit_s", bit_s, rate_hz)
     sequence, _ = signal.max_len_seq(order)
     start = int(np.random.default_rng(seed).integers(len(sequence)))
     one_period = np.repeat(amplitude_rpm * (2.0 * np.roll(sequence, -start) - 1.0), bit)
-    length = len(one_period) / rate_hz
-    segments = tuple(Segment(f"period {k + 1}", k * length, (k + 1) * length) for k in range(periods))
-    return Excitation(name, "prbs", rate_hz, np.tile(one_period, periods), hold="zero", segments=segments)
+    return repeated(name, "prbs", rate_hz, one_period, periods, hold="zero")
 
 
 @checked

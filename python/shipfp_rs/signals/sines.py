@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from shipfp_rs import published
 from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import Bands, below_nyquist, numbers, outside, sample_times
-from shipfp_rs.signals.excitation import Excitation, Segment
+from shipfp_rs.signals.checks import Bands, below_nyquist, numbers, outside, sample_times, whole_samples
+from shipfp_rs.signals.excitation import Excitation, Segment, repeated
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
@@ -31,7 +31,7 @@ def sine_sequence(
     Parameters
     ----------
     frequencies_hz
-        Frequencies in order [Hz], each below half the sample rate.
+        Frequencies in order [Hz], shape (F,), each below half the sample rate.
     periods
         Periods of each, a whole number, so that the set point has no jumps.
     amplitude_rpm
@@ -109,13 +109,13 @@ def multisine(
     Parameters
     ----------
     frequencies_hz
-        Wanted frequencies [Hz]; each moves to the nearest multiple of 1/period_s.
+        Wanted frequencies [Hz], shape (F,); each moves to the nearest multiple of 1/period_s.
     period_s
         Period [s], a whole number of samples.
     amplitude_rpm
         Largest deviation [rpm].
     weights
-        Relative amplitude of each frequency; None: all equal.
+        Relative amplitude of each frequency, shape (F,); None: all equal.
     periods
         Number of periods; the first one lets the ship settle.
     avoid_hz
@@ -148,10 +148,7 @@ def multisine(
     >>> multisine([0.1, 0.2, 0.3, 0.4], 10.0, 13.0).crest_factor < 2.0
     True
     """
-    positive("period_s", period_s)
     positive("amplitude_rpm", amplitude_rpm)
-    if periods < 1:
-        raise InputError(f"periods is {periods}, expected 1 or more")
     wanted = numbers("frequencies_hz", frequencies_hz)
     sizes = np.ones(len(wanted)) if weights is None else np.array(numbers("weights", weights))
     if len(sizes) != len(wanted) or sizes.min() <= 0.0:
@@ -160,11 +157,7 @@ def multisine(
     sizes = np.array(
         [size for size, frequency in zip(sizes, wanted, strict=True) if frequency in frequencies]
     )
-    samples = len(sample_times(period_s, rate_hz))
-    if not math.isclose(samples, period_s * rate_hz, rel_tol=1e-9):
-        raise InputError(
-            f"period_s is {period_s:g}, {period_s * rate_hz:g} samples, expected a whole number of samples"
-        )
+    samples = whole_samples("period_s", period_s, rate_hz)
     lines = [round(frequency * period_s) for frequency in frequencies]
     for index, (line, frequency) in enumerate(zip(lines, frequencies, strict=True)):
         below_nyquist(f"frequencies_hz[{index}]", frequency, rate_hz)
@@ -175,9 +168,8 @@ def multisine(
             )
     order = np.argsort(lines)
     one_period = _flattened(np.array(lines)[order], sizes[order], samples, iterations)
-    tones = np.tile(amplitude_rpm / np.abs(one_period).max() * one_period, periods)
-    segments = tuple(Segment(f"period {k + 1}", k * period_s, (k + 1) * period_s) for k in range(periods))
-    return Excitation(name, "multisine", rate_hz, tones, segments=segments)
+    one_period *= amplitude_rpm / np.abs(one_period).max()
+    return repeated(name, "multisine", rate_hz, one_period, periods)
 
 
 def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import numbers, sample_times
+from shipfp_rs.signals.checks import numbers, sample_times, zero_or_more
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.support.arguments import checked
 
@@ -27,7 +24,7 @@ def steps(
     Parameters
     ----------
     sizes_rpm
-        Size of each step [rpm], up or down from the level before.
+        Size of each step [rpm], shape (S,), up or down from the level before.
     hold_s
         Time at each level [s].
     lead_s
@@ -48,8 +45,7 @@ def steps(
     [65.0, 65.0, 0.0, 0.0]
     """
     sizes = numbers("sizes_rpm", sizes_rpm)
-    if not (math.isfinite(lead_s) and lead_s >= 0.0):
-        raise InputError(f"lead_s is {lead_s}, expected zero or more")
+    zero_or_more("lead_s", lead_s)
     hold, lead = len(sample_times(hold_s, rate_hz)), round(lead_s * rate_hz)
     levels = np.repeat(np.cumsum(sizes), hold)
     return Excitation(name, "steps", rate_hz, np.concatenate([np.zeros(lead), levels]), hold="zero")

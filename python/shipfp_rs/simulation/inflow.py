@@ -1,4 +1,4 @@
-"""Water that does not flow evenly: the propeller's torque wanders, and the whole drive train with it."""
+"""Uneven inflow of the water: the propeller's torque varies, and so does the whole drive train."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Inflow:
     Parameters
     ----------
     share
-        Its standard deviation over the operating point's torque. A percent scatters the amplitudes of sine fits of 100
-        to 300 s, of an answer as large as the tug's, by half a percent to a percent, as those of appendix E are.
+        Standard deviation of the disturbance over the operating point's torque. One per cent scatters the amplitudes of
+        sine fits over 100 to 300 s, with an answer as large as the tug's, by 0.5 to 1 %, as in appendix E.
     memory_s
         Time in which its correlation falls to 1/e [s].
     """

@@ -24,7 +24,7 @@ from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 EVEN_CYCLES = 4
-"""Periods of what should be a chirp but keeps its frequency."""
+"""Periods of a faulty chirp, which keeps its frequency."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _recorded(
     strikes: frozenset[Kind],
     seed: int,
 ) -> tuple[Log, Recorder]:
-    """What the logger makes of the signals, and the keeper of the faults it made."""
+    """Return the recorded channels, and the recorder that knows their faults."""
     sensors = without_own_ripple(sensors, vessel)
     rows = _at_rate(moving, sensors.rate_hz)
     gear = vessel.gearbox.ratio

@@ -20,9 +20,9 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
 LEAST_RATE_HZ = 100.0
-"""A set point of a lower rate is brought above it, so that its curves stay what they were."""
+"""A set point of a lower rate is interpolated above this rate, so that its shape is kept [Hz]."""
 LEAD_S = 10.0
-"""For which the simulated ship stands at the operating point: the filters fill, and its mean is what it stands at."""
+"""Time at the operating point before the record, in which the filters settle and the levels are measured [s]."""
 
 
 @checked
@@ -58,7 +58,7 @@ def answered(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> 
         low_pass = LowPass(channel, record.rate_hz, float(lead))
         rows = {name: low_pass(partial(_stretch, row), len(record)) for name, row in signals.items()}
     rows = {name: np.where(np.isnan(record.signals[name]), np.nan, row) for name, row in rows.items()}
-    # What the filter would make of the set point beyond the record's ends is not known.
+    # Beyond the record's ends the filtered set point is unknown.
     rows["n_set"] = record.signals["n_set"] - record.operating_point["n_set"] + point["n_set"]
     return replace(
         record,

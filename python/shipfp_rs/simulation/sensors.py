@@ -20,9 +20,9 @@ Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clip
 """Faults of `shipfp_rs.logs.faults.KINDS` that a simulated log can have."""
 
 EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
-"""Of volts of the set point."""
+"""Calibration of the set point's volts."""
 TABLE_6_6 = Calibration(1059.0, 0.0, "Nm")
-"""Of volts of the torque; printed as 1.059 Nm/mV."""
+"""Calibration of the torque's volts; printed as 1.059 Nm/mV."""
 MAINS_HZ = 50.0
 PULSE_HEIGHT_V = 5.0
 PULSE_WIDTH = 0.3
@@ -117,7 +117,7 @@ class Recorder:
         self.sensors = sensors
         self.strikes = strikes
         self.duration = duration
-        # A stream for each channel and purpose: switching a fault on leaves all noise as it was.
+        # Each channel and purpose draws from its own random stream, so that switching a fault on changes no noise.
         self._seed = seed
         self._streams = 0
         self.faults: dict[Kind, dict[str, Array]] = {}
@@ -156,7 +156,7 @@ class Recorder:
             volts[start:stop] = self.sensors.receiver_limit_V
         limit = self.sensors.receiver_limit_V
         np.clip(volts, -limit, limit, out=volts)
-        # Streams of their own: faults that came later change none of the earlier ones.
+        # Separate random streams, so that later faults do not change earlier ones.
         for kind in simulated.LOSSES:
             chance = np.random.default_rng([simulated.LOSSES.index(kind), 1, self._seed])
             if lost := self._strike_for(kind, "U_torque", chance, longest_s=2.0):
@@ -167,7 +167,7 @@ class Recorder:
         return volts
 
     def recorded_twice(self, volts: Mapping[str, Array]) -> dict[str, Array]:
-        """Write stretches of all channels once more over those that follow."""
+        """Write stretches of all channels a second time, over the samples that follow."""
         chance = np.random.default_rng([len(simulated.LOSSES), 1, self._seed])
         twice = dict(volts)
         for start, stop in self._strike_for("repeated", "U_setpoint", chance, longest_s=0.2, shortest_s=0.1):
@@ -184,7 +184,7 @@ class Recorder:
         pitch = PULSE_WIDTH / len(places)
         time = np.arange(len(angle)) / rate
         rise_s, fall_s = np.interp(rising, angle, time), np.interp(rising + pitch, angle, time)
-        # Whole pulses only: interpolation would pile up the others at the record's ends.
+        # Only whole pulses: interpolation would put the others at the record's ends.
         kept = (rising > angle[0]) & (rising + pitch < angle[-1])
         rise_s, fall_s = rise_s[kept], fall_s[kept]
         if lost := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("B", name, chance)]:

@@ -29,9 +29,9 @@ Noise = Mapping[str, float | tuple[float, float]]
 LOGGER = logging.getLogger("shipfp_rs")
 
 LARGEST_SHARE = 0.9
-"""Deviation of the set point over itself above which an engine would stall."""
+"""Largest deviation of the set point, relative; with more an engine would stall."""
 _LARGEST_STEP = 0.025
-"""Step of RK4 times the fastest pole: its error, a few (0.025)^4 / 120, is below 1e-8 of the deviation."""
+"""Largest step of RK4 times the fastest pole; its error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
 
 
 @checked
@@ -220,7 +220,7 @@ def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, 
         )
     if not abs(correlation) < 1.0:
         raise InputError(f"noise[{output!r}] has correlation {correlation}, expected between -1 and 1")
-    # A stream of its own for each signal: asking for noise on one leaves the noise of the others as it was.
+    # Each signal draws from its own random stream, so that noise on one does not change the noise of the others.
     generator = np.random.default_rng([list(UNITS).index(output), seed])
     draws = generator.standard_normal(len(clean[output]))
     # The first sample comes from the stationary distribution, so there is no start-up.

@@ -61,7 +61,7 @@ ELEMENTS: dict[str, Element] = {
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
         Element("late_torque", "torque channel that tells late", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
         Element("late_speed", "speed channel that tells late", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
-        Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.1, 10.0, fixed=True),), "load"),
+        Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.01, 10.0),), "load"),
     )
 }
 """All elements by name, in the order in which structures list their parameters."""

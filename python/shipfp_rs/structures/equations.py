@@ -95,7 +95,3 @@ class Equations(ABC):
         step as it is.
         """
         return vector + step
-
-    def passed(self, rows: Array, experiment: Experiment) -> Array:
-        """Return measured outputs (O, N) behind the filter that simulated ones go through; unchanged without one."""
-        return rows

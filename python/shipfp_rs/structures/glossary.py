@@ -47,6 +47,7 @@ SIGNALS = (
         "thesis: taken for M_s",
     ),
     Term("X_f", "fuel rack", "mm", "", "thesis: X_f"),
+    Term("M_load", "measured torque of the load at the shaft", "Nm", "P_load / (2π n_s)", ""),
     Term("E_n", "integrated speed error", "rev", "∫ (n_set - n_e) dt", "thesis: the integral state"),
     Term("dn", "speed deviation", "-", "n_e / n_e0 - 1", "thesis: n*"),
     Term("dM", "torque deviation", "-", "M / M_0 - 1", "thesis: M*"),
@@ -112,13 +113,6 @@ LINEAR = (
     ),
     Term("T_s", "period at which the governor samples", "s", "", "MATLAB: Ts; python-control: dt"),
     Term("T_0", "when the governor's first sample of a record falls", "s", "", "MATLAB: Tstart"),
-    Term(
-        "misread",
-        "share by which a governor reads the speed off its mean",
-        "-",
-        "(n_set - n_e) / n_e at rest",
-        "",
-    ),
     Term("tau_twist", "give of the shaft, M_s0 / (2π n_s0 k)", "s", "M_s0 / (2π n_s0 shaft_stiffness)", ""),
     Term(
         "zeta_twist",
@@ -150,7 +144,7 @@ LINEAR = (
     ),
     Term("T_M", "by how much the torque channel tells late", "s", "exp(-s T_M)", "MATLAB: OutputDelay"),
     Term("T_n", "by how much the speed channel tells late", "s", "exp(-s T_n)", "MATLAB: OutputDelay"),
-    Term("k_L", "gain of the measured load torque", "-", "k_L M_load / M_s0", ""),
+    Term("k_L", "gain of the measured load torque", "-", "k_L (M_load / M_load0 - 1)", ""),
 )
 """Parameters of the linear structure and of the ship."""
 
@@ -186,56 +180,6 @@ COMBINATIONS = (
 )
 """What is known where its members are not."""
 
-VESSEL = (
-    Term(
-        "inertia", "moment of inertia of all that turns, seen from the propeller", "kg m2", "", "thesis: I_p"
-    ),
-    Term(
-        "propeller_inertia",
-        "share of it on the propeller's side of the gauge",
-        "kg m2",
-        "",
-        "not in the thesis",
-    ),
-    Term("gear_ratio", "engine speed over shaft speed", "-", "n_e / n_s", "thesis: i_gb"),
-    Term("transmission_efficiency", "of the gearbox", "-", "", "thesis: η_trm"),
-    Term("A1", "engine torque per fuel rack, eq. 3.5", "Nm/mm", "v M_b0 / X_0", "thesis: A_1"),
-    Term("A2", "engine torque per engine speed, eq. 3.5", "Nm/(rev/s)", "g M_b0 / n_e0", "thesis: A_2"),
-    Term("A3", "engine torque at no rack and no speed, eq. 3.5", "Nm", "(1 - v - g) M_b0", "thesis: A_3"),
-    Term(
-        "propeller_torque", "at the vessel's operating speed", "Nm", "K_Q ρ n_s0^2 D^5", "thesis: Q, eq. 3.8"
-    ),
-    Term("torque_exponent", "exponent of propeller torque with speed", "-", "p", "thesis: 2"),
-    Term("X_0", "fuel rack at no speed error", "mm", "", "thesis: X_0"),
-    Term("Kp_abs", "proportional gain of the governor", "mm/(rev/s)", "K_p X_0 / n_e0", "thesis: K_p"),
-    Term("Ki_abs", "integral gain of the governor", "mm/rev", "K_i X_0 / n_e0", "thesis: K_i"),
-    Term("minimum_torque", "lowest engine torque", "Nm", "", ""),
-    Term("limit", "factor on the engine's torque envelope", "-", "", "thesis: Fig. 3.3"),
-    Term("rack_rate", "how fast the fuel rack can move", "mm/s", "", "Simulink: Rate Limiter"),
-    Term("torque_rate", "how fast the engine's torque can change", "Nm/s", "", "Simulink: Rate Limiter"),
-    Term(
-        "fuel_dead_time",
-        "dead time between the governor's command and the rack",
-        "s",
-        "",
-        "MATLAB: InputDelay",
-    ),
-    Term("fuel_lag", "time constant of the fuel actuator", "s", "tau_act", "MATLAB: Tp1 of idproc"),
-    Term("shaft_stiffness", "torsional stiffness between engine and propeller", "Nm/rad", "k", ""),
-    Term("shaft_damping", "torsional damping between engine and propeller", "Nm s/rad", "", ""),
-    Term("drag_coefficient", "torque lost in the gearbox at 1 rev/s of the shaft", "Nm/(rev/s)^q", "", ""),
-    Term("drag_exponent", "exponent q of the gearbox's lost torque with speed", "-", "", ""),
-    Term("Kd_abs", "derivative gain of the governor", "mm s/(rev/s)", "K_d X_0 / n_e0", "MATLAB: Kd of pid"),
-    Term("derivative_filter", "time constant of the derivative's filter", "s", "", "MATLAB: Tf of pid"),
-    Term("minimum_rack", "lower stop of the fuel rack", "mm", "", "Simulink: Saturation"),
-    Term("maximum_rack", "upper stop of the fuel rack", "mm", "", "Simulink: Saturation"),
-    Term("smoke_margin", "rack allowed above what the charge air is good for", "mm", "", ""),
-    Term("turbocharger_lag", "time constant with which the charge air follows the rack", "s", "", ""),
-    Term("shaft_ripple", "propeller torque at once a turn of the shaft, over its mean", "-", "", ""),
-    Term("blade_ripple", "propeller torque at blade passage, over its mean", "-", "", ""),
-)
-"""Parameters of the plant in the vessel's own terms."""
-
 OBJECTS = (
     Term("Experiment", "signals on one time base with their operating point", "", "", "MATLAB: iddata"),
     Term(
@@ -258,9 +202,7 @@ OBJECTS = (
 )
 """What the package hands around, and the figure that a fit is judged by."""
 
-GLOSSARY: Mapping[str, Term] = {
-    term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *VESSEL, *OBJECTS)
-}
+GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *OBJECTS)}
 """All terms by symbol."""
 
 

@@ -52,10 +52,6 @@ class JointEquations(Equations):
         """Whether every trial's loop is stable, as far as its equations can tell."""
         return all(part.stable(values) for part in self.parts.values())
 
-    def passed(self, rows: Array, experiment: Experiment) -> Array:
-        """Return measured outputs behind the filter of the trial's equations, if they have one."""
-        return self.part(experiment.name).passed(rows, experiment)
-
     def part(self, name: str) -> PartEquations:
         """Return the equations of one trial.
 

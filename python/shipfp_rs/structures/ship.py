@@ -12,7 +12,7 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
+from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
@@ -131,10 +131,11 @@ class ShipEquations(Equations):
         return _core.simulate_ship(self.vector(values), *self._inputs(experiment), self._kernel_outputs)
 
     def simulate_loaded(self, values: Mapping[str, float], experiment: Experiment, load: Array) -> Array:
-        """Return the outputs (O, N) with another load torque on the shaft, over the operating point's, shape (N,)."""
-        set_point, _, dt, substeps, hold = self._inputs(experiment)
+        """Return the outputs (O, N) with one more load torque on the shaft, over the operating point's, shape (N,)."""
+        set_point, measured, dt, substeps, hold = self._inputs(experiment)
+        whole = load + values["k_L"] * measured if self.loaded else load
         vector = self.vector({**values, "k_L": 1.0})
-        return _core.simulate_ship(vector, set_point, load, dt, substeps, hold, self._kernel_outputs)
+        return _core.simulate_ship(vector, set_point, whole, dt, substeps, hold, self._kernel_outputs)
 
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
@@ -162,7 +163,7 @@ class ShipEquations(Equations):
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) of the linearisation and its derivatives with respect to `names`, shape (W, O, F)."""
         place: Place = "propeller" if self.propeller_speed else "engine"
-        linear = ExtendedLinear(self.outputs, self.gauge, place).equations()
+        linear = TransferFunctions(self.outputs, self.gauge, place)
         damping = values.get("damping", 0.0)
         known = {**values, "p": values["p"] + damping}
         asked = ["p" if name == "damping" else name for name in names]

@@ -10,8 +10,6 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.ties import Tie, resolved, tied
-from shipfp_rs.support.toml import validated
-from shipfp_rs.vessel.vessel import Vessel
 
 LINEAR_OPTIONS = (
     "torque",
@@ -19,17 +17,8 @@ LINEAR_OPTIONS = (
     "free_exponent",
     "dead_time_loop",
     "dead_time_set_point",
-    "actuator_lag",
-    "derivative",
-    "sampling",
-    "misreading",
-    "twist",
-    "curvature",
-    "speed",
 )
 SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampling")
-PLANT_OPTIONS = ("torque", "products", "free_exponent", "free_limit", "dead_time_set_point")
-GREY_BOX_OPTIONS = ("torque", "pass_hz")
 
 
 def to_dict(structure: Any) -> dict[str, Any]:
@@ -64,12 +53,6 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
     ways: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
         "linear": lambda told: declare.linear(**_options(told, LINEAR_OPTIONS)),
         "ship": lambda told: declare.ship(**_options(told, SHIP_OPTIONS)),
-        "plant": lambda told: declare.plant(_vessel(told), **_options(told, PLANT_OPTIONS)),
-        "grey box": lambda told: declare.grey_box(
-            _vessel(told),
-            [name for name, row in told["parameters"].items() if not row["fixed"]],
-            **_options(told, GREY_BOX_OPTIONS),
-        ),
         "joint": lambda told: declare.joint(
             {label: from_dict(declare, part) for label, part in told["parts"].items()},
             told["shared"],
@@ -99,14 +82,6 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
 
 def _options(content: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
     return {name: content[name] for name in (*names, "outputs", "name") if name in content}
-
-
-def _vessel(content: Mapping[str, Any]) -> Vessel:
-    if not isinstance(content["vessel"], Mapping):
-        raise InputError(
-            f"structure {content.get('name')!r}: found the vessel's name alone, expected all of it; give structure=..."
-        )
-    return validated(dict(content["vessel"]), Vessel, "the fingerprint's vessel")
 
 
 def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:

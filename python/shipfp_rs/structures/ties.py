@@ -120,10 +120,6 @@ class Behind(Equations):
         """Return where a step leads along the equations' own valley, as they have it without ties."""
         return self.equations.curved(names, vector, step, held)
 
-    def passed(self, rows: Array, experiment: Experiment) -> Array:
-        """Return measured outputs behind the filter of the equations, if they have one."""
-        return self.equations.passed(rows, experiment)
-
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return self.equations.simulate(self._values(values), experiment)

@@ -1,4 +1,4 @@
-"""Arguments of public functions, held against their annotations: one line in place of an error from deep within."""
+"""Arguments of public functions checked against their annotations: one clear line instead of an error deep inside."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from shipfp_rs.errors import InputError
 F = TypeVar("F", bound=Callable[..., Any])
 
 LOOKED_AT = 1000
-"""Entries of a sequence that are held against its annotation; arrays are checked where they are taken on."""
+"""Number of a sequence's entries that are checked against its annotation; arrays are checked where they are used."""
 PLAIN: Mapping[Any, str] = {
     float: "a number",
     int: "a whole number",
@@ -239,7 +239,7 @@ def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
         return False
     if len(inner) == 2 and inner[1] is Ellipsis:
         return all(fits(one, inner[0]) for one in value)
-    # Of another length is left to the function, which knows what its parts are called.
+    # A wrong length is left to the function, which can name the parts.
     return all(map(fits, value, inner))
 
 

@@ -60,7 +60,7 @@ class Calibration:
         if self.covariance is None:
             return np.full(x.shape, np.nan)
         (scale, both), (_, offset) = self.covariance
-        # Cancellation may leave a rounding error below zero where the line is exact.
+        # Where the line is exact, rounding may make the variance negative.
         return np.sqrt(np.maximum(scale * x**2 + 2.0 * both * x + offset, 0.0))
 
     @classmethod
@@ -135,6 +135,11 @@ def torque_factor(
     -------
     float
         [Nm] per unit of `shunt_voltage`.
+
+    Raises
+    ------
+    InputError
+        For a value that is not positive, or an inner diameter that is not less than the outer one.
 
     Notes
     -----

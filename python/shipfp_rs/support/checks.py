@@ -9,7 +9,7 @@ from shipfp_rs.errors import InputError
 
 
 def positive(name: str, value: float) -> None:
-    """Refuse what is not a finite positive number."""
+    """Refuse a value that is not a finite positive number."""
     if not (math.isfinite(value) and value > 0.0):
         raise InputError(f"{name} is {value}, expected a positive number")
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from shipfp_rs.errors import InputError
 
 MOST_BYTES = 64 * 2**20
-"""Of a description that people write or a result that they hand on: more is another file taken for one."""
+"""Most bytes of a description or a result; a longer file is another kind of file, given by mistake."""
 LONGEST_NAME = 255
-"""Bytes of a name on the file systems in use."""
+"""Longest file name in bytes."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-"""What a system says, often without a name, when a file can't be written to its end."""
+"""Errors of the system, often without a file name, when a file can't be written to its end."""
 
 
 def read_text(path: Path, expected: str) -> str:

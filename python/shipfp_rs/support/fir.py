@@ -13,7 +13,7 @@ ATTENUATION_DB = 80.0
 
 
 def taps(rate: float, shift: float) -> Array:
-    """Kaiser-windowed sinc for an output at `rate` times the inner rate, its middle `shift` inner samples late."""
+    """Return a Kaiser-windowed sinc for an output at `rate` times the inner rate, delayed by `shift` inner samples."""
     count, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate / 0.5)
     half = count // 2
     time = np.arange(-half, half + 1) + shift

@@ -1,4 +1,4 @@
-"""JSON without numbers that JSON has not: what is not finite is null, and is refused where it is read."""
+"""JSON without NaN and infinity, which JSON does not have: they are written as null, and refused when read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shipfp_rs.support.files import read_text
 
 
 def finite(content: Any) -> Any:
-    """Return content with None for what JSON has no number for."""
+    """Return content with None in place of numbers that are not finite."""
     if isinstance(content, float):
         return content if math.isfinite(content) else None
     if isinstance(content, Mapping):

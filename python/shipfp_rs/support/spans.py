@@ -40,7 +40,7 @@ def apart_from(spans: Spans, others: Spans) -> Spans:
 
 
 def clipped_to(spans: Spans, first: int, stop: int) -> Spans:
-    """Return what lies of spans within [first, stop)."""
+    """Return spans cut to [first, stop)."""
     cut = np.clip(spans, first, stop)
     return cut[cut[:, 1] > cut[:, 0]]
 

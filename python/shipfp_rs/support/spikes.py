@@ -1,4 +1,4 @@
-"""Short excursions of a recorded signal that no plant makes: found, then masked or bridged."""
+"""Spikes: short excursions of a recorded signal that the plant can't make; found, then masked or bridged."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ ROBUST_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of Gaussian noise."""
 
 SCALE_WINDOW_S = 1.0
-"""Stretch over which the spread about the running median is judged [s]."""
+"""Length of the stretch over which the spread about the running median is measured [s]."""
 
 SCALE_SAMPLES = 500
-"""Samples in that stretch which are looked at, where there are so many."""
+"""Most samples of that stretch that are used."""
 
 
 def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: float, least: float) -> Spans:
@@ -43,7 +43,7 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     -----
     F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
-    # A few hundred samples tell a spread; the others say the same again.
+    # A few hundred samples are enough for a spread.
     stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
     return _core.find_spikes(
         np.ascontiguousarray(samples, dtype=np.float64),

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 FACTS = "shipfp"
-"""Attribute, or metadata of a schema, under which what is no column stands as JSON."""
+"""Attribute, or key of a schema's metadata, that holds all facts beside the columns as JSON."""
 
 
 class Columns(NamedTuple):
-    """A table: columns by name, unit of each, the one that the others are a function of first."""
+    """A table: columns by name, the unit of each, and facts. The first column is the time or the frequency."""
 
     values: Mapping[str, Array]
     units: Mapping[str, str]
@@ -63,7 +63,7 @@ class Tabular(ABC):
         )
 
     def __reduce__(self) -> tuple[Callable[..., Self], tuple[Mapping[str, Array], Mapping[str, Any]]]:
-        """Go to other processes, and into copies, as the table; read-only mappings can't."""
+        """Pickle and copy as a table, since read-only mappings can't be pickled."""
         values, _, facts = self._columns()
         return self._from_columns, (values, facts)
 

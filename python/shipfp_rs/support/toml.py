@@ -19,9 +19,9 @@ from shipfp_rs.support.hints import suggestion
 Model = TypeVar("Model", bound=BaseModel)
 
 LARGEST, SMALLEST = 1e15, 1e-15
-"""Beyond any quantity of a ship or a log in the units of the files; a seed excepted."""
+"""Limits of the size of numbers, beyond any quantity of a ship or a log; a seed may be larger."""
 MOST_CHARACTERS = 2000
-"""Of any text: a path, a description."""
+"""Most characters of a text, such as a path or a description."""
 
 
 def _one_line_of_text(text: str) -> str:
@@ -31,11 +31,11 @@ def _one_line_of_text(text: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line_of_text)]
-"""What people call a trial, a window, a channel."""
+"""Name of a trial, a window or a channel."""
 FilePath = Annotated[str, Field(min_length=1), AfterValidator(_one_line_of_text)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Starts = Annotated[int, Field(ge=1, le=10_000)]
-"""Of a search; each takes a second or so."""
+"""Number of starts of a search; each takes a second or so."""
 
 
 class Section(BaseModel):
@@ -166,7 +166,7 @@ def _numbers(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, flo
 
 
 def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
-    # Where several types are possible each has its own place; the user knows the key alone.
+    # Where several types are possible, pydantic names each of them; the user only knows the key.
     location = [str(part) for part in error["loc"] if str(part) not in ("float", "int", "bool", "str")]
     key, found, context = ".".join(location), error["input"], error.get("ctx", {})
     match error["type"]:
@@ -225,7 +225,7 @@ def _lengths(kind: str, context: Mapping[str, Any]) -> str:
 
 
 def _shown(value: object) -> str:
-    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to write longer ones out
+    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print longer numbers
         return f"a whole number of {round(value.bit_length() * math.log10(2.0))} digits"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

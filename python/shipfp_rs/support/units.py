@@ -59,7 +59,7 @@ TO_REV: Mapping[str, float] = {
 """Turns in one of each unit of angle."""
 
 LETTER = "[?�¿]"
-"""What a degree or micro sign becomes where one byte was taken for another code."""
+"""What a degree or micro sign becomes where a text is read with the wrong encoding."""
 MENDED = (
     (re.compile(f"(?:{LETTER}|Â°|Ã‚Â°)([CFK])"), r"°\1"),
     (re.compile(f"(?:{LETTER}|Âµ|Î¼)(m/m|m|s|V|A|strain|e|eps|Pa|l|g)"), r"µ\1"),

@@ -14,9 +14,9 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 Array = npt.NDArray[np.float64]
 
 _DEGREE = 4
-"""Of the angle; the speed is a cubic spline."""
+"""Degree of the angle's spline; its slope, the speed, is a cubic one."""
 _STIFFNESS = 1e-6
-"""Weight of the coefficients' second differences against that of the pulses: bridges where there are none."""
+"""Weight of the coefficients' second differences relative to the pulses'. It holds the spline where there are no pulses."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class AngleSpline:
     factor: Array
     """Banded Cholesky factor of the normal matrix, lower form."""
     shift: Array
-    """What an offset of each stretch but the first moves the coefficients by, shape (M, R)."""
+    """Change of the coefficients with the offset of each stretch but the first, shape (M, R)."""
     offsets: Array
     """Angle at the begin of each stretch, shape (S,)."""
     offset_covariance: Array

@@ -91,7 +91,7 @@ def reflector_angles(
         )
     mean, std = np.empty(pulses_per_rev), np.empty(pulses_per_rev)
     for k in range(pulses_per_rev):
-        # Means of ten stretches in time: their scatter allows for errors that last, such as a count that slipped.
+        # Means of ten stretches in time: their scatter also shows errors that last, such as a count that slipped.
         parts = [part.mean() for part in np.array_split(ratio[steady & (phase == k)], 10)]
         mean[k], std[k] = np.mean(parts), np.std(parts, ddof=1) / np.sqrt(len(parts))
     fractions, std = mean / mean.sum(), std / mean.sum()

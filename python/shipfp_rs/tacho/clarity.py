@@ -14,15 +14,15 @@ Flags = npt.NDArray[np.bool_]
 AT_REST = 1 / 3
 """Pulses lower than this part of the usual height are doubted: they may be the noise or the hum of a shaft at rest."""
 NEAR_LIMIT = 1.2
-"""Pulses that are not as much higher than the limit may have lost others beside them."""
+"""Where pulses are lower than so many times the limit, others beside them may have been lost."""
 FAR_FROM_LIMIT = 2.0
-"""Nor does noise make a height look this much higher than the limit."""
+"""Noise does not make a height look higher than so many times the limit."""
 _LIMIT = 14.0
-"""Standard deviations of the noise that are the limit."""
+"""The limit, in standard deviations of the noise."""
 _DENSE = 10.0
-"""Below so many samples a pulse the noise can't be told from the train, and the limit says nothing of pulses lost."""
+"""With fewer samples a pulse the noise can't be measured, so the limit does not tell whether pulses were lost."""
 _IN_A_ROW = 20
-"""So many even periods in a row have pulses and noise has not: of its periods less than half are even."""
+"""So many even periods in a row are pulses. Noise has no such rows: less than half of its periods are even."""
 _EVEN, _STRICTLY_EVEN = 0.25, 0.12
 """Relative differences of the periods of an even row; of pulses below the limit noise makes larger ones."""
 _MARGIN = 2
@@ -33,9 +33,9 @@ _GRID = 1.2
 _MOST_TEETH = 3
 """A wheel's gap lasts two or three periods."""
 _SAME_HEIGHT, _SAME_PERIOD = 2.0, 1.6
-"""Ratios up to which low pulses go on from the others; hum at rest has neither their height nor their period."""
+"""Low pulses continue a train if heights and periods differ by less than these ratios; hum at rest differs by more."""
 _SILENCE = 5.5
-"""Periods without a pulse after which there are none; fewer are missed pulses."""
+"""After so many periods without a pulse the train has stopped; in fewer, pulses were missed."""
 
 
 def without_noise(times: Array, heights: Array, limits: Array) -> Array:
@@ -71,7 +71,7 @@ def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> F
     if clear.all():
         return clear
     kept = clear | _in_rows(times, ~clear, (heights < limits) & (heights > 0.0))
-    # What is told by no turning point counts on the way from pulses to pulses only, as beside a spike.
+    # A crossing without turning points of its own counts only between pulses, as beside a spike.
     for first, stop in runs(heights == 0.0).tolist():
         beside = first > 0 and stop < len(times) and kept[first - 1] and kept[stop]
         kept[first:stop] &= beside and stop - first <= _UNTOLD
@@ -119,7 +119,7 @@ def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
 
 
 def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int) -> Array:
-    """Return the stretches without pulses that are no missing samples, from pulse to pulse [samples], shape (K, 2).
+    """Return the stretches without pulses though samples are there, from pulse to pulse [samples], shape (K, 2).
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
     at = np.flatnonzero(doubted)
     edges = np.concatenate([[0.0], pulses, [float(samples)]]) if at.size else np.zeros(1)
     found = np.column_stack([edges[at], edges[at + 1]]) if at.size else np.empty((0, 2))
-    # What lies beside missing samples is silent because of them.
+    # Beside missing samples pulses are absent because of them.
     lost = np.zeros(len(found))
     for first, stop in missing.tolist():
         lost += np.clip(np.minimum(found[:, 1], stop) - np.maximum(found[:, 0], first), 0.0, None)
@@ -161,7 +161,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
 
 
 def _even(periods: Array, tolerance: float) -> Flags:
-    """Whether each period is the usual one of its neighbours, or, alone among such, two or three of it."""
+    """Whether each period equals the usual one of its neighbours; a single one may be two or three times as long."""
     if not len(periods):
         return np.zeros(0, dtype=np.bool_)
     usual = median_filter(periods, size=_NEIGHBOURS, mode="nearest")

@@ -49,7 +49,7 @@ class PulseTimes:
     rate_hz
         Sample rate of the train [Hz].
     faint_s
-        Those of the gaps that are not for want of samples, from pulse to pulse [s], shape (K, 2).
+        The gaps in which samples are there but no pulses can be told from noise, from pulse to pulse [s], shape (K, 2).
     limit
         Detection limit, in the unit of the samples: pulses that are higher from bottom to top are counted whatever
         their rhythm; lower ones where a dozen or more follow one another evenly. Median where the noise changed.
@@ -81,7 +81,7 @@ class PulseTimes:
 
     @property
     def missing_s(self) -> Array:
-        """Those of the gaps that are for want of samples [s], shape (K, 2)."""
+        """The gaps without samples [s], shape (K, 2)."""
         begins, ends = self.faint_s.T
         return np.asarray(
             self.gaps_s[~(np.isin(self.gaps_s[:, 0], begins) & np.isin(self.gaps_s[:, 1], ends))]
@@ -217,7 +217,7 @@ class _Found:
         """Tell which crossings are pulses, and which of them are hardly higher than noise, shape (N,)."""
         heights = [columns[1] for columns in self.columns]
         known = [float(np.median(height)) for height in heights if len(height)]
-        # The largest of the windows', a disturbed one or two apart.
+        # The largest of the windows' heights, but for one or two windows that a disturbance spoils.
         usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if known else 0.0
         least = [float(np.min(height, initial=np.inf)) for height in heights]
         if (np.array(least) >= np.maximum(FAR_FROM_LIMIT * np.array(self.limit), AT_REST * usual)).all():
@@ -228,7 +228,7 @@ class _Found:
 
 
 def _gaps(missing: Spans, faint: Array) -> Array:
-    """Return both kinds in order of time, as one where they overlap [samples], shape (G, 2)."""
+    """Return both kinds of gaps in order of time, overlapping ones joined [samples], shape (G, 2)."""
     gaps = np.concatenate([missing.astype(np.float64), faint])
     gaps = gaps[np.argsort(gaps[:, 0], kind="stable")]
     if len(gaps) < 2 or not len(faint):
@@ -239,7 +239,7 @@ def _gaps(missing: Spans, faint: Array) -> Array:
 
 
 def _complaint(bottom: float, top: float, threshold: float | None) -> str:
-    """What is wrong with a train that never had thresholds."""
+    """Say why no levels could be found in a train."""
     if np.isnan(bottom):
         return "samples: found no finite one, expected a train of pulses"
     if bottom == top:

@@ -14,21 +14,21 @@ from shipfp_rs.tacho.passages import Passages
 Array = npt.NDArray[np.float64]
 
 _SPACING = 1.0 / 3.0
-"""Knots, over the period of the bandwidth: the spline's gain falls by 0.1 % there."""
+"""Distance of the knots over the period of the bandwidth. At the bandwidth the spline's gain is 0.1 % low."""
 _ROUNDS = 10
-"""Of reweighting: a slipped count bends all at first, and is left behind round by round."""
+"""Rounds of reweighting. A count that slipped bends the whole angle at first; each round gives it less weight."""
 _HUBER = 2.5
-"""Standard deviations from which on a pulse's pull grows no more."""
+"""Distance from the fused angle, in standard deviations, beyond which a pulse's pull on it grows no more."""
 _APART = 6.0
-"""Standard deviations beyond which a pulse and the fused angle part."""
+"""Distance from the fused angle, in standard deviations, beyond which a pulse is reported as apart from it."""
 _NEARBY, _SLIP = 5, 0.4
-"""Passages on either side whose median shows where a count slipped, and the part of a pulse from which on it did."""
+"""A count slipped where the medians of so many passages before and after differ by more than this part of a pulse."""
 _SAME_SPEED = 5.0, 1e-5
-"""Standard deviations, and part of the speed, within which two trains tell the same mean speed."""
+"""Two trains have the same mean speed where they differ by less: in standard deviations, or as a part of the speed."""
 _UNEXPLAINED = 3.0
-"""Scatter from which on a train's timing and reflectors no longer explain it."""
+"""Ratio of a train's scatter to what its timing and reflectors explain, beyond which something else is wrong."""
 _UNKNOWN = 0.05
-"""Relative standard deviation from which on a speed is masked: nothing but the bridge is there."""
+"""Relative standard deviation beyond which a speed is masked: no pulses are near, the spline only bridges a gap."""
 _ROBUST, _CUT_OFF = 1.4826, 0.978
 """Standard deviation over median absolute deviation of Gaussian noise, and its mean square when cut at `_HUBER`."""
 
@@ -102,7 +102,7 @@ class FusedAngle:
                 self.time, self.angle, pull / spread**2, self.stretch, _SPACING / bandwidth_hz
             )
             self.residual = self.angle + self.fit.offsets[self.stretch] - self.fit.angle(self.time)
-            # What the spline took up of the scatter it does not show.
+            # The spline follows the scatter in part; the residuals lack that part.
             taken = np.sqrt(len(self.time) / max(len(self.time) - self.fit.size, 1))
             score = taken * np.abs(self.residual) / self.std
             self.scatter = np.array([_robust_scale(score[self.train == k]) for k in range(len(parts))])
@@ -110,7 +110,7 @@ class FusedAngle:
             pull = _HUBER / np.maximum(score, _HUBER)
 
     def at(self, grid: Array) -> tuple[Array, Array]:
-        """Speed and standard deviation on a grid, NaN where no pulses lead to it."""
+        """Speed and standard deviation on a grid, NaN where no pulses are near."""
         speed, std = self.fit.speed(grid), np.sqrt(self.fit.speed_variance(grid))
         with np.errstate(invalid="ignore"):
             lost = ~(std <= _UNKNOWN * np.abs(speed))
@@ -128,7 +128,7 @@ class FusedAngle:
         )
 
     def _runs(self, time: Array, stretch: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Numbers that differ where a train's stretch or the piece of the fused angle does."""
+        """Number the runs of passages: each lies in one stretch of the train and in one piece of the fused angle."""
         return np.asarray(
             (stretch - stretch.min()) * len(self.fit.splines) + np.maximum(self.fit.piece_at(time), 0)
         )
@@ -145,11 +145,11 @@ class FusedAngle:
         moved = jump > _SLIP * own.pitch
         edges = np.flatnonzero(np.diff(moved, prepend=False, append=False)).reshape(-1, 2)
         peaks = np.array([first + np.argmax(jump[first:last]) for first, last in edges], dtype=np.intp)
-        # Where a stretch ends its offset may change anyhow.
+        # From one stretch to the next the offset may change without a slip.
         return np.asarray(peaks[own.stretch[peaks] == own.stretch[peaks - 1]])
 
     def report(self, name: str) -> TrainReport:
-        """Return how a train stands to the fused angle."""
+        """Compare a train with the fused angle."""
         k = list(self.passages).index(name)
         own, mine = self.passages[name], self.train == k
         spread = own.std * np.clip(self.scatter[k], 1.0, _UNEXPLAINED)
@@ -170,7 +170,7 @@ class FusedAngle:
 
 
 def _robust_scale(size: Array) -> float:
-    """Root mean square of absolute values, those cut off that stand out.
+    """Return the root mean square of absolute values, large ones cut off.
 
     The tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A median alone
     would be a quarter too large for edges that lie evenly between two samples.
@@ -180,7 +180,7 @@ def _robust_scale(size: Array) -> float:
 
 
 def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> tuple[float, float]:
-    """Slope of a train's turns over the fused ones, offsets of its runs apart, and its standard deviation."""
+    """Slope of a train's turns over the fused ones, and its standard deviation; each run has an offset of its own."""
     weight = 1.0 / std**2
     _, numbers = np.unique(run, return_inverse=True)
     total = np.bincount(numbers, weight)

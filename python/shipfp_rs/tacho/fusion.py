@@ -17,7 +17,7 @@ from shipfp_rs.tacho.tracks import require_positive
 Array = npt.NDArray[np.float64]
 
 _PULSES_PER_HZ, _LEAST_PULSES_PER_HZ = 6.0, 4.5
-"""Pulses a second for each Hz of bandwidth: two for each coefficient of the spline, and one and a half at least."""
+"""Pulses a second needed for each Hz of bandwidth, as a rule and at least: 2 and 1.5 for each spline coefficient."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class FusedSpeed:
     speed_rps, std_rps
         Speed and its standard deviation [rev/s], shape (N,); NaN where no train tells it.
     bandwidth_hz
-        Frequency up to which it follows the shaft: gain 1 within 0.2 %, without delay [Hz].
+        Frequency up to which the speed follows the shaft: gain 1 within 0.2 %, without delay [Hz].
     trains
-        Name to what each has to do with it.
+        Name of each train to its part in the fused speed.
     """
 
     time_s: Array
@@ -54,8 +54,8 @@ def fuse(
 ) -> FusedSpeed:
     """One speed from several pulse trains, on a uniform grid from `start_s` up to, not including, `stop_s`.
 
-    Every pulse tells the angle of its shaft at its time. A spline is laid through the angles of all trains, each weighted
-    by the inverse of its variance, and each unbroken stretch with an offset of its own; the slope is the speed.
+    Every pulse tells the angle of its shaft at its time. A spline is fitted to the angles of all trains; its slope is the
+    speed. Each angle is weighted by the inverse of its variance, and each unbroken stretch has an offset of its own.
     Angles, unlike speeds between pulses, are not averaged over an interval: there is no boxcar gain and no delay to
     correct, and the errors of successive pulses are independent.
 

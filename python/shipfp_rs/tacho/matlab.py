@@ -155,6 +155,11 @@ def pulseperiod(
     polarity
         "positive": pulses begin with a rising transition; "negative": with a falling one.
 
+    Raises
+    ------
+    InputError
+        Where an argument is out of its range.
+
     Examples
     --------
     >>> pulseperiod([0, 0, 1, 1, 0, 0, 0, 1, 1, 0, 0, 1], 10.0).p

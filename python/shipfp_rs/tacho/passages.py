@@ -1,4 +1,4 @@
-"""Passages of a pulse train: when its true pulses came by, and what angle they tell."""
+"""Passages of a pulse train: times of its true pulses, and the angle of the shaft at each."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Passages:
 
 
 def passages_of(train: Train) -> Passages:
-    """Pulses as they came by, without those that were put in."""
+    """Return the pulses that were recorded, without those put in for missed ones."""
     speed = train.speed
     if not (speed.std_rps > 0.0).all():
         raise InputError(

@@ -20,12 +20,12 @@ Array = npt.NDArray[np.float64]
 
 _TYPICAL = 21
 _AROUND = 33
-"""Intervals whose mean tells how many samples one should have."""
+"""Number of intervals whose mean length tells how many samples each should have."""
 _LEAST_APART = 0.05
-"""Of the variance that sampling makes this share is left where a whole number of samples lies between pulses: it is
-never known to be whole."""
+"""Share of sampling's variance that is kept where a whole number of samples lies between pulses: whether it is whole is
+never quite certain."""
 _STEP = 0.2
-"""Standard deviation [samples] from which on an edge is a step rather than a slope."""
+"""An edge whose standard deviation [samples] is larger counts as a step, not as a slope."""
 
 
 @dataclass(frozen=True)
@@ -264,10 +264,10 @@ class _Timing:
         return cls(times, std, none, 0.0)
 
     def scatter(self, edges_s: Array, expected: Array) -> tuple[Array, Array, Array]:
-        """Relative variance of the speeds between successive edges that should be `expected` [s] apart.
+        """Return three relative measures of the speeds between successive edges that should be `expected` [s] apart.
 
-        And the surplus of their mean, since on average 1 / T is above 1 / (mean of T); and what the variance would be
-        if the errors of the edges had nothing to do with one another.
+        Their variance; how far their mean is too high, since on average 1 / T is above 1 / (mean of T); and the variance
+        if the errors of the edges were independent.
         """
         noise, grid = self.noise_s, self.grid_s
         times = np.asarray(self.times_s)
@@ -279,14 +279,14 @@ class _Timing:
         random, sampled = random / expected**2, sampled / expected**2
         if not self.sample_s > 0.0:
             return (random + sampled,) * 3
-        # Two edges are off alike where a whole number of samples lies between them; where the speed changes that
-        # number wanders, and the mean over some intervals is 1.
+        # Two edges have the same error where a whole number of samples lies between them. While the speed changes that
+        # number varies, and the factor is 1 on average over some intervals.
         samples = expected / self.sample_s
         whole = np.maximum(np.floor(samples), 1.0)
         past = samples - whole
         step = sampled * samples**2 > 2.0 * _STEP**2
         apart = np.where(step, 6.0 * past * (1.0 - past), 1.0 - np.cos(2.0 * np.pi * past))
-        # Between steps lie so many samples or one more: 1 / T has two values.
+        # Between two steps lie `whole` samples or one more, so 1 / T has two values.
         few = np.where(step, samples**2 / (whole * (whole + 1.0)), 1.0)
         variance, surplus = (
             np.maximum(uniform_filter1d(apart * factor, min(_AROUND, len(apart))), _LEAST_APART)
@@ -309,7 +309,7 @@ def _track_speed(
     middle = track.edges_s[0] + np.cumsum(duration) - duration / 2
     around = min(_AROUND, len(whole))
     expected = turned * uniform_filter1d(whole, around) / uniform_filter1d(turned, around)
-    # Of the lengths expected: those measured are long or short by the very errors.
+    # With the expected lengths: the measured ones contain the errors themselves.
     variance, surplus, apart = timing.scatter(track.edges_s, expected)
     unbiased = speed * np.repeat(1.0 - np.minimum(surplus, 0.5), track.count)
     usual = np.repeat(turned / expected, track.count)

@@ -16,8 +16,8 @@ Array = npt.NDArray[np.float64]
 _MEDIAN_WINDOW = 21
 """Periods in the running median against which missed and extra pulses show."""
 _EXTRA_BELOW = 0.6
-"""A period shorter than this part of the median ends at an extra pulse: both halves of one that was cut in the middle
-count as such, while a shaft does not speed up so much within a few pulses."""
+"""A period shorter than this part of the median ends at an extra pulse. Both halves of a period cut in the middle are
+that short; a shaft does not speed up so much within a few pulses."""
 _CLEARLY_BETTER = 0.05
 """Of two crossings close together the first is the edge and the second that of a saw-tooth on it (Fig. 6.15), unless
 the second fits better by this part of a period. Uneven reflectors and changing speed make smaller differences."""
@@ -112,7 +112,7 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
     ratio = periods / _running_median(periods)
     count = np.where(ratio < _MISSED_FROM, 1, np.rint(ratio)).astype(np.int64)
     over_gap = np.searchsorted(gaps[:, 0], times[1:]) > np.searchsorted(gaps[:, 1], times[:-1], side="right")
-    # Over a gap the count of pulses is only kept where it is beyond doubt.
+    # Over a gap the count goes on only where the number of pulses in it is certain.
     broken = (count > 1 + _MOST_MISSED) | (over_gap & (np.abs(ratio - count) > 0.3))
     flags = np.where(count > 1, PulseFlag.MISSED, 0) | np.where(merged, PulseFlag.EXTRA, 0)
     cuts = np.flatnonzero(broken)

@@ -71,28 +71,6 @@ class LinearModel:
         """Return the parameters in the order of `_core.LINEAR_PARAMETERS`, shape (9,)."""
         return np.array(dataclasses.astuple(self))
 
-    def three_parameters(self) -> LinearModel:
-        """Return the model without v and g that moves the speed alike: tau_n, vK_p and vK_i times p / (p - g).
-
-        Dead times, exponent and the gauge's torque stay as they are; the engine's torque is off by
-        (tau_n' - tau_n) s / (p + tau_n s) of itself.
-
-        Examples
-        --------
-        >>> effective = linearise(Vessel.load("stan-launch-804")).three_parameters()
-        >>> round(effective.tau_n, 3), round(effective.K_p, 2), round(effective.K_i, 3)
-        (1.172, 12.26, 1.226)
-        """
-        share = self.p / (self.p - self.g)
-        return dataclasses.replace(
-            self,
-            tau_n=share * self.tau_n,
-            g=0.0,
-            v=1.0,
-            K_p=share * self.v * self.K_p,
-            K_i=share * self.v * self.K_i,
-        )
-
     @property
     def poles(self) -> ComplexArray:
         """Poles of the closed loop [rad/s], shape (2,)."""
@@ -100,7 +78,7 @@ class LinearModel:
         return np.roots(self._denominator()).astype(np.complex128)
 
     def zeros(self, output: Output) -> ComplexArray:
-        """Zeros of `output` over the set point [rad/s]."""
+        """Zeros of `output` over the set point [rad/s], shape (Z,)."""
         self._require_no_dead_time()
         return np.roots(self._numerator(output)).astype(np.complex128)
 
@@ -159,7 +137,20 @@ class LinearModel:
     def response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b")
     ) -> ComplexArray:
-        """Return the complex response of the outputs at frequencies [Hz], shape (O, F); dead times are exact here."""
+        """Return the complex response of the outputs to the set point, shape (O, F); dead times are exact here.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz], shape (F,).
+        outputs
+            Names of the outputs, O of them.
+
+        Raises
+        ------
+        InputError
+            For an unknown output, or a frequency that is not finite or is negative.
+        """
         chosen = [_core.LINEAR_OUTPUTS.index(_known(output)) for output in outputs]
         return _core.linear_response(
             self.kernel_parameters(), np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)), chosen
@@ -169,7 +160,16 @@ class LinearModel:
     def frequency_response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b"), *, name: str = "model"
     ) -> FrequencyResponse:
-        """Return the same as an object that can be drawn, compared and fitted to; its signals are those measured.
+        """Return the response as an object that can be drawn, compared and fitted to.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz], shape (F,).
+        outputs
+            Names of the outputs; the response names the measured signals, n_e for dn for example.
+        name
+            Label.
 
         Examples
         --------

@@ -191,9 +191,21 @@ class BollardCurve:
 
 @checked
 def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
-    """Return the static curves at engine speeds [rpm], shape (N,).
+    """Return the static curves of bollard pull and brake power (Figs 3.2 and 3.3).
 
     Speeds that the engine can't reach are calculated too: there the brake power exceeds its limit.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    n_e_rpm
+        Engine speeds [rpm], shape (N,).
+
+    Raises
+    ------
+    InputError
+        Where the speeds are not finite numbers from 0 up, in one dimension.
     """
     rpm = np.array(n_e_rpm, dtype=np.float64)
     if rpm.ndim != 1 or not (np.isfinite(rpm) & (rpm >= 0.0)).all():

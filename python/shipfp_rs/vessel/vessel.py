@@ -158,7 +158,7 @@ class Vessel(Sparse):
         speed, power = known("engine.rated_speed_rpm"), known("engine.rated_power_kW")
         # Without a rating any engine will do.
         rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
-        shaft = self.gearbox.ratio * (known("gearbox.efficiency") or 1.0)
+        shaft = self.torque_ratio
         checks = (
             _Size("water.density_kg_m3", 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
             _Size("engine.rated_speed_rpm", 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
@@ -187,7 +187,13 @@ class Vessel(Sparse):
                 size.require(value)
 
     def require(self, *keys: str) -> None:
-        """Raise `InputError` that names all of some keys, such as "propeller.blades", that the ship lacks."""
+        """Refuse a ship that lacks one of some dotted keys, such as "propeller.blades".
+
+        Raises
+        ------
+        InputError
+            Where keys are missing; it names them all.
+        """
         lacking = [key for key in keys if not self.given(key)]
         if lacking:
             raise InputError(
@@ -219,6 +225,11 @@ class Vessel(Sparse):
         ----------
         changes
             Dotted key, as in the TOML file, to the new value: {"shaft.inertia_kg_m2": 30.0}.
+
+        Raises
+        ------
+        InputError
+            For an unknown key, or a value that no ship can have.
         """
         content: dict[str, Any] = self.model_dump()
         for key, value in changes.items():
@@ -260,7 +271,13 @@ class Vessel(Sparse):
 
     @property
     def nominal_brake_torque(self) -> float:
-        """Brake torque M_b0 at the operating point [Nm] (eq. 3.6)."""
+        """Brake torque M_b0 at the operating point [Nm] (eq. 3.6).
+
+        Raises
+        ------
+        InputError
+            Where the operating point has neither M_b_Nm nor M_s_Nm.
+        """
         point = self.operating_point
         if point.M_b_Nm is not None:
             return point.M_b_Nm
@@ -271,13 +288,18 @@ class Vessel(Sparse):
         return (point.M_s_Nm + self.gearbox.drag_Nm) / (self.gearbox.ratio * self.gearbox.efficiency)
 
     @property
+    def torque_ratio(self) -> float:
+        """Shaft torque over brake torque; a gearbox whose efficiency is not given loses nothing."""
+        return self.gearbox.ratio * (self.gearbox.efficiency if self.given("gearbox.efficiency") else 1.0)
+
+    @property
     def inertia(self) -> float:
         """Moment of inertia of all that turns, seen from the propeller [kg m2] (eq. 3.12, 3.13)."""
         return self.shaft.inertia_kg_m2 + self._added_water()
 
     @property
     def propeller_side_inertia(self) -> float:
-        """Share of it on the propeller's side of the torque gauge [kg m2]."""
+        """Part of `inertia` that is on the propeller's side of the torque gauge [kg m2]."""
         return self.shaft.propeller_side_inertia_kg_m2 + self._added_water()
 
     def _added_water(self) -> float:

@@ -25,7 +25,7 @@ pub struct Columns<'a> {
     windows: Vec<f64>,
     /// For each row the first `order` steps of every lane.
     heads: Vec<f64>,
-    /// Filtered rows, and rows of zeros up to a whole tile.
+    /// Filtered rows, filled up with rows of zeros to a whole number of tiles.
     rows: Vec<f64>,
     /// Steps of the last block; none before the first one.
     steps: Option<usize>,

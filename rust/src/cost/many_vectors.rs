@@ -146,28 +146,13 @@ pub fn scatter<const O: usize, const SPEED: bool, const BETWEEN: bool>(
         if BETWEEN {
             course.lay(late, start, &mut sets[..end - start + 2]);
         }
-        let recursion = &mut recursion;
-        if stretch.counts {
-            let sums = &mut sums;
-            arch().dispatch(March::<O, SPEED, BETWEEN, true> {
-                course,
-                start,
-                end,
-                sets: &sets,
-                recursion,
-                sums,
-            });
-        } else {
-            let sums = &mut sums;
-            arch().dispatch(March::<O, SPEED, BETWEEN, false> {
-                course,
-                start,
-                end,
-                sets: &sets,
-                recursion,
-                sums,
-            });
-        }
+        arch().dispatch(March::<O, SPEED, BETWEEN> {
+            course,
+            stretch,
+            sets: &sets,
+            recursion: &mut recursion,
+            sums: &mut sums,
+        });
         cut_all(&mut recursion.error);
         cut_all(&mut recursion.change);
     }
@@ -175,25 +160,26 @@ pub fn scatter<const O: usize, const SPEED: bool, const BETWEEN: bool>(
 }
 
 /// Advance all lanes through a stretch.
-struct March<'a, const O: usize, const SPEED: bool, const BETWEEN: bool, const COUNTS: bool> {
+struct March<'a, const O: usize, const SPEED: bool, const BETWEEN: bool> {
     course: &'a Course<'a, O>,
-    start: usize,
-    end: usize,
+    stretch: &'a Stretch,
     sets: &'a [Pack],
     recursion: &'a mut Recursion<O>,
     sums: &'a mut Scatter<O>,
 }
 
-impl<const O: usize, const SPEED: bool, const BETWEEN: bool, const COUNTS: bool> WithSimd
-    for March<'_, O, SPEED, BETWEEN, COUNTS>
-{
+impl<const O: usize, const SPEED: bool, const BETWEEN: bool> WithSimd for March<'_, O, SPEED, BETWEEN> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let registers = LANES / S::F64_LANES;
         for first in (0..registers).step_by(2) {
-            self.registers::<S, 2>(simd, first);
+            if self.stretch.counts {
+                self.registers::<S, 2, true>(simd, first);
+            } else {
+                self.registers::<S, 2, false>(simd, first);
+            }
         }
     }
 }
@@ -210,6 +196,22 @@ fn load<S: Simd, const R: usize>(simd: S, pack: &Pack, first: usize) -> [S::f64s
 }
 
 #[inline(always)]
+#[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
+fn load_reads<S: Simd, const R: usize, const O: usize>(
+    simd: S,
+    reads: &[[Pack; 4]; O],
+    first: usize,
+) -> [[[S::f64s; R]; 4]; O] {
+    let mut loaded = [[[simd.splat_f64s(0.0); R]; 4]; O];
+    for output in 0..O {
+        for term in 0..4 {
+            loaded[output][term] = load(simd, &reads[output][term], first);
+        }
+    }
+    loaded
+}
+
+#[inline(always)]
 #[allow(clippy::manual_memcpy)] // as above
 fn store<S: Simd, const R: usize>(pack: &mut Pack, first: usize, values: [S::f64s; R]) {
     let registers = S::as_mut_simd_f64s(pack).0;
@@ -218,13 +220,19 @@ fn store<S: Simd, const R: usize>(pack: &mut Pack, first: usize, values: [S::f64
     }
 }
 
-impl<const O: usize, const SPEED: bool, const BETWEEN: bool, const COUNTS: bool>
-    March<'_, O, SPEED, BETWEEN, COUNTS>
-{
-    /// `R` registers of lanes from the `first` on.
+/// `R` registers of lanes: the set point and its last step, the error and its change.
+struct Now<S: Simd, const R: usize> {
+    set: [S::f64s; R],
+    step: [S::f64s; R],
+    error: [S::f64s; R],
+    change: [S::f64s; R],
+}
+
+impl<const O: usize, const SPEED: bool, const BETWEEN: bool> March<'_, O, SPEED, BETWEEN> {
+    /// `R` registers of lanes from the `first` on. `COUNTS`: residuals are summed.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)] // an iterator that is not inlined would not be compiled for the machine's vectors
-    fn registers<S: Simd, const R: usize>(&mut self, simd: S, first: usize) {
+    fn registers<S: Simd, const R: usize, const COUNTS: bool>(&mut self, simd: S, first: usize) {
         let Recursion { lead, keep, pull, push, reads, error, change } = &mut *self.recursion;
         let zero = [simd.splat_f64s(0.0); R];
         let (lead, keep, pull) = (
@@ -233,27 +241,25 @@ impl<const O: usize, const SPEED: bool, const BETWEEN: bool, const COUNTS: bool>
             load::<S, R>(simd, pull, first),
         );
         let push = [load::<S, R>(simd, &push[0], first), load::<S, R>(simd, &push[1], first)];
-        let (mut e, mut w) = (load::<S, R>(simd, error, first), load::<S, R>(simd, change, first));
-        let mut factors = [[zero; 4]; O];
-        for output in 0..O {
-            for term in 0..4 {
-                factors[output][term] = load(simd, &reads[output][term], first);
-            }
-        }
+        let factors = load_reads::<S, R, O>(simd, reads, first);
         let mut sums = [[zero; O]; O];
-        let (start, end) = (self.start, self.end);
+        let Range { start, end } = self.stretch.samples;
         let set = &self.course.set[start..];
         let after = &set[1.min(set.len() - 1)..];
         let mut measured = [&set[..0]; O];
         for output in 0..O {
             measured[output] = &self.course.measured[output][start..end];
         }
-        let mut now = if BETWEEN { load(simd, &self.sets[1], first) } else { [simd.splat_f64s(set[0]); R] };
-        let mut step = zero;
+        let mut now = Now::<S, R> {
+            set: if BETWEEN { load(simd, &self.sets[1], first) } else { [simd.splat_f64s(set[0]); R] },
+            step: zero,
+            error: load(simd, error, first),
+            change: load(simd, change, first),
+        };
         if BETWEEN {
             let before = load::<S, R>(simd, &self.sets[0], first);
             for r in 0..R {
-                step[r] = simd.sub_f64s(now[r], before[r]);
+                now.step[r] = simd.sub_f64s(now.set[r], before[r]);
             }
         }
         for k in 0..end - start {
@@ -262,55 +268,78 @@ impl<const O: usize, const SPEED: bool, const BETWEEN: bool, const COUNTS: bool>
             } else {
                 [simd.splat_f64s(if k < after.len() { after[k] } else { after[after.len() - 1] }); R]
             };
-            let mut residuals = [zero; O];
             if COUNTS {
+                let mut values = [zero[0]; O];
                 for output in 0..O {
-                    let value = simd.splat_f64s(measured[output][k]);
-                    let factors = &factors[output];
-                    for r in 0..R {
-                        residuals[output][r] = if SPEED && output == 0 {
-                            simd.add_f64s(simd.sub_f64s(value, now[r]), e[r])
-                        } else {
-                            let mut residual = simd.mul_add_e_f64s(factors[0][r], now[r], value);
-                            residual = simd.mul_add_e_f64s(factors[1][r], e[r], residual);
-                            if BETWEEN {
-                                residual = simd.mul_add_e_f64s(factors[3][r], step[r], residual);
-                            }
-                            simd.mul_add_e_f64s(factors[2][r], w[r], residual)
-                        };
-                    }
+                    values[output] = simd.splat_f64s(measured[output][k]);
                 }
-                for i in 0..O {
-                    for j in i..O {
-                        for r in 0..R {
-                            sums[i][j][r] =
-                                simd.mul_add_e_f64s(residuals[i][r], residuals[j][r], sums[i][j][r]);
-                        }
-                    }
-                }
+                Self::add(simd, &values, &now, &factors, &mut sums);
             }
             for r in 0..R {
-                let to_come = simd.sub_f64s(next[r], now[r]);
+                let to_come = simd.sub_f64s(next[r], now.set[r]);
                 let mut fed = simd.mul_f64s(push[1][r], to_come);
                 if BETWEEN {
-                    fed = simd.mul_add_e_f64s(push[0][r], step[r], fed);
+                    fed = simd.mul_add_e_f64s(push[0][r], now.step[r], fed);
                 }
-                fed = simd.mul_add_e_f64s(pull[r], e[r], fed);
-                e[r] = simd.mul_add_e_f64s(lead[r], to_come, simd.sub_f64s(e[r], w[r]));
-                w[r] = simd.mul_add_e_f64s(keep[r], w[r], fed);
-                step[r] = to_come;
+                fed = simd.mul_add_e_f64s(pull[r], now.error[r], fed);
+                let before = simd.sub_f64s(now.error[r], now.change[r]);
+                now.error[r] = simd.mul_add_e_f64s(lead[r], to_come, before);
+                now.change[r] = simd.mul_add_e_f64s(keep[r], now.change[r], fed);
+                now.step[r] = to_come;
             }
-            now = next;
+            now.set = next;
         }
-        store::<S, R>(error, first, e);
-        store::<S, R>(change, first, w);
+        store::<S, R>(error, first, now.error);
+        store::<S, R>(change, first, now.change);
+        self.add_up(simd, first, &sums);
+    }
+
+    /// Add the products of one sample's residuals to the sums.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // as above
+    fn add<S: Simd, const R: usize>(
+        simd: S,
+        values: &[S::f64s; O],
+        now: &Now<S, R>,
+        factors: &[[[S::f64s; R]; 4]; O],
+        sums: &mut [[[S::f64s; R]; O]; O],
+    ) {
+        let mut residuals = [[simd.splat_f64s(0.0); R]; O];
+        for output in 0..O {
+            let factors = &factors[output];
+            for r in 0..R {
+                residuals[output][r] = if SPEED && output == 0 {
+                    simd.add_f64s(simd.sub_f64s(values[output], now.set[r]), now.error[r])
+                } else {
+                    let mut residual = simd.mul_add_e_f64s(factors[0][r], now.set[r], values[output]);
+                    residual = simd.mul_add_e_f64s(factors[1][r], now.error[r], residual);
+                    if BETWEEN {
+                        residual = simd.mul_add_e_f64s(factors[3][r], now.step[r], residual);
+                    }
+                    simd.mul_add_e_f64s(factors[2][r], now.change[r], residual)
+                };
+            }
+        }
         for i in 0..O {
             for j in i..O {
-                let total = load::<S, R>(simd, &self.sums[i][j], first);
                 for r in 0..R {
-                    sums[i][j][r] = simd.add_f64s(total[r], sums[i][j][r]);
+                    sums[i][j][r] = simd.mul_add_e_f64s(residuals[i][r], residuals[j][r], sums[i][j][r]);
                 }
-                store::<S, R>(&mut self.sums[i][j], first, sums[i][j]);
+            }
+        }
+    }
+
+    /// Add a stretch's sums to the record's.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // as above
+    fn add_up<S: Simd, const R: usize>(&mut self, simd: S, first: usize, sums: &[[[S::f64s; R]; O]; O]) {
+        for i in 0..O {
+            for j in i..O {
+                let mut total = load::<S, R>(simd, &self.sums[i][j], first);
+                for r in 0..R {
+                    total[r] = simd.add_f64s(total[r], sums[i][j][r]);
+                }
+                store::<S, R>(&mut self.sums[i][j], first, total);
             }
         }
     }

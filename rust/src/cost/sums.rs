@@ -53,13 +53,13 @@ impl Sums {
         rows.next_multiple_of(TILE)
     }
 
-    /// Add a block of as many rows as [`Self::space`] says.
+    /// Add the products of a block's rows with each other; the block has the size that [`Self::space`] says.
     pub fn add(&mut self, block: &[f64]) {
         let (rows, width, all) = (self.rows, self.width, false);
         arch().dispatch(Multiply { block, others: block, rows, width, all, products: &mut self.products });
     }
 
-    /// Add a block of rows and one of others, both of as many as [`Self::space`] says.
+    /// Add the products of the rows of one block with those of another, both of the size that [`Self::space`] says.
     pub fn add_across(&mut self, block: &[f64], others: &[f64]) {
         let (rows, width, all) = (self.rows, self.width, true);
         arch().dispatch(Multiply { block, others, rows, width, all, products: &mut self.products });

@@ -166,6 +166,7 @@ impl DriveTrain {
 impl<T: Scalar> DriveTrain<T> {
     /// Of checked numbers in the order of [`PARAMETERS`].
     pub(crate) fn of(numbers: [T; PARAMETERS.len()], tables: Tables) -> Self {
+        // long: a line for each of the numbers, and one for where it goes.
         let [
             inertia,
             ratio,

@@ -115,7 +115,7 @@ fn polar<T: Scalar>(along: T, across: T) -> [T; 2] {
     let (x, y) = (along.value(), across.value());
     let length = x.hypot(y);
     if length < REST {
-        // At rest the flow has no direction, and none is needed: what is made of it goes with a power of its length.
+        // At rest the flow has no direction. None is needed: torque and thrust go with a power of the length.
         return [along.function(length, 1.0), along.constant(y.atan2(x))];
     }
     let (cosine, sine) = (x / length, y / length);

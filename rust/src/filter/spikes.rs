@@ -1,4 +1,4 @@
-//! Short excursions of a signal from its running median: Hampel's rule, and a look at where each one comes back to.
+//! Short excursions of a signal from its running median, by Hampel's rule; a spike comes back to where it began.
 
 use super::running_median;
 use crate::error::{Result, require};
@@ -8,10 +8,10 @@ use crate::stop::Stop;
 const ROBUST_SIGMA: f64 = 1.4826;
 /// Largest difference of level before and after a spike, as a share of its height.
 const COMES_BACK: f64 = 0.3;
-/// Share of the threshold down to which a spike's flanks belong to it.
+/// A spike's flanks belong to it down to this share of the threshold.
 const SHOULDER: f64 = 0.5;
-/// Share of the peak from which on it counts how long a spike lasts: the median leans towards a long one, so that on a steep
-/// slope its neighbours are suspect, too.
+/// A spike's length is measured at this share of its peak. Lower down its neighbours may be suspect, too: on a steep slope
+/// a long spike shifts the median.
 const FOOT: f64 = 0.25;
 /// Samples in a block whose extremes bound the signal's swing.
 const BLOCK: usize = 64;
@@ -21,9 +21,9 @@ const BLOCK: usize = 64;
 pub struct SpikeRule {
     /// Samples in the longest one; the running median reaches so far on either side.
     pub longest: usize,
-    /// Distance of the samples whose distances from the median tell the spread.
+    /// Every `stride`-th sample counts for the spread of the signal about its running median.
     pub stride: usize,
-    /// How many of them tell it, an odd number.
+    /// Samples, `stride` apart, whose median distance is the spread; an odd number.
     pub scale_window: usize,
     /// Height in robust standard deviations.
     pub threshold: f64,

@@ -121,7 +121,8 @@ pub trait Advance<L, const LANES: usize> {
 
 /// March the group, of at most `LANES` runs, through all samples.
 ///
-/// A tile of samples is worked on at a time, some lanes after the others, and then written out run by run. A state that is not finite stays so: looking for it once a tile misses none.
+/// A tile of samples is worked out for all runs, then written out run by run. A state that is no longer finite never
+/// becomes finite again, so a check at the end of each tile finds every one.
 #[inline(always)]
 pub fn march<M: Method, L, const LANES: usize>(
     mut group: Group<'_>,

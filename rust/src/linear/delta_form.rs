@@ -32,8 +32,8 @@ pub struct Increments {
 }
 
 impl Increments {
-    /// None with a dead time in the loop, and where `E` leaves too little trace in `n` over a sample to be told from it: in a
-    /// loop that swings about half a turn meanwhile.
+    /// None with a dead time in the loop, and where `E` changes `n` too little over a sample to be computed back from it:
+    /// where the loop swings by about half a period within a sample.
     pub fn new(parameters: &Parameters, dt: f64, hold: Hold) -> Option<Self> {
         if parameters.t_d >= SHORTEST_NETWORK * dt {
             return None;

@@ -162,7 +162,8 @@ impl Loop {
         matrix
     }
 
-    /// The states at the first sample. z stood still before the record: only the network's constant part is filled.
+    /// The states at the first sample. The delay network's input was constant before the record, so only its constant part
+    /// is not zero.
     fn start<const N: usize>(self, [n, e]: [f64; 2]) -> [Number; N] {
         let (n, e) = (Number::variable(n, BY_START_N), Number::variable(e, BY_START_E));
         let z = self.c * e - self.b * n;

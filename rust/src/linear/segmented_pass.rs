@@ -188,7 +188,8 @@ impl<const J: usize> Inputs<J> {
         Self(from_fn(|_| vec![[0.0; LANES]; STEPS + 2]))
     }
 
-    /// Lay down the samples from one before those `late` before `first`; outside the record its ends hold.
+    /// Fill each input with its samples, delayed by `late`, from one sample before `first` on. Before and after the record its
+    /// first and last samples hold.
     fn fill(&mut self, course: Course<'_>, late: &[usize; J], first: usize, steps: usize) {
         let Course { dn_set, segment, .. } = course;
         for (input, &late) in self.0.iter_mut().zip(late) {

@@ -7,7 +7,7 @@ use super::discrete::{Step, Stepper};
 use crate::instruction_set::arch;
 use crate::subnormal::cut_all;
 
-/// Segments of a record that run side by side, one in each lane.
+/// Number of segments of a record that are simulated at the same time, one in each SIMD lane.
 pub const LANES: usize = 8;
 
 /// One number of each lane.

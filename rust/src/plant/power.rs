@@ -68,7 +68,7 @@ pub fn power_and_slopes(speed: f64, exponent: f64) -> [f64; 3] {
     [value, exponent * slope, value * (logarithm * std::f64::consts::LN_2)]
 }
 
-/// 2^52: added to a small whole number it leaves that number in the low bits.
+/// 2^52. The sum of it and a small whole number holds that number in its low bits.
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 
 /// Base-2 logarithm of a positive normal number.

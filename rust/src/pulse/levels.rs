@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
 const BINS: usize = 100;
-/// Samples in each tail that may be disturbances: rarer than a pulse, more frequent than radio interference.
+/// Share of samples in each tail that may be disturbances: radio interference is rarer, a pulse's top is not.
 const TAIL: f64 = 1e-3;
 /// Each round narrows the range at least by two, and a hundredfold where one level holds everything.
 const ROUNDS: usize = 12;

@@ -6,26 +6,25 @@ use super::sample::{LARGEST, Sample};
 const STRETCH: usize = 128;
 /// Stretches beside dense trains.
 const DENSE_STRETCHES: usize = 8;
-/// Fewer samples than this tell nothing of noise.
+/// Fewest samples from which noise is measured.
 const LEAST: usize = 16;
 /// Median of the magnitude of a standard normal number.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
-/// What is found of white noise, by simulation: the least of several medians, and low among the stretches.
+/// Part of white noise's standard deviation that is found, by simulation, since the least of several medians counts.
 const FOUND: f64 = 0.91;
-/// Roots of the binomials (2p over p): what differences of order p = 2, 4 and 6 make of white noise.
+/// Gains of white noise in differences of order p = 2, 4 and 6: roots of the binomials (2p over p).
 const GAINS: [f64; 3] = [2.449_489_742_783_178, 8.366_600_265_340_756, 30.397_368_307_141_326];
 
 /// Standard deviations of the noise of `samples`, in ascending order, each from another stretch; none where there are
 /// too few of them.
 ///
-/// Of each of so many stretches the medians of differences of second, fourth and sixth order: a smooth signal takes no
-/// part in them, and neither do rare edges. Whatever else takes part makes them larger, so the least of the three
-/// counts.
+/// Each stretch's noise follows from the medians of its differences of second, fourth and sixth order. A smooth signal and
+/// rare edges do not change these medians. Anything else makes them larger, so the least of the three counts.
 pub fn noises<T: Sample>(samples: &[T], stretches: usize) -> Vec<f64> {
     of_stretches(samples, stretches, |stretch, _| Some(least_difference(stretch) / FOUND))
 }
 
-/// Of ascending numbers the one that a quarter are below, 0 of none: some stretches hold more than noise.
+/// The lower quartile of ascending numbers, 0 of none; higher ones may hold more than noise.
 pub fn quarter(ascending: &[f64]) -> f64 {
     ascending.get(ascending.len() / 4).copied().unwrap_or(0.0)
 }

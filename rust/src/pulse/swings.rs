@@ -6,26 +6,26 @@ use multiversion::multiversion;
 
 use super::sample::Sample;
 
-/// Samples of a block; turning points are known to one.
+/// Samples in a block; the time of a turning point is known to one block.
 pub const BLOCK: usize = 32;
 const LANES: usize = 16;
 
-/// A swing must exceed this many standard deviations of the noise: noise does so once in millions of samples.
+/// A swing must be larger than this many standard deviations of the noise, which noise exceeds once in millions of samples,
 const CLEAR: f64 = 10.0;
-/// ... or this share of the usual range of a block, where every block holds a whole pulse and noise can't be told;
-/// swings below this share of the largest nearby are ringing or noise on the greater ones.
+/// or than this share of the usual range of a block, where every block holds a whole pulse and noise can't be measured.
+/// Swings below this share of the largest nearby are ringing or noise on top of it.
 const SHARE: f64 = 0.35;
 /// Blocks whose ranges are compared.
 const LOOKED_AT: usize = 256;
-/// A ripple below this share of the range is none where noise is nil.
+/// Without noise a ripple below this share of the range is no swing.
 const RIPPLE: f64 = 0.01;
-/// Swings on either side among which one is compared.
+/// A swing is compared with so many others on either side.
 const NEAR: usize = 8;
 /// Turning points of a group, whose medians are a pair of levels.
 const GROUP: usize = 18;
-/// A group of fewer tells nothing.
+/// Fewest turning points of a group.
 const LEAST: usize = 4;
-/// Times the usual time between two turning points after which a group has ended.
+/// A group has ended after so many times the usual time between two turning points.
 const SILENCE: f64 = 8.0;
 
 /// Least and greatest usable sample of each block of 32, the last of which may be shorter; least above greatest where
@@ -75,7 +75,7 @@ fn most<T: Sample>(one: T, other: T) -> T {
     if other > one { other } else { one }
 }
 
-/// By how much a signal must turn back to have turned.
+/// By how much a signal must come back from an extreme for it to be a turning point.
 pub fn reversal(extremes: &[(f64, f64)], noise: f64) -> f64 {
     let every = (extremes.len() / LOOKED_AT).max(1);
     let mut ranges: Vec<f64> = extremes
@@ -137,7 +137,8 @@ enum Going {
 #[derive(Debug, Clone)]
 pub struct Swings {
     going: Going,
-    /// The least and the greatest since the last turn; only that in the direction of going is kept up.
+    /// The least and the greatest value since the last turn; while the signal rises only the greatest is updated, while it
+    /// falls only the least.
     low: Turn,
     high: Turn,
     /// Extremes of the block before.
@@ -169,7 +170,7 @@ impl Swings {
             if higher {
                 self.high = high;
             }
-            // Of a block on a steep edge the one extreme is new, and the other came before it.
+            // In a block on a steep edge one extreme is new, and the other is older than it.
             let (rising, falling) = (higher && low.value > before.0, lower && high.value < before.1);
             match self.going {
                 Going::Nowhere if self.high.value - self.low.value > reversal => {
@@ -191,14 +192,14 @@ impl Swings {
     }
 }
 
-/// Turning points to levels: those of swings much smaller than others nearby are left out, the rest taken in groups.
+/// Turning points to levels. Turning points of swings much smaller than others nearby are left out; the rest are grouped.
 #[derive(Debug, Clone, Default)]
 pub struct Grouping {
-    /// The turns that were not yet compared.
+    /// The turning points that were not compared yet.
     turns: VecDeque<Turn>,
-    /// The last one that was.
+    /// The last turning point that was compared.
     before: Option<Turn>,
-    /// Number of the swing that leads to the first of the turns; of the first turn of all there is none.
+    /// Number of the swing that leads to the first of `turns`; no swing leads to the record's first turning point.
     next: usize,
     /// Swings that may be the largest nearby, with their numbers: each is larger than all that follow it.
     largest: VecDeque<(usize, f64)>,
@@ -223,7 +224,7 @@ impl Grouping {
         }
     }
 
-    /// The levels of what was taken since the last group was complete, as if nothing more came.
+    /// The levels of the turning points taken since the last whole group, as if no more came.
     pub fn rest(&self, noise: f64) -> Vec<Level> {
         let mut end = self.clone();
         let mut found = Vec::new();

@@ -6,8 +6,8 @@ use super::thresholds::Edge;
 
 /// Crossings that are taken together.
 const TOGETHER: usize = 64;
-/// Of a rise between the two samples beside a crossing, as a share of the train's height, the error of a straight line
-/// between them in samples: for steps 1 / sqrt(12), for ramps and sines by quadrature over where the samples may lie.
+/// Rise between the two samples around a crossing, as a share of the train's height, to the error of a straight line between
+/// them [samples]: 1 / sqrt(12) for steps, for ramps and sines averaged over the places that the samples may have.
 const GRID: [(f64, f64); 20] = [
     (0.0, 0.0),
     (0.156, 0.0011),
@@ -30,8 +30,8 @@ const GRID: [(f64, f64); 20] = [
     (0.938, 0.2298),
     (1.0, 0.2887),
 ];
-/// Of the noise over the rise in a sample, the standard deviation of the last of several crossings as a share of that
-/// of a single one, by simulation.
+/// Ratio of the noise to the rise in a sample, to a factor on the standard deviation of a crossing: noise makes several
+/// crossings of one edge, of which the last counts; by simulation.
 const LAST: [(f64, f64); 9] = [
     (0.3, 1.0),
     (0.5, 0.982),
@@ -43,16 +43,16 @@ const LAST: [(f64, f64); 9] = [
     (12.0, 0.678),
     (20.0, 0.627),
 ];
-/// A straight line between two samples has this share of their variance, on average over where it is read.
+/// On average a point on a straight line between two samples has this share of their variance.
 const BETWEEN: f64 = 2.0 / 3.0;
-/// Below so many samples a pulse the noise is measured beside the train.
+/// With fewer samples a pulse the noise is measured at frequencies beside the train's.
 const DENSE: f64 = 10.0;
-/// Rises by more than so many standard deviations of the noise tell how steep an edge is.
+/// An edge's steepness is taken from its rise if that is more than so many standard deviations of the noise.
 const STEEP: f64 = 4.0;
-/// Share of the height from which on an edge is a step, whose level does not matter.
+/// An edge whose rise is a larger share of the height is a step; noise does not move its crossing.
 const STEP: f64 = 0.95;
 
-/// Standard deviations of crossing times [samples]: what sampling makes of the edges, and what noise does.
+/// Standard deviations of crossing times [samples], from sampling and from noise.
 #[derive(Debug, Clone, Default)]
 pub struct Timing {
     /// Of sampling.
@@ -62,8 +62,8 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Of crossings in `samples`, the first of which is number `first`; `heights` of the train at each, 0 where not
-    /// known, and the standard deviation of the noise.
+    /// Find them for crossings in `samples`, the first of which is sample `first` of the record, from the `heights` of the
+    /// train at each (0 where not known) and the standard deviation of the noise.
     pub fn of<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64], noise: f64) -> Self {
         let mut found = Self::default();
         let noise = beside(samples, first, edges, noise);
@@ -76,7 +76,7 @@ impl Timing {
     }
 }
 
-/// The noise, where pulses are dense told from what is left beside them.
+/// The noise; where pulses are dense it is measured at frequencies beside theirs.
 fn beside<T: Sample>(samples: &[T], first: u64, edges: &[Edge], noise: f64) -> f64 {
     if period(edges).is_none_or(|period| period > DENSE) {
         return noise;
@@ -101,7 +101,7 @@ fn together<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64
         return (GRID[GRID.len() - 1].1, 0.0);
     }
     let rise = edges.iter().map(|edge| edge.rise.min(height)).sum::<f64>() / edges.len() as f64;
-    // The levels are extremes of as many samples as half a pulse has, which noise pushes apart.
+    // Each level is the extreme of the samples of half a pulse; noise makes extremes larger.
     let period = period(edges).unwrap_or(2.0 * DENSE);
     let pushed = noise * ((2.0 * (0.5 * period).max(2.0).ln()).sqrt() - 0.6).max(0.0);
     let share = rise / (height - 2.0 * pushed).max(rise);
@@ -110,11 +110,11 @@ fn together<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64
         return (grid, 0.0);
     }
     let steep = rise > STEEP * noise;
-    // Where noise helps a signal to rise it crosses: of slope s the crossings rise by s + 2 noise^2 / s on average.
+    // Crossings are more frequent where noise adds to the rise: with slope s they rise by s + 2 noise^2 / s on average.
     let own = 0.5 * (rise + (rise * rise - 8.0 * noise * noise).max(0.0).sqrt());
     let slope = if steep { own } else { wide_slope(samples, first, edges, period).unwrap_or(own) };
     let ratio = noise / slope;
-    // However flat the edge, a crossing lies within its pulse.
+    // Even on a flat edge a crossing lies within its pulse.
     (grid, (BETWEEN.sqrt() * ratio * interpolated(&LAST, ratio)).min(0.5 * period))
 }
 

@@ -14,29 +14,31 @@ use crate::stop::Stop;
 
 /// Distance between the thresholds as a share of that between the levels.
 const HYSTERESIS: f64 = 0.4;
-/// The same where noise is large, at most; more would miss the tops of pulses of few samples.
+/// Largest such share, for large noise; with more the tops of pulses of few samples would be missed.
 const WIDEST: f64 = 0.6;
-/// Distance between the thresholds in standard deviations of the noise which no noise bridges.
+/// Distance between the thresholds that noise alone does not cross, in its standard deviations.
 const BRIDGED: f64 = 8.4;
-/// Height of a pulse in standard deviations of the noise from which on it can't be noise: 0.6 of it is 8.4.
+/// A pulse higher than so many standard deviations of the noise can't be noise: 0.6 of it is 8.4.
 const LIMIT: f64 = 14.0;
-/// Levels whose middle moves by less than this share of the noise, and whose height by less than that of itself, stay.
+/// Levels are kept while their middle changes by less than this share of the noise, and their height by less than this share
+/// of itself.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
-/// Share of the span of nine pulses beside it in which levels hold: the last three turning points are no group.
+/// Levels hold for this share of their nine pulses' span before and after it, since up to three turning points at the end of
+/// a train make no group of their own.
 const REACH: f64 = 0.375;
-/// Stretches whose noise is taken together and how many a window adds at least.
+/// Number of stretches whose noise is pooled, and the least number that a window adds.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
-/// Ratio of a window's noise to that of those before it from which on it has changed.
+/// Noise has changed where a window's is more than so many times that of the windows before.
 const CHANGED: f64 = 1.5;
-/// Ratio of heights up to which a train went from one to the other step by step.
+/// A train's height went gradually from one level to the next if their ratio is below this.
 const STEADY: f64 = 2.0;
 
 /// Crossings of a window.
 #[derive(Debug, Clone, Default)]
 pub struct Pulses {
-    /// In samples since the very first.
+    /// Times, in samples since the record's first.
     pub times: Vec<f64>,
     /// Of the train at each crossing; 0 where no turning points tell of it.
     pub heights: Vec<f64>,
@@ -80,7 +82,7 @@ pub struct PulseTracker {
 }
 
 impl PulseTracker {
-    /// One that has seen nothing; a threshold and a distance between the thresholds that are given do not move.
+    /// A tracker before its first window. A threshold, or a distance between the thresholds, that is given stays as it is.
     ///
     /// # Errors
     /// If they are no numbers to work with.
@@ -124,7 +126,7 @@ impl PulseTracker {
         let mut pooled: Vec<f64> = self.stretches.iter().copied().collect();
         pooled.sort_by(f64::total_cmp);
         let pooled = quarter(&pooled);
-        // Few stretches scatter; only noise that has changed shows in them.
+        // Few stretches scatter much; only a clear change of the noise counts.
         let noise = if own < CHANGED * pooled && pooled < CHANGED * own { pooled } else { own };
         let mut found = Vec::new();
         let grouping = &mut self.grouping;
@@ -176,7 +178,7 @@ impl PulseTracker {
         }
         pulses.timing = Timing::of(samples, first, &edges, &pulses.heights, window.noise);
         pulses.times = edges.into_iter().map(|edge| edge.time).collect();
-        // Of the levels that lie behind only the last two are asked for again.
+        // Of the past levels only the last two are needed again.
         while self.levels.len() > 2 && self.levels[2].centre < end {
             self.levels.pop_front();
         }
@@ -210,7 +212,7 @@ impl PulseTracker {
         Ok(known)
     }
 
-    /// Pieces from level to level; what lies before the first and after the last has theirs.
+    /// Pieces from level to level; before the first level and after the last one theirs hold.
     fn along(&self, known: &[Level], first: u64, end: u64) -> Vec<Piece> {
         let mut pieces: Vec<Piece> = Vec::new();
         let Some(&(mut held)) = known.first() else { return pieces };
@@ -265,7 +267,7 @@ impl PulseTracker {
         let (low, high) = match (self.threshold, self.hysteresis) {
             (Some(_), Some(_)) => (centre - 0.5 * width, centre + 0.5 * width),
             _ if !(bottom < centre && centre < top) => return None,
-            // A threshold near one of the levels leaves room for half the way to it only.
+            // A threshold goes at most half the way from the middle to a level.
             _ => (centre - 0.5 * width.min(centre - bottom), centre + 0.5 * width.min(top - centre)),
         };
         let mut levels = Levels { low, high, middle: centre, slope: 0.0, origin: start };
@@ -284,8 +286,8 @@ impl PulseTracker {
 
 /// Heights of the train at crossings, along lines between levels; 0 where no turning points tell of it.
 ///
-/// Beyond the first and the last level the line goes on where it goes down: pulses that fade are not as high as those
-/// before. Levels hold where turning points tell them, and about three pulses beside.
+/// Before the first and after the last level the line is extended if it falls that way, since fading pulses are lower. A
+/// level is used from about three pulses before its turning points to three after them.
 fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
     let mut at = 0;
     edges

@@ -2,12 +2,14 @@
 
 use numpy::ndarray::{Dim, Dimension};
 use numpy::{
-    Element, IntoPyArray, Ix1, Ix2, PyArray, PyArrayMethods, PyReadonlyArray, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, Ix1, Ix2, PyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 
-use crate::error::{Error, require};
+use super::guard;
+use crate::error::{Error, Result, require};
+use crate::stop::Stop;
 
 /// Borrow an aligned C-contiguous array of type `T` and of as many axes as `D` has, or say what was found.
 pub fn borrow<'py, T: Element, D: Dimension>(
@@ -56,8 +58,20 @@ pub fn expect_shape<const N: usize>(
     })?)
 }
 
+/// Borrow parameter vectors [M, `length`], and build of each what `make` makes; its label names it in messages.
+pub fn members<T>(
+    parameters: &Bound<'_, PyAny>,
+    length: usize,
+    make: impl Fn(&[f64], &str) -> Result<T>,
+) -> PyResult<Vec<T>> {
+    let vectors: Matrix<'_> = borrow("parameters", parameters)?;
+    expect_shape("parameters", vectors.shape(), [vectors.shape()[0], length], "members, parameters")?;
+    let each = vectors.as_slice()?.chunks_exact(length).enumerate();
+    Ok(each.map(|(member, vector)| make(vector, &format!("parameters[{member}]"))).collect::<Result<_>>()?)
+}
+
 /// Zeros of that shape; one that no memory holds is a `MemoryError`, and a panic in the crate's own constructor.
-pub fn zeros<const N: usize>(
+fn zeros<const N: usize>(
     py: Python<'_>,
     shape: [usize; N],
 ) -> PyResult<Bound<'_, PyArray<f64, Dim<[usize; N]>>>>
@@ -72,6 +86,67 @@ where
     Ok(array.cast_into()?)
 }
 
+/// An array of that shape, filled by a guarded kernel of so many inner steps.
+pub fn filled<const N: usize>(
+    py: Python<'_>,
+    shape: [usize; N],
+    work: usize,
+    kernel: impl FnOnce(&mut [f64], &Stop) -> Result<()> + Send,
+) -> PyResult<Bound<'_, PyArray<f64, Dim<[usize; N]>>>>
+where
+    Dim<[usize; N]>: Dimension,
+{
+    let array = zeros(py, shape)?;
+    {
+        let mut values = array.readwrite();
+        let values = values.as_slice_mut()?;
+        guard::run(py, work, |stop| kernel(values, stop))?;
+    }
+    Ok(array)
+}
+
+/// Outputs [O, N] and their derivatives [W, O, N].
+pub type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
+
+/// Outputs and their derivatives of the shape [W, O, N], filled by a guarded kernel of so many inner steps.
+pub fn filled_with_derivatives(
+    py: Python<'_>,
+    [by, outputs, samples]: [usize; 3],
+    work: usize,
+    kernel: impl FnOnce(&mut [f64], &mut [f64], &Stop) -> Result<()> + Send,
+) -> PyResult<Sensitivities<'_>> {
+    let derivatives = zeros(py, [by, outputs, samples])?;
+    let values = {
+        let mut slopes = derivatives.readwrite();
+        let slopes = slopes.as_slice_mut()?;
+        filled(py, [outputs, samples], work, |values, stop| kernel(values, slopes, stop))?
+    };
+    Ok((values, derivatives))
+}
+
+/// Sums of products [O, C, O, C] of so many outputs and columns, and the samples counted.
+pub type Sums<'py> = (Bound<'py, PyArray4<f64>>, usize);
+
+/// Give sums of products to Python.
+pub fn hand_back_sums(
+    py: Python<'_>,
+    values: Vec<f64>,
+    [outputs, columns]: [usize; 2],
+    count: usize,
+) -> PyResult<Sums<'_>> {
+    Ok((hand_back(py, values, [outputs, columns, outputs, columns])?, count))
+}
+
+/// Give spans to Python, int64 [K, 2]: the first sample and the one past the last.
+pub fn hand_back_spans(
+    py: Python<'_>,
+    spans: impl Iterator<Item = (u64, u64)>,
+) -> PyResult<Bound<'_, PyArray2<i64>>> {
+    let flat: Vec<i64> = spans.flat_map(|(start, stop)| [start, stop]).map(u64::cast_signed).collect();
+    let count = flat.len() / 2;
+    hand_back(py, flat, [count, 2])
+}
+
 /// Give the values to Python as an array of that shape, without a copy.
 pub fn hand_back<const N: usize, T: Element>(
     py: Python<'_>,
@@ -83,6 +158,35 @@ where
     [usize; N]: numpy::ndarray::IntoDimension<Dim = Dim<[usize; N]>>,
 {
     values.into_pyarray(py).reshape(shape)
+}
+
+/// What a simulation is compared to, borrowed from Python.
+pub struct Targets<'py> {
+    measured: Matrix<'py>,
+    offsets: Vector<'py>,
+    filters: Matrix<'py>,
+}
+
+impl<'py> Targets<'py> {
+    /// Borrow what is measured [O, N], the offsets, and the filters [O, T].
+    pub fn borrow(
+        measured: &Bound<'py, PyAny>,
+        offsets: &Bound<'py, PyAny>,
+        filters: &Bound<'py, PyAny>,
+        outputs: usize,
+        samples: usize,
+    ) -> PyResult<Self> {
+        let measured: Matrix<'_> = borrow("measured", measured)?;
+        let filters: Matrix<'_> = borrow("filters", filters)?;
+        expect_shape("measured", measured.shape(), [outputs, samples], "outputs, samples")?;
+        expect_shape("filters", filters.shape(), [outputs, filters.shape()[1]], "outputs, taps")?;
+        Ok(Self { measured, offsets: borrow("offsets", offsets)?, filters })
+    }
+
+    /// Measured samples, offsets and filters.
+    pub fn slices(&self) -> PyResult<(&[f64], &[f64], &[f64])> {
+        Ok((self.measured.as_slice()?, self.offsets.as_slice()?, self.filters.as_slice()?))
+    }
 }
 
 /// An array of one axis.

@@ -1,10 +1,10 @@
 //! Bindings of the whole drive train.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, filled, hand_back};
 use super::guard;
 use super::plant::envelope;
 use crate::drive_train::{
@@ -32,13 +32,8 @@ fn simulate_drive_train<'py>(
     let envelope = envelope(limit_speed, limit_torque)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
-    let output = zeros(py, [ROWS, n_set.len()])?;
-    let mut rows = output.readwrite();
-    let values = rows.as_slice_mut()?;
     let work = n_set.len().saturating_mul(substeps);
-    guard::run(py, work, |stop| simulate(&train, &envelope, &run, values, stop))?;
-    drop(rows);
-    Ok(output)
+    filled(py, [ROWS, n_set.len()], work, |values, stop| simulate(&train, &envelope, &run, values, stop))
 }
 
 /// Rates of the state, and the governor's command, `M_b`, `M_g`, `M_s`, `X_f`, at a state, a set point and a fuel command.

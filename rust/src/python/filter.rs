@@ -3,7 +3,7 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back};
+use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back_spans};
 use super::guard;
 use super::streaming::Streaming;
 use crate::filter;
@@ -36,9 +36,7 @@ fn find_spikes<'py>(
     let samples = samples.as_slice()?;
     let rule = filter::SpikeRule { longest, stride, scale_window, threshold, least };
     let spikes = guard::run(py, samples.len(), |stop| filter::find_spikes(samples, &rule, stop))?;
-    let flat: Vec<i64> =
-        spikes.iter().flat_map(|&(start, end)| [start, end]).map(|at| (at as u64).cast_signed()).collect();
-    hand_back(py, flat, [spikes.len(), 2])
+    hand_back_spans(py, spikes.into_iter().map(|(start, end)| (start as u64, end as u64)))
 }
 
 /// Slopes of a piecewise cubic at the times `start + k / rate` within its edges, and the first such k < `count`.

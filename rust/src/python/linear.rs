@@ -1,10 +1,13 @@
 //! Bindings of the linear kernels.
 
-use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
+use super::arrays::{
+    Matrix, Sensitivities, Sums, Targets, Vector, borrow, expect_shape, filled_with_derivatives, hand_back,
+    hand_back_sums, members,
+};
 use super::guard;
 use crate::cost::{Cost, Objective, Record};
 use crate::integrate::Hold;
@@ -40,24 +43,18 @@ fn linear_sensitivities<'py>(
     initial: &Bound<'py, PyAny>,
     outputs: Vec<usize>,
     wrt: Vec<usize>,
-) -> PyResult<(Rows<'py>, RowsByParameter<'py>)> {
+) -> PyResult<Sensitivities<'py>> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
     let parameters = Parameters::new(parameters.as_slice()?, "parameters")?;
     let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
     let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
-    let samples = drive.samples();
-    let values = zeros(py, [outputs.len(), samples])?;
-    let derivatives = zeros(py, [wrt.len(), outputs.len(), samples])?;
-    {
-        let (mut values, mut derivatives) = (values.readwrite(), derivatives.readwrite());
-        let (values, derivatives) = (values.as_slice_mut()?, derivatives.as_slice_mut()?);
-        guard::run(py, samples * (1 + wrt.len()) * outputs.len(), |stop| {
-            simulate(&parameters, &drive, &outputs, &wrt, values, derivatives, stop)
-        })?;
-    }
-    Ok((values, derivatives))
+    let shape = [wrt.len(), outputs.len(), drive.samples()];
+    let work = drive.samples() * (1 + wrt.len()) * outputs.len();
+    filled_with_derivatives(py, shape, work, |values, derivatives, stop| {
+        simulate(&parameters, &drive, &outputs, &wrt, values, derivatives, stop)
+    })
 }
 
 fn run_response(
@@ -127,15 +124,8 @@ fn linear_cost_batch<'py>(
     wrt: Vec<usize>,
     threads: usize,
 ) -> PyResult<CostOfMany<'py>> {
-    let vectors: Matrix<'_> = borrow("parameters", parameters)?;
-    let members = vectors.shape()[0];
-    expect_shape("parameters", vectors.shape(), [members, PARAMETERS.len()], "members, parameters")?;
-    let vectors = vectors
-        .as_slice()?
-        .chunks_exact(PARAMETERS.len())
-        .enumerate()
-        .map(|(member, vector)| Parameters::new(vector, &format!("parameters[{member}]")))
-        .collect::<Result<Vec<_>, _>>()?;
+    let vectors = members(parameters, PARAMETERS.len(), Parameters::new)?;
+    let members = vectors.len();
     let arrays = ObjectiveArrays::borrow(dn_set, initial, measured, weight)?;
     let objective = arrays.objective(dt, hold, &outputs, &wrt)?;
     let work = objective.work().saturating_mul(members);
@@ -166,24 +156,19 @@ fn linear_products<'py>(
     offsets: &Bound<'py, PyAny>,
     filters: &Bound<'py, PyAny>,
     wrt: Vec<usize>,
-) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
+) -> PyResult<Sums<'py>> {
     let vector: Vector<'_> = borrow("parameters", parameters)?;
     let vector = Parameters::new(vector.as_slice()?, "parameters")?;
     let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let measured: Matrix<'_> = borrow("measured", measured)?;
-    let offsets: Vector<'_> = borrow("offsets", offsets)?;
-    let filters: Matrix<'_> = borrow("filters", filters)?;
     let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
     let rows = outputs.len();
-    expect_shape("measured", measured.shape(), [rows, drive.samples()], "outputs, samples")?;
-    expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
+    let targets = Targets::borrow(measured, offsets, filters, rows, drive.samples())?;
+    let (measured, offsets, filters) = targets.slices()?;
     let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
-    let record = Record::new(drive, outputs, measured.as_slice()?, wrt)?
-        .filtered(filters.as_slice()?)?
-        .with_offsets(offsets.as_slice()?)?;
+    let record = Record::new(drive, outputs, measured, wrt)?.filtered(filters)?.with_offsets(offsets)?;
     let products = guard::run(py, record.work(), |stop| record.products(&vector, stop))?;
-    Ok((hand_back(py, products.values, [rows, products.columns, rows, products.columns])?, products.count))
+    hand_back_sums(py, products.values, [rows, products.columns], products.count)
 }
 
 /// The arrays behind an objective, borrowed from Python.

@@ -1,11 +1,10 @@
 //! Bindings of the plant kernels.
 
-use numpy::{PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Matrix, Vector, borrow, zeros};
-use super::guard;
+use super::arrays::{Matrix, Vector, borrow, filled};
 use crate::integrate::{Hold, ROWS, Rows, Runs, Scheme, simulate};
 use crate::plant::{Envelope, PARAMETERS};
 
@@ -30,12 +29,9 @@ fn simulate_plant<'py>(
     let envelope = envelope(limit_speed, limit_torque)?;
     let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
     let runs = Runs::one(parameters.as_slice()?, n_set.as_slice()?, initial.as_slice()?)?;
-    let output = zeros(py, [ROWS, n_set.len()])?;
-    let mut rows = output.readwrite();
-    let values = rows.as_slice_mut()?;
-    guard::run(py, scheme.steps(n_set.len()), |stop| simulate(&runs, &envelope, &scheme, 1, values, stop))?;
-    drop(rows);
-    Ok(output)
+    filled(py, [ROWS, n_set.len()], scheme.steps(n_set.len()), |values, stop| {
+        simulate(&runs, &envelope, &scheme, 1, values, stop)
+    })
 }
 
 /// Simulate many plants; for each the rows of `simulate_plant`.
@@ -61,13 +57,10 @@ fn simulate_plant_batch<'py>(
     let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
     let runs = Runs::many(rows(&parameters)?, rows(&n_set)?, rows(&initial)?)?;
     let samples = n_set.shape()[1];
-    let output = zeros(py, [runs.len(), ROWS, samples])?;
-    let mut trajectories = output.readwrite();
-    let values = trajectories.as_slice_mut()?;
     let work = scheme.steps(samples).saturating_mul(runs.len());
-    guard::run(py, work, |stop| simulate(&runs, &envelope, &scheme, threads, values, stop))?;
-    drop(trajectories);
-    Ok(output)
+    filled(py, [runs.len(), ROWS, samples], work, |values, stop| {
+        simulate(&runs, &envelope, &scheme, threads, values, stop)
+    })
 }
 
 pub(super) fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> PyResult<Envelope> {

@@ -3,7 +3,7 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use super::arrays::{borrow, hand_back};
+use super::arrays::{borrow, hand_back, hand_back_spans};
 use super::guard;
 use crate::error::{Error, Result};
 use crate::pulse;
@@ -99,7 +99,7 @@ impl PulseCrossings {
     /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
     #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        gap_array(py, self.0.gaps())
+        hand_back_spans(py, self.0.gaps())
     }
 }
 
@@ -152,14 +152,8 @@ impl PulseTracker {
     /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
     #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        gap_array(py, self.0.gaps())
+        hand_back_spans(py, self.0.gaps())
     }
-}
-
-fn gap_array(py: Python<'_>, gaps: impl Iterator<Item = (u64, u64)>) -> PyResult<Bound<'_, PyArray2<i64>>> {
-    let flat: Vec<i64> = gaps.flat_map(|(start, stop)| [start, stop]).map(u64::cast_signed).collect();
-    let count = flat.len() / 2;
-    hand_back(py, flat, [count, 2])
 }
 
 /// Low and high state level of a pulse train, from histograms of its finite samples.

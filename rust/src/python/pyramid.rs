@@ -3,7 +3,7 @@
 use numpy::{Ix2, PyArray2, PyReadonlyArray};
 use pyo3::prelude::*;
 
-use super::arrays::{borrow, hand_back};
+use super::arrays::{borrow, hand_back, hand_back_spans};
 use super::guard;
 use super::pulse::{Samples, run_on};
 use crate::pyramid;
@@ -50,10 +50,7 @@ impl Extremes {
     /// The first stretches of missing samples, int64 [G, 2]: the first sample and the one past the last.
     #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        let flat: Vec<i64> =
-            self.0.gaps().spans().flat_map(|(start, stop)| [start, stop]).map(u64::cast_signed).collect();
-        let count = flat.len() / 2;
-        hand_back(py, flat, [count, 2])
+        hand_back_spans(py, self.0.gaps().spans())
     }
 
     /// How many stretches of missing samples there are in all.

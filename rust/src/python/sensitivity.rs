@@ -1,18 +1,19 @@
 //! Bindings of the drive train with its derivatives.
 
-use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Matrix, Vector, borrow, expect_shape, hand_back, zeros};
+use super::arrays::{
+    Matrix, Sensitivities, Sums, Targets, Vector, borrow, expect_shape, filled_with_derivatives,
+    hand_back_sums,
+};
 use super::drive_train::tables;
 use super::guard;
 use super::plant::envelope;
 use crate::drive_train::{PARAMETERS, Run};
 use crate::integrate::Hold;
 use crate::sensitivity::{OUTPUTS, Output, Record, Subject, simulate};
-
-type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
 
 /// Simulated outputs [O, N] and their derivatives [W, O, N] in the directions [W, P] of the parameter vector.
 #[pyfunction]
@@ -35,17 +36,10 @@ fn drive_train_sensitivities<'py>(
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let outputs = Output::from_indices(&outputs)?;
-    let (count, samples) = (outputs.len(), n_set.len());
-    let values = zeros(py, [count, samples])?;
-    let slopes = zeros(py, [subject.directions(), count, samples])?;
-    {
-        let (mut values, mut slopes) = (values.readwrite(), slopes.readwrite());
-        let (values, slopes) = (values.as_slice_mut()?, slopes.as_slice_mut()?);
-        guard::run(py, work(&subject, &run), |stop| {
-            simulate(&subject, &run, &outputs, values, slopes, stop)
-        })?;
-    }
-    Ok((values, slopes))
+    let shape = [subject.directions(), outputs.len(), n_set.len()];
+    filled_with_derivatives(py, shape, work(&subject, &run), |values, slopes, stop| {
+        simulate(&subject, &run, &outputs, values, slopes, stop)
+    })
 }
 
 /// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted), for outputs that
@@ -70,27 +64,18 @@ fn drive_train_products<'py>(
     measured: &Bound<'py, PyAny>,
     offsets: &Bound<'py, PyAny>,
     filters: &Bound<'py, PyAny>,
-) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
+) -> PyResult<Sums<'py>> {
     let subject = subject(parameters, limit_speed, limit_torque, strength, quadrants, directions)?;
     let n_set: Vector<'_> = borrow("n_set", n_set)?;
     let run = Run { set_speed: n_set.as_slice()?, dt, substeps, hold };
     let rows = outputs.len();
-    let measured: Matrix<'_> = borrow("measured", measured)?;
-    let filters: Matrix<'_> = borrow("filters", filters)?;
     let scale: Vector<'_> = borrow("scale", scale)?;
-    let offsets: Vector<'_> = borrow("offsets", offsets)?;
-    expect_shape("measured", measured.shape(), [rows, n_set.len()], "outputs, samples")?;
-    expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
-    let record = Record::new(
-        run,
-        Output::from_indices(&outputs)?,
-        scale.as_slice()?,
-        offsets.as_slice()?,
-        measured.as_slice()?,
-        filters.as_slice()?,
-    )?;
+    let targets = Targets::borrow(measured, offsets, filters, rows, n_set.len())?;
+    let (measured, offsets, filters) = targets.slices()?;
+    let outputs = Output::from_indices(&outputs)?;
+    let record = Record::new(run, outputs, scale.as_slice()?, offsets, measured, filters)?;
     let sums = guard::run(py, work(&subject, &run), |stop| record.sums(&subject, stop))?;
-    Ok((hand_back(py, sums.values, [rows, sums.columns, rows, sums.columns])?, sums.count))
+    hand_back_sums(py, sums.values, [rows, sums.columns], sums.count)
 }
 
 fn subject(

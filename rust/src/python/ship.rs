@@ -1,16 +1,14 @@
 //! Bindings of the ship model.
 
-use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArray4, PyArray5, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
-};
+use numpy::{PyArray1, PyArray2, PyArray5};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Vector, borrow, expect_shape, hand_back, zeros};
+use super::arrays::{
+    Sensitivities, Sums, Targets, Vector, borrow, filled_with_derivatives, hand_back, hand_back_sums, members,
+};
 use super::guard;
 use crate::ship::{OFF, OUTPUTS, Output, PARAMETERS, Parameters, Record, Run, Task, simulate};
-
-type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
 /// Simulate the ship; [O, N].
 #[pyfunction]
@@ -24,7 +22,7 @@ fn simulate_ship<'py>(
     substeps: usize,
     hold: &str,
     outputs: Vec<usize>,
-) -> PyResult<Rows<'py>> {
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
     Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![])?.0)
 }
 
@@ -41,20 +39,15 @@ fn ship_sensitivities<'py>(
     hold: &str,
     outputs: Vec<usize>,
     wrt: Vec<usize>,
-) -> PyResult<(Rows<'py>, Bound<'py, PyArray3<f64>>)> {
+) -> PyResult<Sensitivities<'py>> {
     let inputs = Inputs::borrow(u, load)?;
     let run = inputs.run(dt, substeps, hold)?;
     let outputs = Output::from_indices(&outputs)?;
     let task = Task { parameters: vector(parameters)?, outputs: &outputs, wrt: &wrt };
-    let (count, samples) = (outputs.len(), run.samples());
-    let values: Rows<'_> = zeros(py, [count, samples])?;
-    let slopes: Bound<'_, PyArray3<f64>> = zeros(py, [wrt.len(), count, samples])?;
-    {
-        let (mut values, mut slopes) = (values.readwrite(), slopes.readwrite());
-        let (values, slopes) = (values.as_slice_mut()?, slopes.as_slice_mut()?);
-        guard::run(py, task.work(&run), |stop| simulate(&task, &run, values, slopes, stop))?;
-    }
-    Ok((values, slopes))
+    let shape = [wrt.len(), outputs.len(), run.samples()];
+    filled_with_derivatives(py, shape, task.work(&run), |values, slopes, stop| {
+        simulate(&task, &run, values, slopes, stop)
+    })
 }
 
 /// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted). The columns of an output
@@ -76,15 +69,15 @@ fn ship_products<'py>(
     filters: &Bound<'py, PyAny>,
     wrt: Vec<usize>,
     sharp: bool,
-) -> PyResult<(Bound<'py, PyArray4<f64>>, usize)> {
+) -> PyResult<Sums<'py>> {
     let inputs = Inputs::borrow(u, load)?;
     let run = Run { sharp, ..inputs.run(dt, substeps, hold)? };
     let parameters = vector(parameters)?;
     let targets = Targets::borrow(measured, offsets, filters, outputs.len(), run.samples())?;
     let rows = outputs.len();
-    let record = targets.record(run, &outputs, wrt)?;
+    let record = record(run, &outputs, wrt, &targets)?;
     let sums = guard::run(py, record.work(&parameters), |stop| record.sums(&parameters, stop))?;
-    Ok((hand_back(py, sums.values, [rows, sums.columns, rows, sums.columns])?, sums.count))
+    hand_back_sums(py, sums.values, [rows, sums.columns], sums.count)
 }
 
 type OfMany<'py> = (Bound<'py, PyArray5<f64>>, Bound<'py, PyArray1<i64>>);
@@ -108,20 +101,12 @@ fn ship_products_batch<'py>(
     wrt: Vec<usize>,
     threads: usize,
 ) -> PyResult<OfMany<'py>> {
-    let vectors: PyReadonlyArray2<'_, f64> = borrow("parameters", parameters)?;
-    let members = vectors.shape()[0];
-    expect_shape("parameters", vectors.shape(), [members, PARAMETERS.len()], "members, parameters")?;
-    let ships = vectors
-        .as_slice()?
-        .chunks_exact(PARAMETERS.len())
-        .enumerate()
-        .map(|(member, vector)| Parameters::new(vector, &format!("parameters[{member}]")))
-        .collect::<Result<Vec<_>, _>>()?;
+    let ships = members(parameters, PARAMETERS.len(), Parameters::new)?;
     let inputs = Inputs::borrow(u, load)?;
     let run = inputs.run(dt, substeps, hold)?;
-    let (rows, columns) = (outputs.len(), wrt.len() + 2);
+    let (members, rows, columns) = (ships.len(), outputs.len(), wrt.len() + 2);
     let targets = Targets::borrow(measured, offsets, filters, rows, run.samples())?;
-    let record = targets.record(run, &outputs, wrt)?;
+    let record = record(run, &outputs, wrt, &targets)?;
     let work = ships.iter().fold(0_usize, |sum, ship| sum.saturating_add(record.work(ship)));
     let sums = guard::run(py, work, |stop| record.batch(&ships, threads, stop))?;
     let counts = sums.iter().map(|sums| i64::try_from(sums.count).unwrap_or(i64::MAX)).collect();
@@ -184,38 +169,14 @@ impl<'py> Inputs<'py> {
     }
 }
 
-/// What a simulation is compared to, borrowed from Python.
-struct Targets<'py> {
-    measured: PyReadonlyArray2<'py, f64>,
-    offsets: Vector<'py>,
-    filters: PyReadonlyArray2<'py, f64>,
-}
-
-impl<'py> Targets<'py> {
-    fn borrow(
-        measured: &Bound<'py, PyAny>,
-        offsets: &Bound<'py, PyAny>,
-        filters: &Bound<'py, PyAny>,
-        rows: usize,
-        samples: usize,
-    ) -> PyResult<Self> {
-        let measured: PyReadonlyArray2<'_, f64> = borrow("measured", measured)?;
-        let filters: PyReadonlyArray2<'_, f64> = borrow("filters", filters)?;
-        expect_shape("measured", measured.shape(), [rows, samples], "outputs, samples")?;
-        expect_shape("filters", filters.shape(), [rows, filters.shape()[1]], "outputs, taps")?;
-        Ok(Self { measured, offsets: borrow("offsets", offsets)?, filters })
-    }
-
-    fn record<'a>(&'a self, run: Run<'a>, outputs: &[usize], wrt: Vec<usize>) -> PyResult<Record<'a>> {
-        Ok(Record::new(
-            run,
-            Output::from_indices(outputs)?,
-            wrt,
-            self.measured.as_slice()?,
-            self.offsets.as_slice()?,
-            self.filters.as_slice()?,
-        )?)
-    }
+fn record<'a>(
+    run: Run<'a>,
+    outputs: &[usize],
+    wrt: Vec<usize>,
+    targets: &'a Targets<'_>,
+) -> PyResult<Record<'a>> {
+    let (measured, offsets, filters) = targets.slices()?;
+    Ok(Record::new(run, Output::from_indices(outputs)?, wrt, measured, offsets, filters)?)
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

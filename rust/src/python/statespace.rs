@@ -1,9 +1,9 @@
 //! Bindings of the state-space kernels.
 
-use numpy::{Complex64, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{Complex64, PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Matrix, Vector, borrow, hand_back, zeros};
+use super::arrays::{Matrix, Vector, borrow, filled, hand_back};
 use super::guard;
 use crate::error::require;
 use crate::integrate::Hold;
@@ -51,15 +51,11 @@ fn simulate_statespace<'py>(
     let model = model(A, B, C, D)?;
     let input: Vector<'_> = borrow("u", u)?;
     let initial: Vector<'_> = borrow("initial", initial)?;
-    let output = zeros(py, [model.outputs(), input.len()])?;
-    {
-        let mut output = output.readwrite();
-        let (input, initial, rows) = (input.as_slice()?, initial.as_slice()?, output.as_slice_mut()?);
-        let work =
-            input.len().saturating_mul(model.states().saturating_mul(model.states() + model.outputs()));
-        guard::run(py, work, |stop| model.simulate(input, dt, hold, initial, rows, stop))?;
-    }
-    Ok(output)
+    let (input, initial) = (input.as_slice()?, initial.as_slice()?);
+    let work = input.len().saturating_mul(model.states().saturating_mul(model.states() + model.outputs()));
+    filled(py, [model.outputs(), input.len()], work, |rows, stop| {
+        model.simulate(input, dt, hold, initial, rows, stop)
+    })
 }
 
 /// Frequency response of the same model; complex [O, F].

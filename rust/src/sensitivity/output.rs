@@ -60,7 +60,7 @@ impl Output {
     }
 }
 
-/// What takes a block of outputs: the first sample, then for each sample a number an output.
+/// A function that takes a block of outputs: the index of its first sample, then for each sample one number per output.
 pub type Consume<'a, const N: usize> = dyn FnMut(usize, &[Tangent<N>]) -> Result<()> + 'a;
 
 /// Refuse a block from a sample on that holds what is not finite.

@@ -258,7 +258,7 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
         }
     }
 
-    /// Through a piece in equal steps; `begin` is the flow at its start where that is known.
+    /// Advance through a piece in equal steps; `begin` is the flow at the start of the piece, where it is known.
     #[inline(always)]
     fn advance(&mut self, piece: Piece<T>, mut begin: Option<Flow<T>>) {
         let step = piece.duration * (1.0 / self.run.substeps as f64);

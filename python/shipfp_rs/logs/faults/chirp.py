@@ -8,9 +8,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 LEAST_HALVES = 3
-"""Half periods from which a change of frequency shows."""
+"""Fewest half periods that can show a change of frequency."""
 CHANGES = 1.3
-"""Ratio of frequency between a record's first and last third that a chirp has at least."""
+"""Least ratio of a chirp's frequencies in the first and the last third of a record."""
 HYSTERESIS = 0.2
 """Share of the swing that the signal must pass on either side of its middle to count as a half period."""
 
@@ -35,7 +35,7 @@ def constant_frequency(samples: Array, rate_hz: float) -> float | None:
     side = np.where(samples > middle + swing, 1, np.where(samples < middle - swing, -1, 0))
     clear = np.flatnonzero(side)
     turns = np.flatnonzero(np.diff(side[clear]))
-    # Between the last sample clearly on one side and the first on the other.
+    # The crossing is taken halfway from the last sample clearly on one side to the first on the other.
     crossings = 0.5 * (clear[turns] + clear[turns + 1]) / rate_hz
     halves = np.diff(crossings)
     if len(halves) < LEAST_HALVES:

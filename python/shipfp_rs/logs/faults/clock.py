@@ -1,4 +1,4 @@
-"""A recorded time column: its start and rate, and where the clock jumped, stood twice at one time, or was set back."""
+"""A recorded time column: its start and rate, and where the clock jumped, repeated a time, or was set back."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Array = npt.NDArray[np.float64]
 Samples = npt.NDArray[Any]
 
 FIRST = 1024
-"""Rows from whose median the sample interval is known well enough to see jumps."""
+"""Rows whose median step gives the sample interval well enough to see jumps."""
 MOST_JUMPS = 0.01
 """Share of rows at which a clock may jump; one that jumps more often is no clock."""
 MARKED = 64
-"""Rows from one to the next at which it is looked whether the times keep to a straight line."""
+"""Every so many rows the times are compared with a straight line."""
 BENT = 2e-5
-"""Share of a record's length by which its times may leave a straight line: a clock is no better over hours."""
+"""Share of a record's length by which times may differ from a straight line; no clock is better over hours."""
 COMPARED = 4096
-"""Rows compared at most to tell rows written twice from a clock set back."""
+"""Most rows that are compared to find out whether rows were written twice or the clock was set back."""
 FILL = 1 << 16
 """Missing samples handed out at once."""
 LONGEST_GAP = 100.0
-"""Missing samples per recorded one from which on the time column is taken for wrong."""
+"""With more missing samples per recorded one the time column is taken for wrong."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class ClockScan:
             times = self._begin()
         self._take(times)
 
-    @np.errstate(all="ignore")  # what is not finite is told at the end
+    @np.errstate(all="ignore")  # times that are not finite are reported at the end
     def _begin(self) -> Array:
         times, self._held = np.concatenate([np.empty(0), *self._held]), []
         if len(times):
@@ -179,13 +179,13 @@ class ClockScan:
         jumps: Array,
         same: Callable[[int, int, int], bool],
     ) -> Clock:
-        """Put the rows between jumps where their times say."""
+        """Place the rows between jumps by their times."""
         ends = np.append(rows[1:], self._count)
         segments = [Segment(0, int(rows[0]), 0)]
         gaps: list[tuple[int, int]] = []
         twice: list[tuple[int, int]] = []
         back: list[list[int]] = []
-        behind = 0  # samples by which the clock stands back at present
+        behind = 0  # samples by which the clock is behind at this row
         skipped_to = 0
         for row, stop, jump in zip(rows.tolist(), ends.tolist(), jumps.tolist(), strict=True):
             moved = round(jump * rate_hz) - 1

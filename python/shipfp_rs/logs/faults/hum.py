@@ -15,15 +15,15 @@ Array = npt.NDArray[np.float64]
 CYCLES = 10
 """Cycles of the mains in a block: 0.2 s at 50 Hz, the resolution in time."""
 SIDE = 3
-"""Distance of the two frequencies beside the mains that tell what is no hum, in bins of a block."""
+"""Distance from the mains' frequency of two others, which show what is no hum, in bins of a block."""
 ABOVE_SIDES = 4.0
-"""Amplitude over that of the frequencies beside it from which it is hum."""
+"""Ratio of the amplitude to that at the two other frequencies, from which on it counts as hum."""
 LEAST_BLOCKS = 3
-"""Blocks in a row that are hum; a jump of the signal fills one or two."""
+"""Blocks in a row that must be hum. A jump of the signal looks like hum in one or two."""
 BATCH = 64
-"""Blocks told at once: sums of products round by how many are taken together, so chunks must not decide."""
+"""Blocks worked out together. Rounding depends on how many there are, so it must not depend on the chunks fed."""
 NOTCH_S = 0.5
-"""Length of the window that follows the hum's amplitude and phase [s]; 4 Hz on either side go with it."""
+"""Length of the window in which the hum's amplitude and phase are found [s]. What lies within 4 Hz is removed, too."""
 
 
 class HumScan:
@@ -39,7 +39,7 @@ class HumScan:
 
     @staticmethod
     def tells(rate_hz: float, mains_hz: float, samples: int) -> bool:
-        """Whether a channel can tell hum at all: sampled fast enough for the frequencies beside it, a block or longer."""
+        """Whether hum can be found in a channel: sampled fast enough for the other frequencies, and a block long or more."""
         return rate_hz > 2.0 * mains_hz * (1.0 + SIDE / CYCLES) and samples * mains_hz >= CYCLES * rate_hz
 
     def __init__(self, rate_hz: float, mains_hz: float = 50.0) -> None:
@@ -62,9 +62,9 @@ class HumScan:
         for batch in chunk[:whole].reshape(-1, BATCH, self.block):
             self._parts.append(self._waves(batch))
 
-    @np.errstate(invalid="ignore")  # blocks with what is no number tell no hum
+    @np.errstate(invalid="ignore")  # blocks with missing samples count as free of hum
     def _waves(self, blocks: npt.NDArray[Any]) -> Array:
-        # The level would cost single precision its last digits; what is left of it has none at these bins.
+        # The level is taken off first: it would cost single precision its last digits, and has no part in these bins.
         level = np.subtract(blocks, blocks[:, :1], dtype=np.float32)
         return np.asarray((level @ self._weights).astype(np.float64))
 
@@ -87,7 +87,7 @@ def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: f
     flags = marks(spans, first, first + len(samples))
     turn = np.exp(2j * np.pi * mains_hz / rate_hz * np.arange(len(samples)))
     window = np.hanning(round(NOTCH_S * rate_hz) | 1)
-    # Straight on at the ends, so that the level does not look like a jump there.
+    # The samples are extended by straight lines at the ends, so that the level does not look like a jump there.
     half = len(window) // 2
     padded = np.pad(samples, half, mode="reflect", reflect_type="odd") if len(samples) > half else samples
     turned = np.exp(2j * np.pi * mains_hz / rate_hz * (np.arange(len(padded)) - half))

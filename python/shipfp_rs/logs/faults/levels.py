@@ -16,24 +16,25 @@ Read = Callable[[int, int], Array]
 """(first, stop) to samples on a channel's own index."""
 
 BLOCK = 128
-"""Samples in a block of the first pass; a stuck channel is found for sure from twice as many on."""
+"""Samples in a block of the first pass. A channel that is stuck for twice as many is always found."""
 PIECE = 1 << 19
 """Samples read again at once."""
 NEARBY = 128
-"""Samples before and after a still stretch that tell whether the channel is otherwise noisy."""
+"""Samples before and after a stretch without change that show whether the channel is otherwise noisy."""
 QUANTA = 3.0
 """Steps of a float's own resolution below which sample-to-sample changes are rounding, not noise."""
 ROUGH = 0.7
-"""Second over first differences (root mean square): 1.7 for white noise, next to nothing for a smooth signal."""
+"""A signal is noisy where its second differences are so many times its first ones (root mean square): 1.7 for white
+noise, near 0 for a smooth signal."""
 ALONE = 0.25
-"""Distance from an extreme to the next highest block, as a share of that to the usual one, above which the
-extreme is a spike's top and no rail that the signal runs into."""
+"""An extreme is a spike's top, and no limit of the sensor, where its distance to the next highest block is more than this
+share of its distance to the usual one."""
 CROWDED = 0.25
-"""Samples one step below a rail, as a share of those at it, that a signal which runs into it leaves at most."""
+"""A signal that is clipped has at most this share of the samples at the limit one step below it."""
 LOOKED_AT = 64
-"""Blocks and stretches at a rail that are looked at closely."""
+"""Most blocks and stretches at a limit that are looked at closely."""
 NEAR_ZERO = 0.2
-"""Share of the typical level that a channel's lowest tenth must keep, so that a dropout can be told from it."""
+"""Dropouts are looked for where a channel's lowest tenth is above this share of its typical level."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def find_level_faults(
     found["dropout"] = _dropouts(suspects, low, high, rate_hz, limits)
     still = suspects.runs_of(known & (low == high), _repeats, beside=1)
     still = still[still[:, 1] - still[:, 0] >= max(limits.stuck_s * rate_hz, 2)]
-    # Nothing stands beside a channel that never moves: that is told, whatever it may mean.
+    # A channel that never changes has no noise to compare with: it is reported, whatever it may mean.
     never_moves = np.nanmin(low) == np.nanmax(high) and len(still)
     found["stuck"] = apart_from(still if never_moves else suspects.beside_noise(still), found["dropout"])
     clipped = [
@@ -131,7 +132,7 @@ class _Suspects:
     def _pieces(self, stretches: Spans) -> Iterator[tuple[int, int]]:
         for first, stop in np.minimum(stretches, self.count).tolist():
             for start in range(first, stop, PIECE):
-                # One sample over: what is told from pairs of samples goes on across the border.
+                # One sample more, since pairs of samples are compared across the border.
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
@@ -182,7 +183,7 @@ def _dropouts(suspects: _Suspects, low: Array, high: Array, rate_hz: float, limi
 
 
 def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits: LevelLimits) -> Spans:
-    """Stretches at the greatest sample, where the signal runs into it; with `sign` -1 all is upside down."""
+    """Stretches at the greatest sample where the signal is clipped; with `sign` -1 at the least one."""
     top = float(np.nanmax(high))
     at_top = high == top
     runs_at_top = suspects.runs_of(at_top, lambda x: sign * x == top)
@@ -192,7 +193,7 @@ def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits:
         length = runs_at_top[:, 1] - runs_at_top[:, 0]
         runs_at_top = runs_at_top[length > limits.spike_s * rate_hz]
     at_rail = int((runs_at_top[:, 1] - runs_at_top[:, 0]).sum())
-    # Of a coarsely rounded signal the step below the top one is hit as often.
+    # In a coarsely rounded signal as many samples lie one step below the top.
     blocks = np.flatnonzero(at_top)[:LOOKED_AT]
     near = sign * np.concatenate([suspects.samples(block) for block in blocks.tolist()]).astype(np.float64)
     next_to_it = near[near < top]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from shipfp_rs.support.spans import Spans, joined
 
 TAPS = 8
-"""Samples in a print of `shipfp_rs._core.RepeatScan`."""
+"""Samples in a print (hash) of `shipfp_rs._core.RepeatScan`."""
 LEAST = 128
 """Shortest stretch that counts as written twice [samples]."""
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 PIECE = 1 << 18
-"""Samples that are read at once where some are looked at again, and kept for the next ones."""
+"""Samples that are read at once for a second look, and kept for the next one."""
 
 
 def scan(
@@ -75,7 +75,7 @@ def scan(
 
 
 def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
-    """Rows that stand twice in every channel of the same rate and length."""
+    """Rows that were written twice in every channel of the same rate and length."""
     readers = [
         _Reader(log, other.name)
         for other in log.channels.values()
@@ -93,7 +93,7 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
 
 
 class _Reader:
-    """Samples by index, some more than asked for at a time, for the next ones mostly stand nearby."""
+    """Samples by index. More are read than asked for, since the next ones asked for mostly lie nearby."""
 
     def __init__(self, log: Log, channel: str) -> None:
         self.log, self.channel = log, log.channel(channel)

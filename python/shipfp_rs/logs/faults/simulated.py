@@ -38,7 +38,7 @@ def hum(samples: Array, rate_hz: float, mains_hz: float, amplitude: float, start
 
 
 def write_twice(channels: Mapping[str, Array], start: int, count: int, *, over: bool) -> dict[str, Array]:
-    """Return channels in which `count` rows from `start` on stand a second time behind themselves.
+    """Return channels in which `count` rows from `start` on are written a second time.
 
     The second copy takes the place of what followed (`over`), or pushes it back.
     """

@@ -1,4 +1,4 @@
-"""Feather and Arrow IPC files, mapped into memory; of one that was cut short, all that is whole."""
+"""Feather and Arrow IPC files, mapped into memory. Of a file that was cut short the whole record batches are read."""
 
 from __future__ import annotations
 

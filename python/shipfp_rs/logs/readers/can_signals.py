@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,11 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.logs.readers.timed_series import own_axis
+from shipfp_rs.logs.time_axis import TimeAxis
 
 SPECIAL = 0xFB
-"""First byte from which on a J1939 value is none: parameter specific, reserved, error, not available."""
+"""From this first byte on a J1939 number is no value: parameter specific, reserved, error, not available."""
 EPOCH_S = 9.4e8
 """A time stamp above it counts from 1970."""
 
@@ -51,7 +51,7 @@ class Signal:
     is_float: bool = False
     selector: Signal | None = None
     selected: tuple[int, ...] = ()
-    """Of a multiplexed signal: the one that tells which it is, and at which of its values it is there."""
+    """For a multiplexed signal: the signal that selects it, and the values of that one at which it is there."""
 
     def raw(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
         """Return the recorded integers (or floats) of payloads, shape (N, bytes)."""
@@ -60,7 +60,7 @@ class Signal:
             last = (self.start + self.length - 1) // 8
             part = data[:, first : last + 1]
         else:
-            # Bits are counted from the highest of the first byte on; the start is the highest of the value.
+            # Bits are counted from the highest bit of the first byte; the start is the value's highest bit.
             high = 8 * (self.start // 8) + 7 - self.start % 8
             first, last = high // 8, (high + self.length - 1) // 8
             shift = 8 * (last + 1) - high - self.length
@@ -109,7 +109,7 @@ class Message:
 
     @property
     def key(self) -> tuple[str, int]:
-        """What frames of the message have in common."""
+        """Key that the frames of the message share."""
         if self.j1939:
             return "pgn", int(parameter_group(np.array([self.identifier], dtype=np.uint32))[0])
         return ("extended" if self.extended else "standard"), self.identifier
@@ -203,7 +203,7 @@ def _signal(signal: Any) -> Signal:
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
     """Return the signals of a bus as channels, each at the even rate of its message, with its bit as resolution.
 
-    A name that several messages or senders have is followed by theirs.
+    Where several messages or senders have a signal of one name, the channel carries the message and the sender in front.
     """
     messages = messages_of(path, names)
     if not len(frames.time_s):
@@ -237,14 +237,9 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
             samples = signal.values(frames.data[own], j1939=message.j1939)
             if not np.isfinite(samples).any():
                 continue
-            stamps = time[own]
-            try:
-                axis = time_axis(path, name, partial(iter, (stamps,)))
-            except InputError as error:
-                notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+            axis = own_axis(path, name, time[own], notes, faults)
+            if axis is None:
                 continue
-            notes += [axis.note] if axis.note else []
-            faults += axis.faults
             channels.append(
                 Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
             )
@@ -288,7 +283,7 @@ def _found(
 def _rows_of(
     message: Message, frames: Frames, rows: npt.NDArray[np.intp]
 ) -> Iterator[tuple[Signal, npt.NDArray[np.intp]]]:
-    """Signals of a message with the frames that hold them: long enough, and of the right kind where they share a place."""
+    """Signals of a message with the frames that hold them: long enough, and of the right kind if signals share a place."""
     for signal in message.signals:
         end = (
             signal.start + signal.length

@@ -21,7 +21,7 @@ from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.log import Log
 
 SPARE_BYTES = 200_000_000
-"""What a reader may use beside three times the file."""
+"""Memory that a reader may use beyond three times the file's size."""
 
 
 def serve() -> None:
@@ -102,7 +102,7 @@ class _Server:
             try:
                 log = self._log = open_log(Path(path), rate_hz, **options)
             except InputError as error:
-                # What was left out may be why.
+                # The warnings about what was left out may explain it.
                 raise InputError("; ".join([str(error), *(str(note.message) for note in notes)])) from error
         return {
             "channels": [asdict(channel) for channel in log.channels.values()],

@@ -31,7 +31,10 @@ class Child:
     """A process that answers requests; see `child.py` for its side."""
 
     def __init__(self) -> None:
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would count as memory used
+        environment = {
+            **os.environ,
+            "OPENBLAS_NUM_THREADS": "1",
+        }  # each thread's buffers would count as memory used
         self._process = subprocess.Popen(
             [
                 sys.executable,

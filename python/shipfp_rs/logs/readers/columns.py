@@ -21,7 +21,7 @@ from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
-"""What the samples of a struct of one channel are called."""
+"""Names of the field that holds the samples in a struct of one channel."""
 LABELS = (
     "names",
     "labels",
@@ -34,7 +34,7 @@ LABELS = (
     "channelnames",
     "signals",
 )
-"""What the names of a matrix's columns are called."""
+"""Names of the variable that holds the names of a matrix's columns."""
 MOST_COLUMNS = 256
 LEAST_ROWS = 8
 """A matrix with more columns, fewer rows, or less than twice as many rows as columns is no table of channels."""
@@ -75,7 +75,7 @@ def time_of(
 
     The nearest counts: in its own struct, then in the one around it.
     """
-    above = row.name  # of a struct of one channel its own fields come first
+    above = row.name  # first look among the fields of the row itself, if it is a struct of one channel
     while True:
         for key, other in rows.items():
             if (

@@ -95,7 +95,7 @@ def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes
         rest = b""
         while read := file.read(max(min(PART, layout.bytes_end - offset - len(rest)), 0)):
             end = read.rfind(end_of_line) + len(end_of_line)
-            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # two halves of two letters
+            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # a character that is cut in two
                 end = read.rfind(end_of_line, 0, end - 1) + len(end_of_line)
             if end < len(end_of_line):
                 end = 0
@@ -163,7 +163,7 @@ class _Index:
             if numeric and not _is_known(kind):
                 if pa.types.is_string(kind) and _is_grouped(self.layout, values):
                     self.grouped.add(k)
-                kind = pa.float64()  # reading the column names the cell that is no number
+                kind = pa.float64()  # reading the column raises an error that names the cell
             elif not numeric and not _is_known(kind):
                 kind = pa.string()
             elif kind == pa.float64() and (pc.max(pc.abs(values)).as_py() or 0.0) >= 2.0**63:
@@ -214,7 +214,7 @@ def _is_known(kind: pa.DataType) -> bool:
 
 
 def _wider(one: pa.DataType, other: pa.DataType, negative: bool) -> pa.DataType:
-    """Return the type that holds the values of both."""
+    """Return the type that can hold the values of both types."""
     if one == other or other == pa.null():
         return one
     if one == pa.null():

@@ -19,13 +19,13 @@ SAMPLE = 1 << 16
 """Bytes from which the layout is found."""
 
 SCORED = 200
-"""Lines on which every delimiter is tried; more than a logger writes above its records."""
+"""Number of lines on which delimiters are tried; loggers write fewer above the records."""
 
 PREAMBLE = 5
-"""Lines in a row that must hold a number where the records begin."""
+"""The records begin where so many lines in a row hold a number."""
 
 HEADING_ROWS = 4
-"""Lines of names, units and descriptions right above the records, at most."""
+"""Most lines of names, units and descriptions right above the records."""
 
 DIALECTS = (
     (",", "."),
@@ -87,7 +87,7 @@ class Layout:
 
     @property
     def wide(self) -> int:
-        """Bytes a character takes at least."""
+        """Least number of bytes of a character."""
         return 2 if self.encoding.startswith("utf-16") else 1
 
 
@@ -196,7 +196,7 @@ def _uncommented(line: str, delimiter: str) -> list[str]:
 
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
-    """Numbers less other cells over all lines, after the first few of which most are records."""
+    """Return the number of numeric cells less that of other cells; most lines after the first few are records."""
     rows = [cells_of(line, delimiter) for line in lines]
     numbers = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     others = sum(sum(map(bool, row)) - count for row, count in zip(rows, numbers, strict=True))
@@ -204,7 +204,7 @@ def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
 
 
 def _width(rows: list[list[str]], decimal: str) -> int:
-    """Columns of most rows that hold numbers."""
+    """Return the number of columns that most rows with numbers have."""
     widths = Counter(len(row) for row in rows if any(is_number(cell, decimal) for cell in row))
     return widths.most_common(1)[0][0] if widths else 0
 
@@ -223,7 +223,7 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
                 break
             continue
         short = width - len(row)
-        # The mark at the end of every record may be missing behind the names.
+        # A delimiter that ends every record may be missing after the names.
         if len(full) == HEADING_ROWS or not (short == 0 or (short == 1 and len(row) > 1)):
             break
         full.insert(0, [*row, *[""] * short])
@@ -250,7 +250,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _unique(names: list[str]) -> list[str]:
-    """Count columns of time that are called alike; other channels must have a name each."""
+    """Number columns of time that share a name; two other channels may not share one."""
     seen: Counter[str] = Counter()
     found = []
     for name in names:
@@ -291,7 +291,7 @@ def _footer(
             break
         cut -= 1
     left = [line.strip() for line in lines[cut:] if line.strip()]
-    # A line that was cut within a word of a column of words is no footer.
+    # A last line that was cut within a column of words is no footer.
     if not left or cut <= 1:
         return size, ()
     return size - len("\n".join(lines[cut:]).encode(encoding)), tuple(left)

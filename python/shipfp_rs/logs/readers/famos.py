@@ -116,7 +116,7 @@ def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Ch
 
 
 def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis, Blocks] | str:
-    """Return the grid and the samples of pairs whose x is a time that increases; else why they are left out."""
+    """Return the grid and the samples of (x, y) pairs whose x is an increasing time; else why they are left out."""
     if channel.x_unit.strip().strip('"').lower() not in ("s", "ms", "sec", ""):
         return f"x is in {channel.x_unit!r}, no time"
     parts = list(file.iter_channel_numpy(channel.uuid, include_x=True, chunk_rows=BLOCK, mode="scaled"))
@@ -139,7 +139,7 @@ def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis
 
 
 def _sample_bytes(path: Path) -> int:
-    """Bytes of samples that a file holds; the package reads on behind the end of one that was cut."""
+    """Count the bytes of samples in a file: where it was cut, the package would read beyond its end."""
     held = place = 0
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         while found := BLOCK_START.search(content, place):
@@ -151,7 +151,7 @@ def _sample_bytes(path: Path) -> int:
 
 
 def _cut(path: Path, name: str, samples: int, held: int, *, alone: bool) -> int:
-    """Return the samples left of a channel; several channels may take turns in the file, so that none is whole."""
+    """Return the samples left of a channel; with several channels none may be whole, since they may be interleaved."""
     what = f"{path}: cut short or damaged: channel {name!r} has {samples} samples"
     if not alone:
         raise InputError(f"{what}, more than the file holds beside the other channels; fetch it again")

@@ -16,7 +16,8 @@ import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
-from shipfp_rs.logs.log import Log, one_line_errors
+from shipfp_rs.logs.formats import one_line_errors
+from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.text_time import looks_like_time
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Wish, find_time
 from shipfp_rs.logs.readers.time_numbers import Column

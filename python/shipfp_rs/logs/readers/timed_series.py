@@ -15,7 +15,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.time_axis import time_axis
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 
 @dataclass
@@ -49,13 +49,9 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
         order = np.argsort(time, kind="stable")
         samples = np.asarray(each.values, dtype=np.float64)[order]
         time = time[order]
-        try:
-            axis = time_axis(path, name, partial(iter, (time,)))
-        except InputError as error:
-            told.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+        axis = own_axis(path, name, time, told, faults)
+        if axis is None:
             continue
-        told += [axis.note] if axis.note else []
-        faults += axis.faults
         channels.append(Channel(name, each.unit, axis.rate_hz, axis.samples, axis.start_s, each.resolution))
         held[name] = axis.on_grid(_blocks(samples))
     if not channels:
@@ -67,6 +63,20 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
 
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(zero * 1e6))
     return Log(str(path), channels, blocks, start if zero else None, tuple(faults), tuple(told))
+
+
+def own_axis(
+    path: Path, name: str, times: npt.NDArray[np.float64], notes: list[str], faults: list[Fault]
+) -> TimeAxis | None:
+    """Return the grid of a name's times [s]; None, and a note why, where there is none. Notes and faults are added."""
+    try:
+        axis = time_axis(path, name, partial(iter, (times,)))
+    except InputError as error:
+        notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+        return None
+    notes += [axis.note] if axis.note else []
+    faults += axis.faults
+    return axis
 
 
 def _blocks(samples: npt.NDArray[np.float64]) -> Blocks:

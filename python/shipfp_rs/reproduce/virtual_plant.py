@@ -1,8 +1,8 @@
-"""The nonlinear plant as a structure: the ship's own limits and curvature stay in the model that is fitted."""
+"""The nonlinear plant of a vessel as a structure, in the linear structure's parameters (eq. 3.1 to 3.11)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,24 +10,32 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs import _core
-from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.equations import Against, Equations
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.drive_train import OFF, DriveTrain, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
 Values = Mapping[str, Any]
 """By name; one of them may be complex, to differentiate by it."""
-Place = Callable[[Vessel, Values], Mapping[str, Any]]
-"""A vessel and a structure's values to those of the kernel's parameters that are not the vessel's own."""
-
 COMPLEX_STEP = 1e-30
 """The square of it vanishes beside 1, so derivatives of the parameters are exact to rounding."""
-WIDEST = 5.0
-"""Factor by which a search may change what must stay a positive number."""
 STEP_OF_FASTEST = 0.1
 """Longest step as part of the plant's shortest time constant; RK4 then has it to 1e-6 of itself."""
+
+
+def plant_structure(vessel: Vessel) -> Structure:
+    """Return the plant with the parameters of the linear structure, products of gains and exponent 2."""
+    linear = Structure.linear(products=True)
+    return Structure(
+        name="plant",
+        parameters=(*linear.parameters, Parameter("limit", "-", 1.0, 0.5, 2.0, fixed=True)),
+        signals=linear.signals,
+        equations=PlantEquations(vessel, linear.outputs, gauge=False),
+        settings={"kind": "plant"},
+    )
 
 
 def about_operating_point(vessel: Vessel, values: Values) -> Mapping[str, Any]:
@@ -55,20 +63,6 @@ def about_operating_point(vessel: Vessel, values: Values) -> Mapping[str, Any]:
     }
 
 
-def as_built(vessel: Vessel, values: Values) -> Mapping[str, Any]:
-    """Place parameters in the kernel's own units; the propeller by its torque at the vessel's operating speed.
-
-    Its coefficient and exponent would make a long curved valley.
-    """
-    own = {name: value for name, value in values.items() if name in _core.DRIVE_TRAIN_PARAMETERS}
-    return own | {
-        "torque_coefficient": values["propeller_torque"]
-        / vessel.nominal_shaft_speed ** values["torque_exponent"],
-        "limit_factor": values.get("limit", 1.0),
-        "set_dead_time": values["T_set"],
-    }
-
-
 def _rack(vessel: Vessel) -> float:
     return vessel.operating_point.X_0_mm
 
@@ -81,19 +75,17 @@ OF_THE_PLANT = ("set_dead_time", "rack_rate", "torque_rate")
 
 @dataclass(frozen=True)
 class PlantEquations(Equations):
-    """Plant of eq. 3.1 to 3.11 with a vessel's torque envelope, rate limits and dead time of the set point, or with all.
+    """Plant of eq. 3.1 to 3.11 with a vessel's torque envelope, rate limits and dead time of the set point.
 
-    `place` says what a structure's parameters are to the kernel. All else is the vessel's; unless `whole`, the elements
-    that a linear structure has no terms for are off. The derivatives are those of
-    the integration itself, carried along through its steps; at a limit they are those of the side it is on.
+    All that is no parameter is the vessel's; the elements that a linear structure has no terms for are off. The
+    derivatives are those of the integration itself, carried along through its steps; at a limit they are those of the
+    side it is on.
     """
 
     vessel: Vessel
     outputs: tuple[str, ...]
     gauge: bool
-    place: Place = about_operating_point
     states: tuple[str, ...] = ("initial dn", "initial dE")
-    whole: bool = False
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -122,18 +114,8 @@ class PlantEquations(Equations):
             *run, scale, against.measured, against.offsets + shift, against.filters
         )
 
-    def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Raise: a nonlinear plant has no frequency response."""
-        raise InputError(
-            "the plant structure has no frequency response; fit it to an Experiment, or use Structure.linear"
-        )
-
     def _train(self) -> DriveTrain:
         train = drive_train(self.vessel)
-        if self.whole:
-            return train
         off = {name: value for name, value in OFF.items() if name not in OF_THE_PLANT}
         return DriveTrain({**train.values, **off}, train.strength, np.empty((3, 0)))
 
@@ -146,7 +128,7 @@ class PlantEquations(Equations):
             "set_point_before": before,
             "initial_speed": vessel.nominal_shaft_speed * (1.0 + values.get("initial dn", 0.0)),
             "initial_error": vessel.nominal_engine_speed * values.get("initial dE", 0.0),
-            **self.place(vessel, values),
+            **about_operating_point(vessel, values),
         }
         return np.array([known[name] for name in _core.DRIVE_TRAIN_PARAMETERS])
 
@@ -181,8 +163,6 @@ class PlantEquations(Equations):
         tau_n = 2.0 * np.pi * vessel.inertia * vessel.nominal_shaft_speed / torque
         rate = (vessel.propeller.torque_exponent - point.g + point.v * vessel.governor.K_p) / tau_n
         longest = min(STEP_OF_FASTEST / rate, train.step_s(vessel.nominal_shaft_speed))
-        # A search may come to shorter dead times, down to their bounds.
-        longest = min(longest, train.values["fuel_dead_time"] / WIDEST or longest)
         return max(1, int(np.ceil(dt / longest)))
 
     def _normal(self, experiment: Experiment) -> tuple[Array, Array]:

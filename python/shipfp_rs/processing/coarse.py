@@ -1,0 +1,25 @@
+"""A long channel at a coarse rate: means over blocks of samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.arrays import Array
+
+
+def block_means(log: Log, name: str, block: int) -> Array:
+    """Return the mean of each block of so many samples, shape (N // block,); NaN where one of them is missing."""
+    parts, held = [], np.empty(0)
+    for chunk in log.chunks(name):
+        held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
+        whole = len(held) // block * block
+        parts.append(held[:whole].reshape(-1, block).mean(axis=1))
+        held = held[whole:]
+    return np.concatenate(parts)
+
+
+def bridged(values: Array) -> Array:
+    """Return values (N,) with straight lines over the gaps between those that are finite."""
+    known = np.isfinite(values)
+    return np.asarray(np.interp(np.arange(len(values)), np.flatnonzero(known), values[known]))

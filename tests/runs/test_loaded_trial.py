@@ -1,0 +1,153 @@
+"""A generating set whose electric load is measured: its channel is all that is said, and it drives the model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+from shipfp_rs import Fingerprint, cli
+from shipfp_rs.errors import InputError
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from tests.families.plant import normalised, physical
+from tests.families.small_steps import simulate
+
+TRUTH = {"tau_n": 0.9, "g": -0.3, "vK_p": 4.0, "vK_i": 6.0, "p": 0.4, "T_d": 0.06}
+PLANT = physical(TRUTH, engine_speed=25.0, shaft_torque=955.0)
+RATE_HZ, SECONDS = 400.0, 160.0
+TRIAL = """[trial]
+name = "Load steps"
+vessel = "direct-drive"
+log = "log.parquet"
+rate_hz = 400.0
+[channels.set_point]
+column = "n_set"
+unit = "rpm"
+calibration = { scale = 1.0 }
+[channels.torque]
+column = "M"
+unit = "Nm"
+calibration = { scale = 1.0 }
+location = "brake"
+[channels.speed]
+column = "n"
+unit = "rpm"
+[channels.load]
+column = "P"
+unit = "kW"
+calibration = { scale = 1000.0 }
+quantity = "power"
+[operating_point]
+steady_s = [1.0, 19.0]
+[[windows]]
+name = "S1"
+kind = "steps"
+start_s = 15.0
+stop_s = 158.0
+"""
+
+
+def ramps(at: list[float], levels: list[float], ramp_s: float):
+    """Levels that are reached in a ramp each, as a function of time; zero before."""
+    times = np.ravel([[start, start + ramp_s] for start in at])
+    values = np.concatenate([[0.0], np.repeat(levels, 2)[:-1]])
+    return lambda time: np.interp(time, times, values)
+
+
+def recorded() -> dict[str, np.ndarray]:
+    """Channels of the log: the load's own law goes with N^p, its steps stand in the electric power."""
+    random = np.random.default_rng(11)
+    asked = ramps(
+        [20.0, 31.3, 47.1, 68.7, 90.2, 115.9, 133.3], [0.02, -0.02, 0.01, -0.01, 0.02, 0.0, 0.015], 0.2
+    )
+    load = ramps([25.1, 39.8, 58.3, 77.7, 101.4, 124.2, 143.6], [0.2, -0.15, 0.1, -0.25, 0.2, -0.1, 0.0], 0.1)
+    pushed = lambda time: PLANT.shaft_torque * load(time)  # noqa: E731 the simulation takes functions
+    motion = simulate(PLANT, lambda time: 1.0 + asked(time), SECONDS, step_s=0.5 / RATE_HZ, load=pushed)
+    power = 2e-3 * np.pi * motion.load_speed * (PLANT.shaft_torque + motion.load_torque)
+    noise = lambda std: std * random.standard_normal(len(motion.asked))  # noqa: E731
+    channels = {
+        "n_set": 60.0 * motion.asked + noise(0.2),
+        "n": 60.0 * motion.engine_speed + noise(1.0),
+        "M": motion.brake_torque + noise(5.0),
+        "P": power + noise(0.5),
+    }
+    return {name: values[::2] for name, values in channels.items()}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("genset")
+    pyarrow.parquet.write_table(pa.table(recorded()), folder / "log.parquet")
+    (folder / "TRIAL.toml").write_text(TRIAL)
+    return folder
+
+
+def test_a_measured_load_drives_the_fingerprint_of_a_trial(folder: Path) -> None:
+    assert cli.main(["run", str(folder / "TRIAL.toml"), "--out", str(folder / "out")]) == 0
+    fingerprint = Fingerprint.load(folder / "out" / "fingerprint.json")
+    assert fingerprint.elements["load"]["state"] == "on"
+    assert fingerprint.adequate["stands"]
+    truth = {**TRUTH, "k_L": 1.0}
+    assert normalised(PLANT)["tau_n"] == pytest.approx(TRUTH["tau_n"])
+    for name, value in truth.items():
+        estimate = fingerprint[name]
+        assert estimate.value == pytest.approx(value, rel=0.1), name
+        assert abs(estimate.value - value) < 4.0 * estimate.std, name
+
+
+def altered(folder: Path, tmp_path: Path, channel: str, samples: slice, value: float) -> Trial:
+    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
+    table[channel] = table[channel].copy()
+    table[channel][samples] = value
+    pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    (tmp_path / "TRIAL.toml").write_text(TRIAL)
+    return Trial.load(tmp_path / "TRIAL.toml")
+
+
+def _columns(folder: Path):
+    table = pyarrow.parquet.read_table(folder / "log.parquet")
+    return table.column_names, table.columns
+
+
+def test_power_becomes_the_torque_of_the_shaft(folder: Path) -> None:
+    trial = Trial.load(folder / "TRIAL.toml")
+    (experiment,) = process(trial.logs()[0], trial)
+    steady = experiment.window(0.0, 4.0).signals["M_load"]
+    assert steady.mean() == pytest.approx(PLANT.shaft_torque, rel=1e-3)
+    assert experiment.operating_point["M_load"] == pytest.approx(PLANT.shaft_torque, rel=1e-3)
+
+
+def test_what_a_load_lost_is_masked_in_the_answers(folder: Path, tmp_path: Path) -> None:
+    lost = slice(round(50.0 * RATE_HZ), round(50.1 * RATE_HZ))
+    trial = altered(folder, tmp_path, "P", lost, np.nan)
+    (experiment,) = process(trial.logs()[0], trial)
+    assert np.isfinite(experiment.signals["M_load"]).all()
+    masked = np.flatnonzero(np.isnan(experiment.signals["n_e"])) / experiment.rate_hz + 15.0
+    assert masked.min() == pytest.approx(50.0, abs=0.03)
+    assert masked.max() == pytest.approx(50.1, abs=0.03)
+    assert np.isnan(experiment.signals["M_b"]).sum() == len(masked)
+
+
+def test_a_load_lost_for_long_is_refused(folder: Path, tmp_path: Path) -> None:
+    trial = altered(folder, tmp_path, "P", slice(round(50.0 * RATE_HZ), round(51.0 * RATE_HZ)), np.nan)
+    with pytest.raises(InputError, match="load 'P' has a fault"):
+        process(trial.logs()[0], trial)
+
+
+def test_a_steady_stretch_without_load_is_refused(folder: Path, tmp_path: Path) -> None:
+    trial = altered(folder, tmp_path, "P", slice(0, round(20.0 * RATE_HZ)), 0.1)
+    with pytest.raises(InputError, match="choose a steady stretch under load"):
+        process(trial.logs()[0], trial)
+
+
+def test_without_a_steady_stretch_the_load_is_the_torque(folder: Path, tmp_path: Path) -> None:
+    given = TRIAL.replace("steady_s = [1.0, 19.0]", "n_e_rpm = 1500.0\nM_Nm = 955.0")
+    given = given.replace('log = "log.parquet"', f'log = "{folder / "log.parquet"}"')
+    (tmp_path / "TRIAL.toml").write_text(given)
+    trial = Trial.load(tmp_path / "TRIAL.toml")
+    (experiment,) = process(trial.logs()[0], trial)
+    assert experiment.operating_point["M_load"] == pytest.approx(955.0)
