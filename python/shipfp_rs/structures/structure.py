@@ -65,7 +65,7 @@ class Structure(Editable):
 
         Examples
         --------
-        >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
+        >>> [one.name for one in Structure.linear().parameters if not one.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
         require_outputs(outputs, torque)
@@ -238,11 +238,15 @@ class Structure(Editable):
 
         >>> import numpy as np
         >>> def matrices(q):
-        ...     A = np.array([[-1 / q["tau_rack"], 0], [1 / q["tau_shaft"], -1 / q["tau_shaft"]]])
-        ...     return A, np.array([1 / q["tau_rack"], 0]), np.array([[0, 1]]), np.array([0])
+        ...     rack, shaft = 1 / q["tau_rack"], 1 / q["tau_shaft"]
+        ...     A = np.array([[-rack, 0], [shaft, -shaft]])
+        ...     return A, np.array([rack, 0]), np.array([[0, 1]]), np.array([0])
         >>> two_lags = Structure.from_matrices(
         ...     matrices,
-        ...     [Parameter("tau_rack", "s", 0.2, 0.01, 2), Parameter("tau_shaft", "s", 1.0, 0.01, 10)],
+        ...     [
+        ...         Parameter("tau_rack", "s", 0.2, 0.01, 2),
+        ...         Parameter("tau_shaft", "s", 1.0, 0.01, 10),
+        ...     ],
         ...     ["dn"],
         ...     name="two lags",
         ... )
