@@ -114,6 +114,7 @@ class Structure(Editable):
         outputs: Sequence[str] = ("dn", "dM"),
         products: bool = True,
         propeller_speed: bool = False,
+        mean_sampling: bool = False,
         name: str | None = None,
     ) -> Structure:
         """Declare the ship: its nonlinear drive train in normalised terms, made of elements that act or do not.
@@ -138,6 +139,9 @@ class Structure(Editable):
             Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
         propeller_speed
             The speed is measured behind a shaft that twists.
+        mean_sampling
+            A governor that samples acts as one that is half a given period T_s late, which is what records show that are
+            low-passed below its clock.
 
         Raises
         ------
@@ -167,7 +171,12 @@ class Structure(Editable):
             Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
             Parameter("p", "-", 2.0, -1.0, 5.0),
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge or "twist" in elements else ()),
-            *(parameter for element in acting for parameter in element.parameters),
+            *(
+                replace(parameter, fixed=True) if mean_sampling and element.name == "sampling" else parameter
+                for element in acting
+                for parameter in element.parameters
+                if not (mean_sampling and parameter.name == "T_0")
+            ),
         )
         words = [element.words for element in acting]
         return cls(
@@ -175,7 +184,11 @@ class Structure(Editable):
             parameters=parameters,
             signals=signals_of(outputs, torque),
             equations=ShipEquations(
-                tuple(outputs), gauge, propeller_speed, any(element.name == "load" for element in acting)
+                tuple(outputs),
+                gauge,
+                propeller_speed,
+                loaded=any(element.name == "load" for element in acting),
+                mean_sampling=mean_sampling,
             ),
             settings={
                 "kind": "ship",
@@ -183,6 +196,7 @@ class Structure(Editable):
                 "torque": torque,
                 "products": products,
                 "propeller_speed": propeller_speed,
+                "mean_sampling": mean_sampling,
             },
         )
 
