@@ -18,7 +18,7 @@ LINEAR_OPTIONS = (
     "dead_time_loop",
     "dead_time_set_point",
 )
-SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
+SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampling")
 
 
 def to_dict(structure: Any) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class Structure(Editable):
 
         Examples
         --------
-        >>> [parameter.name for parameter in Structure.linear().parameters if not parameter.fixed]
+        >>> [one.name for one in Structure.linear().parameters if not one.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
         require_outputs(outputs, torque)
@@ -114,6 +114,7 @@ class Structure(Editable):
         outputs: Sequence[str] = ("dn", "dM"),
         products: bool = True,
         propeller_speed: bool = False,
+        mean_sampling: bool = False,
         name: str | None = None,
     ) -> Structure:
         """Declare the ship: its nonlinear drive train in normalised terms, made of elements that act or do not.
@@ -138,6 +139,9 @@ class Structure(Editable):
             Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
         propeller_speed
             The speed is measured behind a shaft that twists.
+        mean_sampling
+            A governor that samples acts as one that is half a given period T_s late, which is what records show that are
+            low-passed below its clock.
 
         Raises
         ------
@@ -167,7 +171,12 @@ class Structure(Editable):
             Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
             Parameter("p", "-", 2.0, -1.0, 5.0),
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge or "twist" in elements else ()),
-            *(parameter for element in acting for parameter in element.parameters),
+            *(
+                replace(parameter, fixed=True) if mean_sampling and element.name == "sampling" else parameter
+                for element in acting
+                for parameter in element.parameters
+                if not (mean_sampling and parameter.name == "T_0")
+            ),
         )
         words = [element.words for element in acting]
         return cls(
@@ -175,7 +184,11 @@ class Structure(Editable):
             parameters=parameters,
             signals=signals_of(outputs, torque),
             equations=ShipEquations(
-                tuple(outputs), gauge, propeller_speed, any(element.name == "load" for element in acting)
+                tuple(outputs),
+                gauge,
+                propeller_speed,
+                loaded=any(element.name == "load" for element in acting),
+                mean_sampling=mean_sampling,
             ),
             settings={
                 "kind": "ship",
@@ -183,6 +196,7 @@ class Structure(Editable):
                 "torque": torque,
                 "products": products,
                 "propeller_speed": propeller_speed,
+                "mean_sampling": mean_sampling,
             },
         )
 
@@ -224,11 +238,15 @@ class Structure(Editable):
 
         >>> import numpy as np
         >>> def matrices(q):
-        ...     A = np.array([[-1 / q["tau_rack"], 0], [1 / q["tau_shaft"], -1 / q["tau_shaft"]]])
-        ...     return A, np.array([1 / q["tau_rack"], 0]), np.array([[0, 1]]), np.array([0])
+        ...     rack, shaft = 1 / q["tau_rack"], 1 / q["tau_shaft"]
+        ...     A = np.array([[-rack, 0], [shaft, -shaft]])
+        ...     return A, np.array([rack, 0]), np.array([[0, 1]]), np.array([0])
         >>> two_lags = Structure.from_matrices(
         ...     matrices,
-        ...     [Parameter("tau_rack", "s", 0.2, 0.01, 2), Parameter("tau_shaft", "s", 1.0, 0.01, 10)],
+        ...     [
+        ...         Parameter("tau_rack", "s", 0.2, 0.01, 2),
+        ...         Parameter("tau_shaft", "s", 1.0, 0.01, 10),
+        ...     ],
         ...     ["dn"],
         ...     name="two lags",
         ... )
