@@ -232,3 +232,13 @@ def test_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_to
     # A governor that adds up after it acts has K_i T_s / 2 less than it seems: the interval holds both ways.
     low, high = found.parameters["vK_p"].ci95
     assert high - low >= truth["vK_i"] * period
+
+
+def test_what_was_left_out_widens_only_as_far_as_no_delay_falls_below_nothing():
+    """A dead time in the loop can take over no more of the set point's than there is."""
+    launch = fp.Vessel.load("stan-launch-804")
+    chirp = fp.signals.chirp(0.02, 2.0, 120.0, 40.0, rate_hz=20.0)
+    trial = fp.simulate(launch, chirp, noise={"n_e": 0.05, "M_b": 0.1}, seed=2)
+    found = fp.identify(trial, torque="brake", outputs=["dn", "dM"])
+    low, high = found.parameters["vK_p"].ci95
+    assert high - low < 0.2 * found.parameters["vK_p"].value
