@@ -169,13 +169,14 @@ def test_a_left_out_element_widens_the_side_on_which_it_would_move_the_estimate(
 
     estimate = Estimate(1.0, 0.1, (0.8, 1.2))
     above = Neglect(0.0, 0.5, {"p": 1.0})
-    low, high = _beyond(estimate, 1.0, above)
+    low, high = _beyond(estimate, 1.0, above, np.inf)
     assert low == 0.0
     # Both told together: 1.96 sqrt(0.1^2 + 0.5^2) beyond the estimate, less what the interval has.
     assert high == pytest.approx(np.hypot(0.2, 1.96 * 0.5) - 0.2, rel=0.02)
-    assert _beyond(estimate, 0.0, above) == (0.0, 0.0)
+    assert _beyond(estimate, 0.0, above, np.inf) == (0.0, 0.0)
+    assert _beyond(estimate, 1.0, above, 0.1)[1] <= 0.1  # no stronger than that it can be
     # What the residuals speak against moves nothing far.
-    assert _beyond(estimate, 1.0, Neglect(-5.0, 0.5, {}))[1] < 0.25 * high
+    assert _beyond(estimate, 1.0, Neglect(-5.0, 0.5, {}), np.inf)[1] < 0.25 * high
 
 
 def test_a_parameter_on_a_bound_has_a_limit_in_place_of_a_value():
