@@ -23,8 +23,6 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 STILL = frozenset(
     {
-        "python/shipfp_rs/structures/structure.py",
-        "python/shipfp_rs/structures/structure.py linear",
         "rust/src/ship/smooth/emit.rs lay",
         "rust/src/ship/smooth/flexible.rs bent",
         "rust/src/ship/smooth/mod.rs with_simd",

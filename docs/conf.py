@@ -25,10 +25,12 @@ author = copyright = "shipfp_rs developers"
 version = release = shipfp_rs.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_math_renderer = "mathml"
-myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "made"]
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_title = f"shipfp_rs {release}"
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
@@ -43,7 +45,9 @@ def _run_pages(app: Any) -> None:
         if not any(language in RUN for language, *_ in blocks(page)):
             continue
         folder = HERE / "made" / page.relative_to(HERE).with_suffix("")
-        if (folder / ".done").exists() and (folder / ".done").stat().st_mtime > page.stat().st_mtime:
+        if (folder / ".done").exists() and (
+            folder / ".done"
+        ).stat().st_mtime > page.stat().st_mtime:
             continue
         for old in sorted(folder.rglob("*"), reverse=True):
             old.rmdir() if old.is_dir() else old.unlink()
@@ -69,7 +73,9 @@ def _escape(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
 
 def _formula(translator: Any, node: Any) -> None:
     """Write a formula as MathML, which every browser shows without a script from elsewhere."""
-    translator.body.append(tex2mathml(node.astext(), as_block=isinstance(node, nodes.math_block)))
+    translator.body.append(
+        tex2mathml(node.astext(), as_block=isinstance(node, nodes.math_block))
+    )
     raise nodes.SkipNode
 
 

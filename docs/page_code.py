@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,8 +57,12 @@ def run_page(page: Path, folder: Path, command: Callable[[str], None] | None = N
                 # Empty lines in front make a traceback name the page's own line.
                 exec(compile("\n" * (line - 1) + text, str(page), "exec"), names)
             elif language == "toml":
-                Path(text.split("\n", 1)[0].removeprefix("# ")).write_text(text, encoding="utf-8")
+                Path(text.split("\n", 1)[0].removeprefix("# ")).write_text(
+                    text, encoding="utf-8"
+                )
             elif language == "sh" or (language in LEANING and command is not None):
                 for typed in commands(text):
                     (command or shipfp)(typed)
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")  # what a page does not save again no other page needs
     return printed.getvalue()

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from benches import rival_ship
 from benches.bench_identify import M_G, N_E, SHIP, experiment
+from scipy.signal import resample_poly
 
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.structure import Structure
 
 TRUTH = dict(zip(SHIP, rival_ship.TRUTH, strict=False))
 
@@ -188,3 +191,44 @@ def test_a_parameter_on_a_bound_has_a_limit_in_place_of_a_value():
     assert told.status == "unidentifiable"
     assert told.value is None
     assert "below 1.4" in told.reason
+
+
+def test_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_told_its_clock():
+    """Without the clock the dead time would be half a period too long."""
+    fine, period = 8, 0.03
+    truth = {"tau_n": 0.9, "g": -0.4, "vK_p": 7.0, "vK_i": 10.0, "p": 2.2, "tau_prop": 0.4, "T_d": 0.045}
+    driven = fp.signals.chirp(0.05, 3.0, 240.0, 30.0, rate_hz=50.0 * fine)
+    structure = Structure.ship(["dead_time_loop", "sampling"], torque="gauge")
+    ones = np.ones(len(driven.samples))
+    point = {"n_set": 1500.0, "n_e": 1500.0, "M_g": 1000.0}
+    asked = Experiment(
+        "fine",
+        50.0 * fine,
+        {"n_set": 1500.0 + driven.samples, "n_e": 1500.0 * ones, "M_g": 1000.0 * ones},
+        point,
+    )
+    values = {**dict.fromkeys(structure.equations.states, 0.0), **truth, "T_s": period, "T_0": 0.011}
+    speed, torque = structure.equations.simulate(values, asked)
+    random = np.random.default_rng(5)
+    signals = {
+        "n_set": 1500.0 + resample_poly(driven.samples, 1, fine),
+        "n_e": 1500.0 * (1.0 + resample_poly(speed, 1, fine)),
+        "M_g": 1000.0 * (1.0 + resample_poly(torque, 1, fine)),
+    }
+    signals["n_e"] += 0.3 * random.standard_normal(len(signals["n_e"]))
+    signals["M_g"] += 3.0 * random.standard_normal(len(signals["n_e"]))
+    told = {
+        "filter": "low-pass",
+        "governor_clock": {"period_s": period, "std_s": 2e-5 * period, "power": 1e3},
+    }
+    found = fp.identify(Experiment("trial", 50.0, signals, point, provenance=told))
+    print(found.verdict, found)
+    assert found.elements["sampling"]["state"] == "on"
+    assert found.parameters["T_s"].value == pytest.approx(period)
+    assert found.parameters["T_d"].value == pytest.approx(truth["T_d"], abs=2e-3)  # half a period is 15 ms
+    for name in ("tau_n", "g", "vK_p", "vK_i", "p", "tau_prop"):
+        low, high = found.parameters[name].ci95
+        assert low <= truth[name] <= high, name
+    # A governor that adds up after it acts has K_i T_s / 2 less than it seems: the interval holds both ways.
+    low, high = found.parameters["vK_p"].ci95
+    assert high - low >= truth["vK_i"] * period

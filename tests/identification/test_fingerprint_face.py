@@ -69,7 +69,7 @@ def test_breakage_e3_each_repr_is_shorter_than_200_characters(found, trial) -> N
         trial,
         SHIP,
         wide,
-        fp.Structure.linear(torque="gauge", twist=True, actuator_lag=True),
+        fp.Structure.ship(["twist", "actuator_lag"], torque="gauge"),
     ):
         assert "\n" not in repr(thing)
         assert len(repr(thing)) < 200
@@ -161,8 +161,7 @@ def _at_starts(found: fp.Fingerprint, structure: fp.Structure) -> fp.Fingerprint
 
 
 STRUCTURES = {
-    "linear": fp.Structure.linear(torque="gauge", sampling=True, free_exponent=True).with_fixed(T_s=0.02),
-    "three parameters": fp.Structure.three_parameters(free_exponent=True).with_prior(p=(2.0, 0.1)),
+    "linear": fp.Structure.linear(torque="gauge", dead_time_loop=True).with_fixed(T_d=0.02),
     "ship": SHIP,
     "joint": fp.Structure.joint({"a": fp.Structure.linear(), "b": fp.Structure.linear()}, ["g"]).with_tied(
         **{"K_i (b)": ("K_i (a)", 1.0)}

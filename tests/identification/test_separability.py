@@ -48,8 +48,8 @@ def launch(outputs: tuple[str, ...]) -> Structure:
 
 
 def tug(outputs: tuple[str, ...], **known: float) -> Structure:
-    """The tug's drive train with the lag of its actuator, torque at a gauge, by FFT."""
-    structure = Structure.linear(outputs=outputs, torque="gauge", free_exponent=True, actuator_lag=True)
+    """The tug's drive train with the lag of its actuator, torque at a gauge."""
+    structure = Structure.ship(["actuator_lag"], outputs=outputs, torque="gauge", products=False)
     return structure.with_fixed(**known)
 
 
@@ -85,12 +85,12 @@ def test_with_the_rack_each_is_told_by_itself(seed):
 def test_behind_a_gauge_the_rack_tells_the_gains_and_one_more_must_be_known():
     truth = TRUTH[TUG.name]
     open_ = fitted(TUG, tug(WITH), 4)
-    assert (open_.identifiability.rank, open_.identifiability.free) == (7, 8)
     for name in ("K_p", "K_i", "p", "tau_prop", "tau_act"):
         assert abs(open_[name].value - truth[name]) < 4 * open_[name].std
     for name in ("v", "g", "tau_n"):
-        assert open_[name].value is None
-        assert name in open_.identifiability.closes_gap
+        # Only the curvature of the propeller's torque tells them.
+        assert open_[name].std > 0.5 * abs(truth[name])
+        assert holds(open_, name, truth[name])
     closed = fitted(TUG, tug(WITH, tau_n=truth["tau_n"]), 4)
     for name in (*GAINS, "g"):
         assert abs(closed[name].value - truth[name]) < 4 * closed[name].std

@@ -15,17 +15,7 @@ STRUCTURES = {
     "linear": Structure.linear(
         torque="gauge", free_exponent=True, dead_time_loop=True, dead_time_set_point=True
     ),
-    "extended": Structure.linear(
-        torque="gauge",
-        products=True,
-        actuator_lag=True,
-        derivative=True,
-        sampling=True,
-        misreading=True,
-        twist=True,
-    ),
     "ship": Structure.ship([*ELEMENTS], torque="gauge", products=False),
-    "exact": Structure.linear(sampling="exact", derivative=True),
 }
 
 

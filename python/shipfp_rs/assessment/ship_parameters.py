@@ -9,19 +9,27 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.structures.combinations import true_values
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 
 @checked
-def parameters_of(vessel: Vessel) -> dict[str, float]:
-    """Return a vessel's linear parameters at its operating point, the actuator's lag and the shaft's twist apart."""
-    model = dict(vars(linearise(vessel)))
+def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, float]:
+    """Return a vessel's linear parameters, the actuator's lag and the shaft's twist apart.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    n_e_rpm
+        Engine speed of the operating point [rpm]; None: the vessel's own.
+    """
+    model = dict(vars(linearise(vessel, n_e_rpm)))
     lag, stiffness = vessel.actuator.lag_s, vessel.shaft.stiffness_Nm_rad
-    twist = (
-        0.0
-        if stiffness is None
-        else vessel.nominal_propeller_torque / (2.0 * math.pi * vessel.nominal_shaft_speed * stiffness)
-    )
+    twist = 0.0
+    if stiffness is not None:
+        point = steady_state(vessel, n_e_rpm)
+        twist = point.M_s / (2.0 * math.pi * point.n_s * stiffness)
     return true_values(model | {"T_d": model["T_d"] - lag}) | {"tau_act": lag, "tau_twist": twist}
 
 

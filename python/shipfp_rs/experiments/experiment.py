@@ -152,6 +152,17 @@ class Experiment(Tabular):
         """Length [s]."""
         return len(self) / self.rate_hz
 
+    @property
+    def governor_clock(self) -> tuple[float, float] | None:
+        """Sampling period of the governor and its standard deviation [s], where processing found them in the raw torque."""
+        found = self.provenance.get("governor_clock")
+        return (float(found["period_s"]), float(found["std_s"])) if found else None
+
+    @property
+    def is_low_passed(self) -> bool:
+        """Whether processing passed every signal through one low-pass."""
+        return "filter" in self.provenance
+
     @cached_property
     def dn_set(self) -> Array:
         """Normalised deviation of the set point, which drives every simulation, shape (N,)."""

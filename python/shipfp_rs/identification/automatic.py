@@ -18,11 +18,12 @@ from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
+from shipfp_rs.identification.sampling import clock_of
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.identification.wording import OUTPUTS
-from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.structures.combinations import slope_of
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
-from shipfp_rs.structures.structure import Torque
+from shipfp_rs.structures.outputs import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
@@ -66,6 +67,12 @@ def chooser_of(
             *(["dM"] if located and common & set(SIGNALS) else []),
             *(["dX"] if "X_f" in common else []),
         ]
+    clock = clock_of(experiments)
+    if "sampling" in elements or any("T_s" in given for given in narrow.values()):
+        clock = None
+    if clock:
+        elements = {**elements, "sampling": True}
+        narrow = {**narrow, "fixed": {**narrow.get("fixed", {}), "T_s": clock[0]}}
     forced = [name for name, on in elements.items() if on]
     if is_loaded(experiments) and elements.get("load", True):
         forced = [*forced, *({"load"} - set(forced))]
@@ -80,6 +87,7 @@ def chooser_of(
         excluded=[name for name, on in elements.items() if not on],
         narrow=narrow,
         search=search,
+        clock=clock,
     )
 
 
@@ -164,7 +172,7 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
                     slope = (
                         neglect.shift.get(name, 0.0)
                         if group is groups["parameters"]
-                        else _slope_of(name, values, neglect.shift)
+                        else slope_of(name, values, neglect.shift)
                     )
                     each.append(_beyond(estimate, slope, neglect))
                 more += np.square(np.max(each, axis=0))
@@ -197,18 +205,6 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, 
     inside = rise <= 1.96**2 * (1.0 + 1e-9)
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
     return max(low - lowest, 0.0), max(highest - high, 0.0)
-
-
-def _slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
-    """Change of a combination for a unit of the element's strength."""
-    _, function = COMBINATIONS[name]
-    known = {key: value for key, value in values.items() if value is not None}
-    try:
-        step = 1e-6
-        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
-        return (function(moved) - function(known)) / step
-    except (KeyError, ZeroDivisionError):
-        return 0.0
 
 
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
@@ -280,6 +276,8 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
             estimate.value + sign * float(np.hypot(end - estimate.value, 1.96 * bound))
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
+        if estimate.unit == "s" and estimate.ci95[0] >= 0.0:
+            low = max(low, 0.0)
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
         group[name] = replace(estimate, ci95=(low, high), std=std)
     return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])

@@ -188,6 +188,7 @@ def _backward(
     missed too much to be dropped and too little to be sure of.
     """
     limit = threshold(1, REJECTED)
+    moved: set[str] = set()
     while True:
         still = current.base
         rises: dict[str, float] = {}
@@ -208,7 +209,9 @@ def _backward(
         least = min(idle, key=lambda name: rises[name], default=None)
         if least is None:
             return current, rises, [trials[name] for name in trials if rises[name] <= level]
-        inside = _inside(chooser, current, least) if least in FIRST else None
+        # Once moved off its bound a delay that comes back to it goes.
+        inside = _inside(chooser, current, least) if least in FIRST and least not in moved else None
+        moved.add(least)
         current = chooser.refined(trials[least] if inside is None else inside)
 
 

@@ -13,12 +13,13 @@ from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.identification.blocks import Block
-from shipfp_rs.identification.promise import STARTS, Promise, promise
+from shipfp_rs.identification.promise import STARTS, Promise, held, promise
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
 LOGGER = logging.getLogger("shipfp_rs")
@@ -94,8 +95,13 @@ class Chooser:
         excluded: Sequence[str] = (),
         narrow: Mapping[str, Mapping[str, object]] | None = None,
         search: Mapping[str, object] | None = None,
+        clock: tuple[float, float] | None = None,
     ) -> None:
-        self.experiments, self.torque, self.outputs = experiments, torque, tuple(outputs)
+        self.clock = clock
+        """Period at which the governor samples and its deviation [s], where the raw torque told them."""
+        self.experiments, self.torque, self.outputs = list(experiments), torque, tuple(outputs)
+        self._beyond = [np.zeros((len(outputs), len(one))) for one in experiments]
+        """What was taken from the outputs of each experiment, see `held`, shape (O, N)."""
         self.forced = tuple(forced)
         self.candidates = tuple(name for name in CANDIDATES if name not in excluded and name not in forced)
         self.narrow = narrow or {}
@@ -114,7 +120,11 @@ class Chooser:
     def structure(self, elements: Sequence[str]) -> Structure:
         """Return the ship with these elements, narrowed as the user asks."""
         made = Structure.ship(
-            elements, torque=self.torque, outputs=self.outputs, products="dX" not in self.outputs
+            elements,
+            torque=self.torque,
+            outputs=self.outputs,
+            products="dX" not in self.outputs,
+            mean_sampling=self.clock is not None,
         )
         for verb, given in self.narrow.items():
             known = {name: value for name, value in given.items() if name in made.names}
@@ -156,12 +166,16 @@ class Chooser:
             )
         ends.sort(key=lambda end: end.criterion)
         self.elsewhere = _apart(search, ends)
-        search, best = self._interpolated(elements, search, ends[0])
+        best = ends[0]
+        if self.clock is not None:
+            search = self._less_held(search, best)
+            best = search.minimise(best.vector)
+        search, best = self._interpolated(elements, search, best)
         if _is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
-        return Fitted(elements, search, search.refine(best))
+        return self._held(Fitted(elements, search, search.refine(best)))
 
     def _interpolated(self, elements: Sequence[str], search: Search, best: Minimum) -> tuple[Search, Minimum]:
         """Take the set point between its samples for what the outputs follow: straight lines, or a band-limited signal."""
@@ -173,11 +187,39 @@ class Chooser:
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
         else:
-            if trial.criterion < best.criterion - TOLD:
+            # Of a set point that was low-passed it is known to be band-limited, so only evidence speaks for lines.
+            known = all(one.is_low_passed for one in straight)
+            if trial.criterion < best.criterion + (TOLD if known else -TOLD):
                 self.band_limited = True
                 return other, trial
         self.experiments = straight
         return search, best
+
+    def _held(self, fitted: Fitted) -> Fitted:
+        """Return a fit to records less what holding does by a fit's end; without a governor's clock that fit itself."""
+        if self.clock is None:
+            return fitted
+        search = self._less_held(fitted.search, fitted.minimum)
+        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
+
+    def _less_held(self, search: Search, minimum: Minimum) -> Search:
+        """Return the search of records less what a sampling governor does beyond being half a period late.
+
+        It holds what it gives, and reads the speed at one moment: at a frequency f its answer differs by up to some
+        (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by serves.
+        """
+        outputs, measured = search.structure.outputs, search.structure.signal_for
+        for place, (block, values) in enumerate(search.each(minimum.vector)):
+            experiment = self.experiments[place]
+            assert isinstance(block.data, Experiment)
+            beyond = held(search.structure.equations, values, block.data)
+            signals = dict(experiment.signals)
+            for output, change in zip(outputs, beyond - self._beyond[place], strict=True):
+                name = measured(output, signals, experiment.name)
+                signals[name] = signals[name] - experiment.operating_point[name] * change
+            self._beyond[place] = beyond
+            self.experiments[place] = replace(experiment, signals=signals)
+        return replace(search, blocks=self.search(self.ordered(search.structure.settings["elements"])).blocks)
 
     def with_elements(
         self,
@@ -224,7 +266,7 @@ class Chooser:
             worth=np.inf,
             max_evaluations=MOST_EVALUATIONS,
         )
-        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
+        return self._held(Fitted(fitted.elements, search, search.refine(fitted.minimum)))
 
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
         """Start vectors of a structure from another one's end, one for each start that a new element has."""

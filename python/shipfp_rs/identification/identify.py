@@ -26,7 +26,9 @@ from shipfp_rs.identification.gates import require_excited
 from shipfp_rs.identification.minima import Found, search_minima
 from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.identification.sampling import with_clock
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 
@@ -209,6 +211,7 @@ def _chosen(
     adequate = adequacy(fingerprint, choice.best)
     fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
+    fingerprint = with_clock(fingerprint, chooser.clock)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
 

@@ -51,9 +51,6 @@ def _known(
     ]
     if known:
         yield "Known: " + "; ".join(known) + "."
-    settings = structure.settings
-    if settings.get("three_parameters") and (settings["torque"] == "gauge" or "dM" not in structure.outputs):
-        yield "v and g are left out: tau_n, vK_p and vK_i are those of the full structure times p / (p - g)."
     together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
         yield "Known only together: " + "; ".join(together) + "."

@@ -17,7 +17,6 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
@@ -25,7 +24,9 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.low_pass import LowPass, Source, nearest_rate, on_a_simple_rate
+from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest
+from shipfp_rs.processing.grid import Grid
+from shipfp_rs.processing.low_pass import nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -99,26 +100,6 @@ def process(
 
 
 @dataclass(frozen=True)
-class _Grid:
-    """Times at which the signals of a stretch are sampled."""
-
-    label: str
-    start_s: float
-    rate_hz: float
-    count: int
-
-    @property
-    def stop_s(self) -> float:
-        return self.start_s + self.count / self.rate_hz
-
-    def low_passed(self, channel: Channel, source: Source) -> Array:
-        """Return samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
-        channel, source = on_a_simple_rate(channel, source, self.rate_hz)
-        start = (self.start_s - channel.start_s) * channel.rate_hz
-        return LowPass(channel, self.rate_hz, start)(source, self.count)
-
-
-@dataclass(frozen=True)
 class _Cleaned:
     """A calibrated channel on the grid of a stretch, what was wrong with it, and its calibration."""
 
@@ -169,7 +150,7 @@ class _Recording:
             stopped=self._stopped,
         )
 
-    def _grid(self, label: str) -> _Grid:
+    def _grid(self, label: str) -> Grid:
         """Times from a sample of the set point on; whatever else is evaluated at them."""
         base = self._base.channel
         first, last = self._within(self._base, label)
@@ -179,7 +160,7 @@ class _Recording:
             raise InputError(
                 f"{label}: {start_s:g} to {stop_s:g} s hold {count} samples at {self.rate_hz:g} Hz"
             )
-        return _Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
+        return Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
 
     def _within(self, rows: Rows, label: str) -> tuple[int, int]:
         try:
@@ -272,6 +253,7 @@ class _Recording:
                 "log": self.log.name,
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
+                "governor_clock": self._governor_clock(_label(window), signals["n_e"]),
                 **account,
             },
         )
@@ -283,6 +265,26 @@ class _Recording:
                 experiment, provenance={**experiment.provenance, "detrend": degree}
             )
         return about_local_point(experiment) if settings.normalise == "local" else experiment
+
+    def _governor_clock(self, label: str, rpm: Array) -> dict[str, float] | None:
+        """Look for the clock of a governor that samples in the torque at a higher rate."""
+        sensor, grid = self.trial.channels.torque, self.grids[label]
+        if sensor is None:
+            return None
+        rows = self._rows(sensor, STRETCH_BYTES)
+        factor = int(min(RATE_HZ, rows.channel.rate_hz) / grid.rate_hz)
+        part = liveliest(rpm, int(LONGEST_S * grid.rate_hz))
+        if factor < 2 or np.isfinite(rpm[part]).sum() < 2:
+            return None
+        start_s = grid.start_s + part.start / grid.rate_hz
+        finer = Grid(label, start_s, factor * grid.rate_hz, factor * (part.stop - part.start))
+        end_s = rows.channel.start_s + rows.channel.samples / rows.channel.rate_hz
+        within = rows.within(start_s, min(finer.stop_s, end_s))
+        cleaner = Cleaner(rows, sensor, self.trial.processing, *within)
+        turns_hz = np.nanmean(rpm[part]) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
+        torque = finer.low_passed(rows.channel, cleaner)
+        found = governor_clock(torque, rpm[part], factor, finer.rate_hz, turns_hz)
+        return None if found is None else dataclasses.asdict(found)
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return the signals of a stretch at the common rate, and an account of how they were made."""
@@ -372,7 +374,7 @@ class _Recording:
         kept = f"kept: no chirp, its frequency stays at {frequency_hz:.3g} Hz"
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
-    def _engine_speed(self, grid: _Grid) -> _EngineSpeed:
+    def _engine_speed(self, grid: Grid) -> _EngineSpeed:
         """Return the engine speed in a stretch.
 
         It is sampled at the rate of the set point first, so that it passes the very filter that the others do.

@@ -178,7 +178,7 @@ class Identify(Section):
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
-    noise: Literal["ar", "white", "innovations"] | None = None
+    noise: Literal["ar", "white"] | None = None
     covariance: Literal["model", "sandwich"] | None = None
     offsets: Literal[True, False, "relative"] | None = None
     initial_state: Literal["estimated", "zero"] = "estimated"

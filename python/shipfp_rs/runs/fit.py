@@ -9,7 +9,8 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_tables import Identify
-from shipfp_rs.structures.structure import Structure, Torque
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel
 
 

@@ -30,3 +30,15 @@ def true_values(linear: Mapping[str, float]) -> dict[str, float]:
     for name, (_, combine) in COMBINATIONS.items():
         values.setdefault(name, combine(linear))
     return values
+
+
+def slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
+    """Change of a combination for a unit of what shifts the parameters."""
+    _, function = COMBINATIONS[name]
+    known = {key: value for key, value in values.items() if value is not None}
+    try:
+        step = 1e-6
+        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
+        return (function(moved) - function(known)) / step
+    except (KeyError, ZeroDivisionError):
+        return 0.0

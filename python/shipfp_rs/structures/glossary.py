@@ -113,13 +113,6 @@ LINEAR = (
     ),
     Term("T_s", "period at which the governor samples", "s", "", "MATLAB: Ts; python-control: dt"),
     Term("T_0", "when the governor's first sample of a record falls", "s", "", "MATLAB: Tstart"),
-    Term(
-        "misread",
-        "share by which a governor reads the speed off its mean",
-        "-",
-        "(n_set - n_e) / n_e at rest",
-        "",
-    ),
     Term("tau_twist", "give of the shaft, M_s0 / (2π n_s0 k)", "s", "M_s0 / (2π n_s0 shaft_stiffness)", ""),
     Term(
         "zeta_twist",

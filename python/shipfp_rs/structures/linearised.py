@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.structures.linear_extended import DERIVATIVE_FILTER, ExtendedLinear, Place
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.transfer import DERIVATIVE_FILTER, Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 Values = Mapping[str, float]
@@ -56,15 +56,15 @@ def require_linear(structure: Structure) -> None:
         )
 
 
-def loop_of(structure: Structure, values: Values) -> tuple[ExtendedLinear, dict[str, float]]:
+def loop_of(structure: Structure, values: Values) -> tuple[TransferFunctions, dict[str, float]]:
     """Return the transfer functions of a structure about its operating point, and the values by their names."""
     require_linear(structure)
     place: Place = "engine"
-    if structure.settings.get("speed") == "propeller" or structure.settings.get("propeller_speed"):
+    if structure.settings.get("propeller_speed"):
         place = "propeller"
     known = structure.complete(values)
     known["p"] = known["p"] + known.pop("damping", 0.0)
-    return ExtendedLinear(structure.outputs, "tau_prop" in structure.names, place), known
+    return TransferFunctions(structure.outputs, "tau_prop" in structure.names, place), known
 
 
 def open_loop(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -> ComplexArray:
@@ -158,7 +158,7 @@ class _Wiring:
         return self.form(state)
 
     def differentiated(self, signal: Form, gain: float, proportional: float) -> Form:
-        """Return gain s / (1 + T_f s) times a signal, with the filter of `ExtendedLinear`."""
+        """Return gain s / (1 + T_f s) times a signal, with the filter of `TransferFunctions`."""
         filter_s = DERIVATIVE_FILTER * gain / proportional
         return np.asarray(gain / filter_s * (signal - self.lagged(signal, filter_s)))
 

@@ -30,7 +30,6 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "tau_act": ("lag of the fuel actuator", "Zeitkonstante des Stellglieds"),
     "tau_twist": ("give of the shaft", "Nachgiebigkeit der Welle"),
     "zeta_twist": ("damping of the twisting shaft", "Dämpfung der Wellenverdrehung"),
-    "misread": ("misreading of the speed", "Messfehler der Drehzahl im Regler"),
     "damping": ("load damping", "Dämpfung der Last"),
     "M_max": ("upper torque limit", "obere Momentengrenze"),
     "rate": ("rate limit of the fuel rack", "Stellgeschwindigkeit der Füllung"),

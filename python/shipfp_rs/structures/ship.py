@@ -12,7 +12,7 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.linear_extended import ExtendedLinear, Place
+from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
@@ -50,6 +50,8 @@ class ShipEquations(Equations):
     propeller_speed: bool = False
     loaded: bool = False
     """Whether the experiment's load torque drives the model, too."""
+    mean_sampling: bool = False
+    """Whether a governor that samples acts as one that is half a period late."""
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
@@ -65,14 +67,16 @@ class ShipEquations(Equations):
         }
         return [_core.SHIP_OUTPUTS.index(names.get(output, output)) for output in self.outputs]
 
-    @staticmethod
-    def vector(values: Mapping[str, float]) -> Array:
+    def vector(self, values: Mapping[str, float]) -> Array:
         """Return the kernel's parameters (32,) for values by name; what has none is off."""
         vector = np.array(_core.SHIP_OFF)
         vector[_INDEX["v"]] = 1.0
         for name, value in values.items():
             if name in STATES or name in _INDEX or name in _KERNEL:
                 vector[_INDEX[_KERNEL.get(name, name)]] = value + (name in _DEVIATIONS)
+        if self.mean_sampling:
+            vector[_INDEX["T_d"]] += 0.5 * vector[_INDEX["T_s"]]
+            vector[_INDEX["T_s"]] = 0.0
         if values.get("tau_twist") and values["tau_prop"] >= 0.99 * values["tau_n"]:
             raise SimulationError("nothing is left of the inertia on the engine's side of the twisting shaft")
         if "rate" in values:
@@ -159,7 +163,7 @@ class ShipEquations(Equations):
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) of the linearisation and its derivatives with respect to `names`, shape (W, O, F)."""
         place: Place = "propeller" if self.propeller_speed else "engine"
-        linear = ExtendedLinear(self.outputs, self.gauge, place).equations()
+        linear = TransferFunctions(self.outputs, self.gauge, place)
         damping = values.get("damping", 0.0)
         known = {**values, "p": values["p"] + damping}
         asked = ["p" if name == "damping" else name for name in names]

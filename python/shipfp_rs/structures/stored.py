@@ -17,15 +17,8 @@ LINEAR_OPTIONS = (
     "free_exponent",
     "dead_time_loop",
     "dead_time_set_point",
-    "actuator_lag",
-    "derivative",
-    "sampling",
-    "misreading",
-    "twist",
-    "curvature",
-    "speed",
 )
-SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed")
+SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampling")
 
 
 def to_dict(structure: Any) -> dict[str, Any]:

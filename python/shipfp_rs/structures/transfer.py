@@ -1,132 +1,175 @@
-"""Equations given by transfer functions: any linear structure, dead times of any length exact, computed by FFT."""
+"""Transfer functions of the drive train about its operating point: eq. 3.14 to 3.54, lags, sampling governor and twist."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Equations
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, ComplexArray
 
-ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
 Values = Mapping[str, float]
-Transfer = Callable[[Values, ComplexArray, str, Sequence[str]], tuple[ComplexArray, ComplexArray]]
+Place = Literal["engine", "propeller"]
+Spectrum = npt.NDArray[Any]
+Part = Spectrum | float
 
-INPUT = "dn_set"
-WATER = "water"
-"""Source of torque that the propeller meets beside its linear one."""
-SETTLING_S = 60.0
-"""Time after the record within which the answers to it die away before the transform begins anew [s]."""
-FINER = 8
-"""Rate at which free motions are computed, over the record's: they begin with a jump, which a transform rounds off."""
+DERIVATIVE_FILTER = 0.1
+"""Time constant of the derivative's filter over the derivative time K_d / K_p, a customary choice
+(Astrom, Hagglund, "Advanced PID Control", 2006, section 3.3)."""
 SLOWEST = 1e-6
 """Stands for the frequency zero, where an integrator has no value [rad/s]."""
+GAINS = ("K_p", "K_i", "K_d")
 
 
 @dataclass(frozen=True)
-class TransferEquations(Equations):
-    """Outputs over the set point as functions of s, and the free motions from one unit of each initial state.
+class TransferFunctions:
+    """Outputs over the set point by the names of parameters; of those that are missing nothing acts.
 
-    The record is taken for samples of signals that one and the same low-pass has passed, so nothing is assumed of
-    the course between them: no hold, no interpolation. Before the record everything stands still, but for the states.
+    The governor C = K_p + K_i/s + K_d s/(1 + T_f s), of which the set point passes the first two parts only, reaches the
+    rack through A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) of one that samples every T_s and
+    holds; the loop is L = v C A. The propeller's side takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists:
+    n_e* = (1 + tau_twist s (p + tau_prop s)) n_s*, with tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The
+    governor acts on the engine's side, where (tau_n - tau_prop) s n_e* = (g - L) n_e* + v (K_p + K_i/s) A n_set* - M_g*.
+    Without any of this: eq. 3.31 and 3.38.
     """
 
-    transfer: Transfer
-    """Values, s = j omega (F,), `INPUT` or a state, and names to the outputs (O, F) and their derivatives (W, O, F)."""
     outputs: tuple[str, ...]
-    return_difference: Callable[[Values, ComplexArray], ComplexArray]
-    """1 + L(s) of the loop (F,), whose winding tells whether it is stable."""
-    states: tuple[str, ...] = ()
-    bent: TransferEquations | None = None
-    """The same for the propeller's speed alone, whose square p (p - 1) / 2 n_s*^2 is torque too: the second term of
-    (1 + n_s*)^p, and so of the drive train's Volterra series (Schetzen, "The Volterra and Wiener Theories", 1980)."""
-
-    @property
-    def linear_in(self) -> tuple[str, ...]:
-        """The outputs are linear in the initial states."""
-        return self.states
-
-    def stable(self, values: Values) -> bool:
-        """Whether the closed loop is stable: the return difference does not wind about zero (Nyquist).
-
-        With an integrator and no unstable pole in the open loop it turns by 90 degrees from low to high frequencies.
-        """
-        omega = np.geomspace(1e-4, 1e4, 4000)
-        turned = np.unwrap(np.angle(self.return_difference(values, 1j * omega)))
-        return bool(turned[-1] - turned[0] > -0.5 * np.pi)
-
-    def simulate(self, values: Values, experiment: Experiment) -> Array:
-        """Return the normalised outputs, shape (O, N)."""
-        return self.sensitivities(values, experiment, ())[0]
-
-    def sensitivities(
-        self, values: Values, experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-        samples, rate = len(experiment), experiment.rate_hz
-        parameters = [name for name in names if name not in self.states]
-        amounts = {state: float(values.get(state, 0.0)) for state in self.states}
-
-        size = 2 * next_fast_len((samples + round(SETTLING_S * rate) + 1) // 2)
-        frequency = rfftfreq(size, 1.0 / rate)
-        response, slopes = self._rows(values, frequency, INPUT, parameters)
-        simulated = _answer(response, experiment.dn_set)
-        by_parameter = _answer(slopes, experiment.dn_set)
-        by_state = {}
-        lasting = min(samples, round(SETTLING_S * rate))
-        fine = next_fast_len(2 * FINER * lasting, real=True)
-        for state in [state for state in self.states if state in names or amounts[state]]:
-            free, slopes = (
-                irfft(rows, fine)[..., : FINER * lasting : FINER] * (FINER * rate)
-                for rows in self._rows(values, rfftfreq(fine, 1.0 / (FINER * rate)), state, parameters)
-            )
-            simulated[..., :lasting] += amounts[state] * free
-            by_parameter[..., :lasting] += amounts[state] * slopes
-            by_state[state] = np.pad(free, [(0, 0), (0, samples - lasting)])
-        if self.bent is not None:
-            # Of free motions, small ones, the square is left out, so that all stays linear in the initial states.
-            still = {**values, **dict.fromkeys(self.states, 0.0)}
-            speed, speeds = self.bent.sensitivities(still, experiment, parameters)
-            p = values["p"]
-            squares = p * (p - 1.0) * speed * speeds[:, 0]
-            if "p" in parameters:
-                squares[parameters.index("p")] += (p - 0.5) * speed[0] ** 2
-            square = 0.5 * p * (p - 1.0) * speed[0] ** 2
-            response, slopes = self._rows(values, frequency, WATER, parameters)
-            simulated += _answer(response, square)
-            by_parameter += _answer(slopes, square)
-            for row, one in zip(by_parameter, squares, strict=True):
-                row += _answer(response, one)
-        rows = iter(by_parameter)
-        jacobian = [by_state[name] if name in by_state else next(rows) for name in names]
-        return simulated, np.array(jacobian).reshape(len(names), *simulated.shape)
+    gauge: bool
+    speed: Place
+    """Whose speed is measured."""
 
     def response(
         self, values: Values, frequency_hz: Array, names: Sequence[str]
-    ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
-        rows, slopes = self._rows(values, frequency_hz, INPUT, names)
-        return rows.astype(np.complex128), slopes.astype(np.complex128)
-
-    def _rows(
-        self, values: Values, frequency_hz: Array, source: str, names: Sequence[str]
     ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the outputs (O, F) over the set point, and their derivatives by `names`, shape (W, O, F)."""
         s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)
-        return self.transfer(values, s, source, names)
+        loop = _Loop.of(values, s)
+        v, C, A, W = loop.v, loop.governor, loop.path, loop.twisted
+        delay = np.exp(-s * values.get("T_set", 0.0))
+        command = loop.asked * delay
+        engine_side = loop.engine + v * C * A
+        closed = engine_side * W + loop.propeller
+        n_s = v * A * command / closed
+        n_e = W * n_s
+        rack = A * (command - C * n_e)
+
+        slopes = np.empty((len(names), len(self.outputs), len(s)), dtype=np.complex128)
+        for slope, name in zip(slopes, names, strict=True):
+            d = loop.change(name)
+            dcommand = d.asked * delay - (name == "T_set") * s * command
+            dengine_side = d.engine + d.v * C * A + v * (d.governor * A + C * d.path)
+            dclosed = dengine_side * W + engine_side * d.twisted + d.propeller
+            dn_s = ((d.v * A + v * d.path) * command + v * A * dcommand - n_s * dclosed) / closed
+            dn_e = d.twisted * n_s + W * dn_s
+            drack = d.path * (command - C * n_e) + A * (dcommand - d.governor * n_e - C * dn_e)
+            dM_b = d.g * n_e + loop.g * dn_e + d.v * rack + v * drack
+            dM_g = d.propeller * n_s + loop.propeller * dn_s
+            slope[:] = self._measured(dn_e, dn_s, dM_b, dM_g, drack)
+        return self._measured(n_e, n_s, loop.g * n_e + v * rack, loop.propeller * n_s, rack), slopes
+
+    def _measured(self, n_e: Spectrum, n_s: Spectrum, M_b: Spectrum, M_g: Spectrum, X: Spectrum) -> Spectrum:
+        rows = {
+            "dn": n_e if self.speed == "engine" else n_s,
+            "dM": M_g if self.gauge else M_b,
+            "dX": X,
+        }
+        return np.array([rows[output] for output in self.outputs])
+
+    def return_difference(self, values: Values, s: Spectrum) -> Spectrum:
+        """Return 1 + L n_e*/M_b* (F,)."""
+        loop = _Loop.of(values, s)
+        turned = 1.0 + loop.v * loop.governor * loop.path * loop.twisted / (
+            loop.engine * loop.twisted + loop.propeller
+        )
+        return np.asarray(turned)
+
+    def characteristic(self, values: Values, s: Spectrum) -> Spectrum:
+        """Return what is zero at the poles of the closed loop (F,), without poles but the actuator's."""
+        loop = _Loop.of(values, s)
+        shaft = loop.engine * loop.twisted + loop.propeller
+        return np.asarray(s * (shaft + loop.v * loop.governor * loop.path * loop.twisted))
 
 
-def _answer(rows: ComplexArray, driving: Array) -> Array:
-    """Return what responses (..., F) make of a signal (N,) that stood at its first sample before, shape (..., N)."""
-    samples, size = len(driving), 2 * (rows.shape[-1] - 1)
-    moved = driving - driving[0]
-    # Beyond its end the signal goes on as its own odd image and fades to where it began, so that nothing jumps or bends.
-    fading = 0.5 * (1.0 + np.cos(np.pi * np.arange(1, size - samples + 1) / (size - samples)))
-    image = np.pad(moved[-2::-1], (0, size))[: len(fading)]
-    spectrum = rfft(np.concatenate([moved, (2.0 * moved[-1] - image) * fading]))
-    return np.asarray(rows[..., :1].real * driving[0] + irfft(rows * spectrum, size)[..., :samples])
+@dataclass(frozen=True)
+class _Part:
+    """What the parameters make of governor, way to the rack and shaft, or how a parameter changes these, each (F,)."""
+
+    v: float = 0.0
+    g: float = 0.0
+    integral: float = 0.0
+    governor: Part = 0.0
+    asked: Part = 0.0
+    """What the governor makes of its set point, all but the derivative, which is the speed's alone."""
+    path: Part = 0.0
+    propeller: Part = 0.0
+    twisted: Part = 0.0
+    """Speed of the engine over the propeller's."""
+    engine: Part = 0.0
+    """Torque that the engine's side takes without fuel, over its speed."""
+
+
+@dataclass(frozen=True)
+class _Loop(_Part):
+    """The parts, and what their derivatives need."""
+
+    q: Values = field(default_factory=dict)
+    s: Spectrum = field(default_factory=lambda: np.empty(0, dtype=np.complex128))
+
+    @classmethod
+    def of(cls, q: Values, s: Spectrum) -> _Loop:
+        gains = [q.get(f"v{name}", q.get(name, 0.0)) for name in GAINS]
+        proportional, integral, derivative = gains
+        asked = proportional + integral / s
+        governor = asked
+        if derivative:
+            governor = asked + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
+        path = np.exp(-s * q.get("T_d", 0.0)) / (1.0 + q.get("tau_act", 0.0) * s)
+        if "T_s" in q:
+            path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
+        propeller = q["p"] + q.get("tau_prop", 0.0) * s
+        twisted = 1.0 + q.get("tau_twist", 0.0) * s * propeller
+        engine = (q["tau_n"] - q.get("tau_prop", 0.0)) * s - q["g"]
+        return cls(q.get("v", 1.0), q["g"], integral, governor, asked, path, propeller, twisted, engine, q, s)
+
+    def change(self, name: str) -> _Part:
+        """Return the derivatives of the parts by a parameter."""
+        q, s = self.q, self.s
+        if name.removeprefix("v") in GAINS:
+            return self._change_of_governor(name.removeprefix("v"))
+        if name in ("T_d", "tau_act", "T_s"):
+            return _Part(path=self.path * self._relative_change_of_path(name))
+        propeller = {"p": 1.0 + 0.0 * s, "tau_prop": s}.get(name, 0.0 * s)
+        twisted = q.get("tau_twist", 0.0) * s * propeller
+        if name == "tau_twist":
+            twisted = s * self.propeller
+        inertia = {"tau_n": 1.0, "tau_prop": -1.0}.get(name, 0.0)
+        g = float(name == "g")
+        engine = inertia * s - g
+        return _Part(
+            v=float(name == "v"),
+            g=g,
+            propeller=propeller,
+            twisted=twisted,
+            engine=engine,
+        )
+
+    def _relative_change_of_path(self, name: str) -> Spectrum:
+        q, s = self.q, self.s
+        if name == "T_d":
+            return -s
+        if name == "tau_act":
+            return np.asarray(-s / (1.0 + q["tau_act"] * s))
+        return np.asarray(s / np.expm1(s * q["T_s"]) - 1.0 / q["T_s"])
+
+    def _change_of_governor(self, gain: str) -> _Part:
+        proportional, derivative = (self.q.get(f"v{name}", self.q.get(name, 0.0)) for name in ("K_p", "K_d"))
+        if gain == "K_i":
+            return _Part(integral=1.0, governor=1.0 / self.s, asked=1.0 / self.s)
+        lag = DERIVATIVE_FILTER * derivative / proportional
+        filtered = self.s / (1.0 + lag * self.s)
+        if gain == "K_d":
+            return _Part(governor=filtered * (1.0 - lag * filtered))
+        return _Part(governor=1.0 + derivative * lag / proportional * filtered**2, asked=1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any, Literal
@@ -11,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from shipfp_rs import signals
+from shipfp_rs.assessment.ship_parameters import parameters_of
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
@@ -19,12 +19,11 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_tables
 from shipfp_rs.simulation.sensors import Kind, Sensors
 from shipfp_rs.simulation.simulate import simulate
-from shipfp_rs.structures.combinations import COMBINATIONS, true_values
+from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps.plan import Conditions, Excitation, Plan
 from shipfp_rs.sweeps.time_limit import TimedOut, within
-from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 DrawStatus = Literal["done", "failed", "timed_out"]
@@ -106,9 +105,9 @@ def _row(plan: Plan, index: int) -> dict[str, Any]:
 def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
     conditions = plan.conditions_with(plan.factor_values(index))
     vessel = plan.ship.replace(conditions.vessel) if conditions.vessel else plan.ship
-    truth = true_values(dataclasses.asdict(linearise(vessel, conditions.operating_point.n_e_rpm)))
     names = names_of(plan.structure)
-    yield from ((f"truth.{name}", truth[name]) for name in names)
+    truth = _truth(vessel, conditions.operating_point.n_e_rpm, plan.structure)
+    yield from ((f"truth.{name}", truth.get(name)) for name in names)
     seed = plan.seed_of(index)
     make = _from_log if plan.sweep.chain == "log" else _from_experiment
     options, experiments = conditions.identify, make(conditions, vessel, seed)
@@ -121,6 +120,14 @@ def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
         **options.options,
     )
     yield from _estimates(fingerprint, names)
+
+
+def _truth(vessel: Vessel, n_e_rpm: float | None, structure: Structure) -> dict[str, float]:
+    """Parameters of the ship by name; a lag that the structure has not is part of its dead time, as `linearise` has it."""
+    truth = parameters_of(vessel, n_e_rpm)
+    if "tau_act" not in structure.names:
+        truth["T_d"] += truth["tau_act"]
+    return truth
 
 
 def _estimates(fingerprint: Fingerprint, names: Sequence[str]) -> Iterator[tuple[str, Any]]:

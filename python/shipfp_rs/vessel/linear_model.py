@@ -71,28 +71,6 @@ class LinearModel:
         """Return the parameters in the order of `_core.LINEAR_PARAMETERS`, shape (9,)."""
         return np.array(dataclasses.astuple(self))
 
-    def three_parameters(self) -> LinearModel:
-        """Return the model without v and g that moves the speed alike: tau_n, vK_p and vK_i times p / (p - g).
-
-        Dead times, exponent and the gauge's torque stay as they are; the engine's torque is off by
-        (tau_n' - tau_n) s / (p + tau_n s) of itself.
-
-        Examples
-        --------
-        >>> effective = linearise(Vessel.load("stan-launch-804")).three_parameters()
-        >>> round(effective.tau_n, 3), round(effective.K_p, 2), round(effective.K_i, 3)
-        (1.172, 12.26, 1.226)
-        """
-        share = self.p / (self.p - self.g)
-        return dataclasses.replace(
-            self,
-            tau_n=share * self.tau_n,
-            g=0.0,
-            v=1.0,
-            K_p=share * self.v * self.K_p,
-            K_i=share * self.v * self.K_i,
-        )
-
     @property
     def poles(self) -> ComplexArray:
         """Poles of the closed loop [rad/s], shape (2,)."""

@@ -10,12 +10,11 @@ use crate::ship::parameters::at;
 use crate::ship::run::Run;
 
 use super::feed::Feed;
-use super::flexible::Ends;
 use super::grid::{Piece, Time};
-use super::model::{Jets, Model, is_flexible};
+use super::model::{Jets, Model};
 use super::power::Power;
-use super::reading::{Reading, rate, second, value, weighed};
-use super::slopes::{LANES, Pack, Slopes, put};
+use super::reading::{OWN, Reading, weighed};
+use super::slopes::{Course, LANES, Pack, get, put};
 use super::steps::Step;
 
 /// Outputs that are late by the same time.
@@ -28,6 +27,15 @@ struct Channel {
     next: usize,
 }
 
+/// An output's sample that lies in the piece, its slot, and what parameters add to its derivatives by themselves.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    output: usize,
+    sample: usize,
+    slot: usize,
+    own: [f64; OWN],
+}
+
 /// Outputs on their way: for each, a row of lanes a sample, and its values.
 pub struct Emit<'a> {
     model: Model,
@@ -35,6 +43,7 @@ pub struct Emit<'a> {
     wrt: &'a [usize],
     channels: Vec<Channel>,
     readings: Vec<Reading>,
+    points: Vec<Point>,
     /// Samples of room.
     room: usize,
     packs: usize,
@@ -75,9 +84,10 @@ impl<'a> Emit<'a> {
             wrt: task.wrt,
             channels,
             readings: task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt)).collect(),
+            points: Vec::with_capacity(outputs),
             room,
             packs,
-            slopes: vec![[0.0; LANES]; outputs * room * packs],
+            slopes: vec![Pack::ZERO; outputs * room * packs],
             values: vec![0.0; outputs * room],
             sum: task
                 .outputs
@@ -113,162 +123,77 @@ impl<'a> Emit<'a> {
         done
     }
 
-    /// Read all samples that lie in a piece.
+    /// Read the values of all samples that lie in a piece, and note what of the derivatives makes theirs.
     #[inline(always)]
-    pub fn read<S: Simd, const T: usize>(
-        &mut self,
-        simd: S,
-        step: &Step,
-        jets: &Jets,
-        series: &[Slopes],
-        ends: &[Ends],
-    ) {
+    pub fn aim<const T: usize>(&mut self, step: &Step, jets: &Jets) {
+        self.points.clear();
         for channel in 0..self.channels.len() {
             let next = self.channels[channel].next;
-            let Some(part) = step.samples[channel].filter(|_| next < self.run.samples()) else { continue };
+            let Some(part) = step.samples[channel].filter(|_| next < self.run.set.len()) else { continue };
+            self.channels[channel].next += 1;
             for at in 0..self.channels[channel].outputs.len() {
                 let output = self.channels[channel].outputs[at];
-                self.lay::<S, T>(simd, output, (next, part), jets, series, ends);
+                let reading = &mut self.readings[output];
+                if (reading.part, reading.inverse) != (part, jets.inverse) {
+                    reading.aim::<T>(part, jets.inverse);
+                }
+                let slot = output * self.room + next - self.block.from;
+                let simulated = reading.simulated::<T>(jets);
+                let own = if reading.own.is_empty() {
+                    [0.0; OWN]
+                } else {
+                    reading.sizes::<T>(&self.model, jets, simulated)
+                };
+                self.values[slot] = simulated;
+                self.points.push(Point { output, sample: next, slot, own });
             }
-            self.channels[channel].next += 1;
         }
     }
 
-    /// An output at a part of a piece.
+    /// The derivatives of these samples, of one register: `signals` are the speed, the rack and the integrated speed, `ends` a
+    /// flexible shaft's propeller and spring.
     #[inline(always)]
-    fn lay<S: Simd, const T: usize>(
+    pub fn lay<S: Simd, const T: usize>(
         &mut self,
         simd: S,
-        output: usize,
-        (sample, part): (usize, f64),
-        jets: &Jets,
-        series: &[Slopes],
-        ends: &[Ends],
+        [n, rack, q]: [&Course<S>; 3],
+        ends: Option<[&Course<S>; 2]>,
+        pack: usize,
+        part: usize,
     ) {
-        let slot = output * self.room + sample - self.block.from;
-        let reading = &mut self.readings[output];
-        if (reading.part, reading.inverse) != (part, jets.inverse) {
-            reading.aim::<T>(part, jets.inverse);
-        }
-        let (weights, racks, sums) = (&reading.speeds, reading.racks.as_ref(), reading.sums.as_ref());
         // By numbers: an iterator that is not inlined would not be compiled for the machine's vectors.
-        for pack in 0..series.len() {
-            let slopes = &mut self.slopes[slot * self.packs + pack];
-            let Slopes { n, q, rack, .. } = &series[pack];
-            for part in 0..LANES / S::F64_LANES {
-                let mut total = weighed::<S, T>(simd, weights, n, part);
-                if let Some(racks) = racks {
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, racks, rack, part));
-                }
-                if let Some(sums) = sums {
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, sums, q, part));
-                }
-                if const { is_flexible(T) }
-                    && let Some([propellers, springs]) = &reading.ends
-                {
-                    let Ends { propeller, spring, .. } = &ends[pack];
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, propellers, propeller, part));
-                    total = simd.add_f64s(total, weighed::<S, T>(simd, springs, spring, part));
-                }
-                put::<S>(slopes, part, total);
+        for point in 0..self.points.len() {
+            let Point { output, slot, own, .. } = &self.points[point];
+            let reading = &self.readings[*output];
+            let mut total = weighed::<S, T>(simd, &reading.speeds, n);
+            if let Some(racks) = &reading.racks {
+                total = simd.add_f64s(total, weighed::<S, T>(simd, racks, rack));
             }
-        }
-        let mut simulated = reading.constant + value::<T>(weights, &jets.n);
-        if let Some(racks) = racks {
-            simulated += value::<T>(racks, &jets.rack);
-        }
-        if let Some(sums) = sums {
-            simulated += value::<T>(sums, &jets.q);
-        }
-        if const { is_flexible(T) }
-            && let Some([propellers, springs]) = &reading.ends
-        {
-            simulated += value::<T>(propellers, &jets.propeller) + value::<T>(springs, &jets.spring);
-        }
-        self.values[slot] = simulated;
-        let own = reading.own;
-        match reading.output {
-            _ if !own => {}
-            Output::Speed => {
-                let rate = value::<T>(&reading.rates, &jets.n);
-                self.own_speed(slot, rate);
+            if let Some(sums) = &reading.sums {
+                total = simd.add_f64s(total, weighed::<S, T>(simd, sums, q));
             }
-            Output::PropellerSpeed => {
-                let speed = if const { is_flexible(T) } { &jets.propeller } else { &jets.n };
-                let rate = value::<T>(&reading.rates, speed);
-                self.own_speed(slot, rate);
+            if let (Some([propellers, springs]), Some([propeller, spring])) = (&reading.ends, ends) {
+                total = simd.add_f64s(total, weighed::<S, T>(simd, propellers, propeller));
+                total = simd.add_f64s(total, weighed::<S, T>(simd, springs, spring));
             }
-            Output::GaugeTorque if const { is_flexible(T) } => {
-                self.own_twist::<T>(output, slot, jets, simulated);
+            for mark in 0..reading.own.len() {
+                let (size, packs) = &reading.own[mark];
+                total = simd.mul_add_e_f64s(get::<S>(&packs[pack], part), simd.splat_f64s(own[*size]), total);
             }
-            Output::EngineTorque | Output::GaugeTorque => {
-                let [of_speed, of_rack, of_rate, _] = reading.factors;
-                let n = value::<T>(&reading.powers, &jets.n);
-                let rack = value::<T>(&reading.powers, &jets.rack);
-                let rate = value::<T>(&reading.rates, &jets.n);
-                let mut changes = 0.0;
-                if reading.late {
-                    let second = jets.inverse * jets.inverse * second::<T>(&jets.n, part);
-                    let faster = jets.inverse * self::rate::<T>(&jets.rack, part);
-                    changes = of_speed * rate + of_rack * faster + of_rate * second;
-                }
-                self.own_torque(output, slot, [n, rack, rate], simulated, changes);
-            }
-            Output::Rack => {}
-            Output::Sum => self.add_sum(slot, sample),
+            put::<S>(&mut self.slopes[slot * self.packs + pack], part, total);
         }
     }
 
-    /// What parameters add by themselves to the torque in a flexible shaft.
+    /// What the set point adds to the governor's sum at these samples.
     #[inline(always)]
-    fn own_twist<const T: usize>(&mut self, output: usize, slot: usize, jets: &Jets, simulated: f64) {
-        let Reading { powers, rates, .. } = &self.readings[output];
-        let Model { s_m, zeta, .. } = self.model;
-        let slips = value::<T>(rates, &jets.n) - value::<T>(rates, &jets.propeller);
-        let changes = s_m * (value::<T>(rates, &jets.spring) + zeta * slips);
-        let slip = value::<T>(powers, &jets.n) - value::<T>(powers, &jets.propeller);
-        for (lane, &place) in self.wrt.iter().enumerate() {
-            let own = match place {
-                at::ZETA_TWIST => s_m * slip,
-                at::S_M => (simulated + 1.0) / s_m,
-                at::T_M => -changes,
-                _ => continue,
-            };
-            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
-        }
-    }
-
-    #[inline(always)]
-    fn own_speed(&mut self, slot: usize, rate: f64) {
-        for (lane, &place) in self.wrt.iter().enumerate() {
-            if place == at::T_N {
-                self.slopes[slot * self.packs + lane / LANES][lane % LANES] -= rate;
+    pub fn add_sums(&mut self) {
+        if self.sum.is_some() {
+            for point in 0..self.points.len() {
+                let Point { output, sample, slot, .. } = self.points[point];
+                if self.readings[output].output == Output::Sum {
+                    self.add_sum(slot, sample);
+                }
             }
-        }
-    }
-
-    /// What parameters add to a torque by themselves.
-    #[inline(always)]
-    fn own_torque(
-        &mut self,
-        output: usize,
-        slot: usize,
-        [n, rack, rate]: [f64; 3],
-        simulated: f64,
-        changes: f64,
-    ) {
-        let (s_m, gauge) = (self.model.s_m, self.readings[output].output == Output::GaugeTorque);
-        for lane in 0..self.wrt.len() {
-            let own = match self.wrt[lane] {
-                at::G => s_m * n,
-                at::V => s_m * rack,
-                at::TAU_N if gauge => -s_m * rate,
-                at::TAU_PROP if gauge => s_m * rate,
-                at::S_M => (simulated + 1.0) / s_m,
-                at::T_M => -changes,
-                _ => continue,
-            };
-            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
         }
     }
 
@@ -292,7 +217,7 @@ impl<'a> Emit<'a> {
                 at::K_I if acts => -base / (k_i * k_i),
                 _ => 0.0,
             };
-            self.slopes[slot * self.packs + lane / LANES][lane % LANES] += own;
+            self.slopes[slot * self.packs + lane / LANES].0[lane % LANES] += own;
         }
     }
 
@@ -325,7 +250,7 @@ impl<'a> Emit<'a> {
                 (Some(&at::INITIAL_F), _, false) => s_m,
                 _ => 0.0,
             };
-            self.slopes[slot * self.packs + lane / LANES][lane % LANES] = own;
+            self.slopes[slot * self.packs + lane / LANES].0[lane % LANES] = own;
         }
     }
 
@@ -371,7 +296,7 @@ fn lay_out(packs: &[Pack], apart: usize, count: usize, rows: &mut [f64]) {
             packs[first * apart..].iter().step_by(apart).take(LANES.min(count - first)).enumerate()
         {
             for lane in 0..LANES {
-                tile[lane][k] = pack[lane];
+                tile[lane][k] = pack.0[lane];
             }
         }
         for (row, lane) in rows.chunks_exact_mut(BLOCK).zip(&tile) {

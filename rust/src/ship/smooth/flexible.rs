@@ -12,16 +12,14 @@ use crate::ship::parameters::at;
 
 use super::model::{FLEXIBLE_TERMS as TERMS, Jets, Model, PER_ORDER, Series, State, fma, for_terms, total};
 use super::power::Power;
-use super::slopes::{Course, LANES, Pack, Rate, Slopes, get, packs, put, sum};
+use super::slopes::{On, Pack, Results, get, packs, put, sum};
 use super::sources::Sources;
 
-/// Derivatives of the propeller's speed and the spring's torque over a piece, and at its end.
+/// Derivatives of the propeller's speed and the spring's torque at a piece's end.
 #[derive(Debug, Clone, Copy)]
 pub struct Ends {
-    pub propeller: Course,
-    pub spring: Course,
-    propeller_end: Pack,
-    spring_end: Pack,
+    propeller: Pack,
+    spring: Pack,
 }
 
 impl Ends {
@@ -38,16 +36,9 @@ impl Ends {
             at::LOAD_GAIN => load0,
             _ => 0.0,
         };
-        let nothing = [[0.0; LANES]; TERMS + 1];
         let speeds = packs(wrt, |place| f64::from(u8::from(place == at::INITIAL_N)));
         let both = speeds.into_iter().zip(packs(wrt, spring));
-        both.map(|(propeller_end, spring_end)| Self {
-            propeller: nothing,
-            spring: nothing,
-            propeller_end,
-            spring_end,
-        })
-        .collect()
+        both.map(|(propeller, spring)| Self { propeller, spring }).collect()
     }
 }
 
@@ -168,6 +159,7 @@ impl Model {
         }
         (jets.length, jets.inverse) = (length, inverse);
         (jets.n, jets.q, jets.rack, jets.propeller, jets.spring) = (n, q, rack, m, spring);
+        jets.rates = jets.rates_of::<TERMS>(&n);
         let rack = if LAG { total(&rack, TERMS + 1) } else { 0.0 };
         let (n, q, spring) = (total(&n, TERMS + 1), total(&q, TERMS + 1), total(&spring, TERMS + 1));
         let propeller = total(&m, TERMS + 1);
@@ -175,87 +167,18 @@ impl Model {
     }
 }
 
-/// Lay down what a parameter adds to a flexible shaft's engine, propeller and spring; whether it does so.
-#[inline(always)]
-pub fn lay_ends<const T: usize>(
-    [engine, propeller, spring]: [&mut Rate<T>; 3],
-    jets: &Jets,
-    load: [f64; 2],
-    place: usize,
-    lane: usize,
-) -> bool {
-    let Jets { n, propeller: m, spring: s, inverse, .. } = jets;
-    match place {
-        at::P => {
-            for k in 0..T {
-                propeller[k][lane] = -jets.by_exponent[k];
-            }
-        }
-        at::DAMPING => {
-            for k in 0..T {
-                propeller[k][lane] = -m[k];
-            }
-        }
-        at::LOAD_GAIN => {
-            propeller[0][lane] = -load[0];
-            propeller[1][lane] = -load[1];
-        }
-        at::TAU_PROP => {
-            for k in 0..T {
-                let rate = (k + 1) as f64 * inverse;
-                engine[k][lane] = rate * n[k + 1];
-                propeller[k][lane] = -rate * m[k + 1];
-            }
-        }
-        at::TAU_TWIST => {
-            for k in 0..T {
-                spring[k][lane] = -((k + 1) as f64 * inverse) * s[k + 1];
-            }
-        }
-        at::ZETA_TWIST => {
-            for k in 0..T {
-                engine[k][lane] = m[k] - n[k];
-                propeller[k][lane] = n[k] - m[k];
-            }
-        }
-        _ => return false,
-    }
-    true
-}
-
-type On<'a, S, const T: usize> = (&'a Jets, [<S as Simd>::f64s; T], usize, usize);
-
-impl<const T: usize> Sources<T> {
-    /// One term after the other, of one register, as of a rigid shaft; `on` are the piece's signals, what the rack is fed, and
-    /// the pack and its part.
+impl Sources {
+    /// One term after the other, of one register, as of a rigid shaft.
     #[inline(always)]
-    pub fn bend<S: Simd>(
+    pub fn bent<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
         &self,
         simd: S,
-        model: &Model,
-        on: On<'_, S, T>,
-        returned: Option<&mut Rate<T>>,
-        slopes: &mut Slopes,
-        ends: &mut Ends,
+        on: On<'_>,
+        part: usize,
+        to: &mut Results<'_, '_, T>,
     ) {
-        match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
-            (true, false) => self.bent::<S, true, false>(simd, model, on, returned, slopes, ends),
-            (true, true) => self.bent::<S, true, true>(simd, model, on, returned, slopes, ends),
-            (false, false) => self.bent::<S, false, false>(simd, model, on, returned, slopes, ends),
-            (false, true) => self.bent::<S, false, true>(simd, model, on, returned, slopes, ends),
-        }
-    }
-
-    #[inline(always)]
-    fn bent<S: Simd, const DELAYED: bool, const MORE: bool>(
-        &self,
-        simd: S,
-        model: &Model,
-        (jets, mut fed, pack, part): On<'_, S, T>,
-        mut returned: Option<&mut Rate<T>>,
-        slopes: &mut Slopes,
-        ends: &mut Ends,
-    ) {
+        let On { model, given, pack, .. } = on;
+        let jets = given.jets;
         let lag = MORE && model.tau_act > 0.0;
         let splat = |value: f64| simd.splat_f64s(value);
         let paces =
@@ -269,32 +192,38 @@ impl<const T: usize> Sources<T> {
             own[j] = splat(-jets.slope[j]);
         }
         own[0] = splat(-(model.zeta + model.damping + jets.slope[0]));
-        let (shaft, back, lagging) = (&self.shaft[pack], &self.back[pack], &self.lag[pack]);
-        let (loading, winding) = (&self.propeller[pack], &self.spring[pack]);
+        let mut fed = self.fed::<S, T>(simd, on, part, to);
+        let shaft = self.shaft::<S, T>(simd, given, pack, part);
+        let back = self.back::<S, T>(simd, model, given, pack, part);
+        let loading = self.propeller::<S, T>(simd, given, pack, part);
+        let winding = self.spring::<S, T>(simd, given, pack, part);
+        let lagging = self.lag::<S, T>(simd, given, pack, part);
         let [mut n, mut q, mut rack, mut m, mut spring] = [[splat(0.0); TERMS + 1]; 5];
-        n[0] = get::<S>(&slopes.n_end, part);
-        q[0] = get::<S>(&slopes.q_end, part);
-        rack[0] = get::<S>(&slopes.rack_end, part);
-        m[0] = get::<S>(&ends.propeller_end, part);
-        spring[0] = get::<S>(&ends.spring_end, part);
+        let (slopes, ends) = (&mut to.slopes[pack], &mut to.ends[pack]);
+        n[0] = get::<S>(&slopes.n, part);
+        q[0] = get::<S>(&slopes.q, part);
+        rack[0] = get::<S>(&slopes.rack, part);
+        m[0] = get::<S>(&ends.propeller, part);
+        spring[0] = get::<S>(&ends.spring, part);
+        let mut returned = if DELAYED { to.history.get_mut(to.place + pack) } else { None };
         for_terms!(K of T => {
-            let mut goes_back = simd.mul_add_e_f64s(k_p, n[K], simd.mul_add_e_f64s(k_i, q[K], get::<S>(&back[K], part)));
+            let mut goes_back = simd.mul_add_e_f64s(k_p, n[K], simd.mul_add_e_f64s(k_i, q[K], back[K]));
             if !DELAYED {
                 fed[K] = simd.sub_f64s(fed[K], goes_back);
             }
             if !lag {
                 rack[K] = fed[K];
             }
-            let mut torque = simd.sub_f64s(simd.mul_add_e_f64s(v, rack[K], get::<S>(&shaft[K], part)), spring[K]);
+            let mut torque = simd.sub_f64s(simd.mul_add_e_f64s(v, rack[K], shaft[K]), spring[K]);
             torque = simd.mul_add_e_f64s(zeta, m[K], simd.mul_add_e_f64s(engine_own, n[K], torque));
             n[K + 1] = simd.mul_f64s(splat(paces[0] * PER_ORDER[K]), torque);
-            let mut driving = simd.add_f64s(spring[K], get::<S>(&loading[K], part));
+            let mut driving = simd.add_f64s(spring[K], loading[K]);
             driving = simd.mul_add_e_f64s(zeta, n[K], driving);
             for j in (0..=K).rev() {
                 driving = simd.mul_add_e_f64s(own[j], m[K - j], driving);
             }
             m[K + 1] = simd.mul_f64s(splat(paces[1] * PER_ORDER[K]), driving);
-            let slip = simd.add_f64s(simd.sub_f64s(n[K], m[K]), get::<S>(&winding[K], part));
+            let slip = simd.add_f64s(simd.sub_f64s(n[K], m[K]), winding[K]);
             spring[K + 1] = simd.mul_f64s(splat(paces[2] * PER_ORDER[K]), slip);
             if MORE && k_d != 0.0 {
                 let rate = simd.mul_f64s(splat(k_d * (K + 1) as f64 * jets.inverse), n[K + 1]);
@@ -307,27 +236,21 @@ impl<const T: usize> Sources<T> {
                 }
             }
             if lag {
-                let rate = simd.add_f64s(simd.sub_f64s(fed[K], rack[K]), get::<S>(&lagging[K], part));
+                let rate = simd.add_f64s(simd.sub_f64s(fed[K], rack[K]), lagging[K]);
                 rack[K + 1] = simd.mul_f64s(splat(acts * PER_ORDER[K]), rate);
             }
             q[K + 1] = simd.mul_f64s(splat(jets.length * PER_ORDER[K]), n[K]);
-            if DELAYED && let Some(returned) = &mut returned {
+            if let Some(returned) = &mut returned {
                 put::<S>(&mut returned[K], part, goes_back);
             }
         });
-        for k in 0..=TERMS {
-            put::<S>(&mut slopes.n[k], part, n[k]);
-            put::<S>(&mut slopes.q[k], part, q[k]);
-            put::<S>(&mut slopes.rack[k], part, rack[k]);
-            put::<S>(&mut ends.propeller[k], part, m[k]);
-            put::<S>(&mut ends.spring[k], part, spring[k]);
-        }
-        put::<S>(&mut slopes.n_end, part, sum(simd, &n));
-        put::<S>(&mut slopes.q_end, part, sum(simd, &q));
-        put::<S>(&mut ends.propeller_end, part, sum(simd, &m));
-        put::<S>(&mut ends.spring_end, part, sum(simd, &spring));
+        put::<S>(&mut slopes.n, part, sum::<S, T>(simd, &n));
+        put::<S>(&mut slopes.q, part, sum::<S, T>(simd, &q));
+        put::<S>(&mut ends.propeller, part, sum::<S, T>(simd, &m));
+        put::<S>(&mut ends.spring, part, sum::<S, T>(simd, &spring));
         if lag {
-            put::<S>(&mut slopes.rack_end, part, sum(simd, &rack));
+            put::<S>(&mut slopes.rack, part, sum::<S, T>(simd, &rack));
         }
+        to.emit.lay::<S, T>(simd, [&n, &rack, &q], Some([&m, &spring]), pack, part);
     }
 }

@@ -34,7 +34,7 @@ use flexible::Ends;
 use grid::Grid;
 use history::{History, past_value};
 use model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS, total};
-use slopes::{LANES, Slopes};
+use slopes::{LANES, On, Pack, Results, Slopes};
 use sources::{Circumstances, Sources};
 use steps::Steps;
 
@@ -147,16 +147,17 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let history = delayed.then(|| History::new(dead_time, back));
         let places = history.as_ref().map_or(0, History::places);
         let mut backs = vec![[0.0; 8]; places.max(1)];
-        let mut slope_backs = vec![[[0.0; LANES]; T]; places * packs];
-        let mut slopes = Slopes::start(&model, task.wrt);
+        let mut slope_backs = vec![[Pack::ZERO; T]; places * packs];
+        let mut state_slopes = Slopes::start(&model, task.wrt);
         let mut ends = Ends::start(&model, task.wrt, load0);
-        let mut sources = Sources::<T>::new(&model, task.wrt, set0, load0);
+        let sources = Sources::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
         let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
         let mut state = model.start(load0);
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
         let opening = grid::Time::new(dead_time);
+        let carry = slopes::carry::<S, T>(&model);
         let mut count = 0_usize;
         while !emit.is_done() {
             count += 1;
@@ -207,7 +208,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
             }
             if packs > 0 {
                 if let Some(moves) = broken {
-                    sources.jump(&model, moves, less, &mut slopes);
+                    sources.jump(&model, moves, less, &mut state_slopes);
                 }
                 let on = Circumstances {
                     open: piece.open,
@@ -219,11 +220,19 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
                     back: &back,
                     load,
                 };
-                sources.lay(&model, &jets, &on);
-                let (window, backs) = (window.as_ref(), &mut slope_backs);
-                sources.carry(simd, &model, &jets, window, backs, place, &mut slopes, &mut ends);
+                let given = sources.given::<T>(&model, &jets, &on);
+                emit.aim::<T>(step, &jets);
+                let (history, place) = (slope_backs.as_mut_slice(), place * packs);
+                let mut to =
+                    Results { slopes: &mut state_slopes, ends: &mut ends, history, place, emit: &mut emit };
+                for pack in 0..packs {
+                    let on = On { model: &model, given: &given, window: window.as_ref(), pack };
+                    carry(simd, &sources, on, &mut to);
+                }
+            } else {
+                emit.aim::<T>(step, &jets);
             }
-            emit.read::<S, T>(simd, step, &jets, &slopes, &ends);
+            emit.add_sums();
             emit.flush(consume)?;
             fed_at_end = total(&feed, T);
             set_at_end = set.value + set.slope;

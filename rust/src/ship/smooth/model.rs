@@ -101,12 +101,36 @@ pub struct Jets {
     pub n: Series,
     pub q: Series,
     pub rack: Series,
+    /// The rate of the speed [1/s].
+    pub rates: Series,
     /// Of a flexible shaft, as in [`State`].
     pub propeller: Series,
     pub spring: Series,
     /// The slope of `N^p` by `N` and its derivative by `p`.
     pub slope: Series,
     pub by_exponent: Series,
+}
+
+impl Jets {
+    /// The rate of a signal [1/s].
+    #[inline(always)]
+    pub fn rates_of<const T: usize>(&self, signal: &Series) -> Series {
+        let mut rates = [0.0; 8];
+        for k in 0..T {
+            rates[k] = (k + 1) as f64 * self.inverse * signal[k + 1];
+        }
+        rates
+    }
+
+    /// How much faster a flexible shaft's engine turns than its propeller.
+    #[inline(always)]
+    pub fn slip(&self) -> Series {
+        let mut slip = self.n;
+        for (slip, propeller) in slip.iter_mut().zip(&self.propeller) {
+            *slip -= propeller;
+        }
+        slip
+    }
 }
 
 impl Model {
@@ -278,6 +302,9 @@ impl Model {
         }
         (jets.length, jets.inverse) = (length, inverse);
         (jets.n, jets.q, jets.rack, jets.slope) = (n, q, rack, slope);
+        for_terms!(K => {
+            jets.rates[K] = (K + 1) as f64 * inverse * n[K + 1];
+        });
         let power = state.power.moved(1.0 + ends[0], self);
         State { n: ends[0], q: ends[1], rack: ends[2], power, ..*state }
     }

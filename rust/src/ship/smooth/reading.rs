@@ -5,8 +5,12 @@ use pulp::Simd;
 use crate::ship::output::Output;
 use crate::ship::parameters::at;
 
-use super::model::{Model, Series};
-use super::slopes::{Course, get};
+use super::model::{Jets, Model, Series, for_terms, is_flexible};
+use super::slopes::{Course, Pack, packs};
+
+/// What parameters may add to an output by themselves: the speed, the rack, the rate of the speed, the level, the rate of the
+/// output, and how much faster a flexible shaft's engine turns.
+pub const OWN: usize = 6;
 
 /// An output as a combination of signals, and which parameters count by themselves.
 pub struct Reading {
@@ -16,9 +20,8 @@ pub struct Reading {
     /// Of the propeller's speed and the spring's torque of a flexible shaft.
     of_ends: [f64; 2],
     pub constant: f64,
-    /// Whether a parameter counts by itself, and whether the channel's delay does.
-    pub own: bool,
-    pub late: bool,
+    /// What parameters add by themselves, by the place in [`OWN`]: their lanes' marks, pack by pack.
+    pub own: Vec<(usize, Vec<Pack>)>,
     /// Where in which piece it was last read, and what the terms of a signal and of its rate weigh there, and those of the speed,
     /// the rack, the integrated speed and a flexible shaft's ends in the output.
     pub part: f64,
@@ -51,19 +54,26 @@ impl Reading {
             Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
         };
         let torque = matches!(output, Output::EngineTorque | Output::GaugeTorque);
-        let own = |place: &usize| match *place {
-            at::G | at::V | at::TAU_N | at::TAU_PROP | at::S_M | at::T_M => torque,
-            at::ZETA_TWIST => output == Output::GaugeTorque,
-            at::T_N => matches!(output, Output::Speed | Output::PropellerSpeed),
-            _ => false,
+        let speed = matches!(output, Output::Speed | Output::PropellerSpeed);
+        let gauge = output == Output::GaugeTorque;
+        let twisted = gauge && flexible;
+        let sign = |own: usize, place: usize| match (own, place) {
+            (0, at::G) | (1, at::V) if torque && !twisted => 1.0,
+            (2, at::TAU_N) if gauge && !twisted => -1.0,
+            (2, at::TAU_PROP) if gauge && !twisted => 1.0,
+            (3, at::S_M) if torque => 1.0,
+            (4, at::T_M) if torque => -1.0,
+            (4, at::T_N) if speed => -1.0,
+            (5, at::ZETA_TWIST) if twisted => 1.0,
+            _ => 0.0,
         };
+        let own = (0..OWN).map(|own| (own, packs(wrt, |place| sign(own, place))));
         Self {
             output,
             factors,
             of_ends,
             constant,
-            own: output == Output::Sum || wrt.iter().any(own),
-            late: wrt.contains(&at::T_M),
+            own: own.filter(|(_, packs)| packs.iter().any(|pack| *pack != Pack::ZERO)).collect(),
             part: f64::NAN,
             inverse: f64::NAN,
             powers: [0.0; 8],
@@ -96,16 +106,66 @@ impl Reading {
             (before, power) = (power, power * part);
         }
     }
+
+    /// The output where it was last aimed at.
+    #[inline(always)]
+    pub fn simulated<const T: usize>(&self, jets: &Jets) -> f64 {
+        let mut simulated = self.constant + value::<T>(&self.speeds, &jets.n);
+        if let Some(racks) = &self.racks {
+            simulated += value::<T>(racks, &jets.rack);
+        }
+        if let Some(sums) = &self.sums {
+            simulated += value::<T>(sums, &jets.q);
+        }
+        if let Some([propellers, springs]) = &self.ends {
+            simulated += value::<T>(propellers, &jets.propeller) + value::<T>(springs, &jets.spring);
+        }
+        simulated
+    }
+
+    /// What parameters add by themselves, by the places of [`OWN`]; `simulated` is the output.
+    #[inline(always)]
+    pub fn sizes<const T: usize>(&self, model: &Model, jets: &Jets, simulated: f64) -> [f64; OWN] {
+        let mut own = [0.0; OWN];
+        let late = self.own.iter().any(|(own, _)| *own == 4);
+        let [of_speed, of_rack, of_rate, _] = self.factors;
+        let s_m = model.s_m;
+        let rate = value::<T>(&self.rates, &jets.n);
+        own[3] = (simulated + 1.0) / s_m;
+        match self.output {
+            Output::PropellerSpeed if const { is_flexible(T) } => {
+                own[4] = value::<T>(&self.rates, &jets.propeller);
+            }
+            Output::Speed | Output::PropellerSpeed => own[4] = rate,
+            Output::GaugeTorque if const { is_flexible(T) } => {
+                let slips = rate - value::<T>(&self.rates, &jets.propeller);
+                own[4] = s_m * (value::<T>(&self.rates, &jets.spring) + model.zeta * slips);
+                own[5] =
+                    s_m * (value::<T>(&self.powers, &jets.n) - value::<T>(&self.powers, &jets.propeller));
+            }
+            Output::EngineTorque | Output::GaugeTorque => {
+                own[0] = s_m * value::<T>(&self.powers, &jets.n);
+                own[1] = s_m * value::<T>(&self.powers, &jets.rack);
+                own[2] = s_m * rate;
+                if late {
+                    let second = jets.inverse * jets.inverse * second::<T>(&jets.n, self.part);
+                    let faster = jets.inverse * self::rate::<T>(&jets.rack, self.part);
+                    own[4] = of_speed * rate + of_rack * faster + of_rate * second;
+                }
+            }
+            Output::Rack | Output::Sum => {}
+        }
+        own
+    }
 }
 
 /// The terms of derivatives by their weights, of one register.
 #[inline(always)]
-pub fn weighed<S: Simd, const T: usize>(simd: S, weights: &Series, terms: &Course, part: usize) -> S::f64s {
-    let mut sums = [simd.splat_f64s(0.0); 2];
-    for k in 0..=T {
-        sums[k % 2] =
-            simd.mul_add_e_f64s(simd.splat_f64s(weights[k]), get::<S>(&terms[k], part), sums[k % 2]);
-    }
+pub fn weighed<S: Simd, const T: usize>(simd: S, weights: &Series, terms: &Course<S>) -> S::f64s {
+    let mut sums = [simd.mul_f64s(simd.splat_f64s(weights[0]), terms[0]), simd.splat_f64s(0.0)];
+    for_terms!(K of T => {
+        sums[(K + 1) % 2] = simd.mul_add_e_f64s(simd.splat_f64s(weights[K + 1]), terms[K + 1], sums[(K + 1) % 2]);
+    });
     simd.add_f64s(sums[0], sums[1])
 }
 

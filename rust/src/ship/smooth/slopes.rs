@@ -1,41 +1,47 @@
 //! The derivatives: one direction in each lane, series by series like the signals themselves.
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 use crate::ship::parameters::at;
 
+use super::emit::Emit;
 use super::flexible::Ends;
 use super::history::{Window, past};
-use super::model::{FLEXIBLE_TERMS, Jets, Model, PER_ORDER, TERMS, for_terms, is_flexible};
+use super::model::{Model, PER_ORDER, TERMS, for_terms, is_flexible};
 use super::power::Power;
-use super::sources::Sources;
+use super::sources::{Given, Sources};
 
 /// Lanes in a pack of directions.
 pub const LANES: usize = 8;
 
-/// One number of each direction of a pack.
-pub type Pack = [f64; LANES];
+/// One number of each direction of a pack, as wide as the widest vector and a line of the cache.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct Pack(pub [f64; LANES]);
 
-/// The terms of a signal that is a rate, and of one that is a state, with room.
+impl Pack {
+    pub const ZERO: Self = Self([0.0; LANES]);
+}
+
+/// The terms of a signal that is a rate.
 pub type Rate<const T: usize> = [Pack; T];
-pub type Course = [Pack; FLEXIBLE_TERMS + 1];
 
-/// Derivatives of the state over a piece, and at its end.
+/// The terms of a signal in registers, with room.
+pub type Course<S> = [<S as Simd>::f64s; 8];
+
+/// Derivatives of the state at a piece's end.
 #[derive(Debug, Clone, Copy)]
 pub struct Slopes {
-    pub n: Course,
-    pub q: Course,
-    pub rack: Course,
-    pub n_end: Pack,
-    pub q_end: Pack,
-    pub rack_end: Pack,
+    pub n: Pack,
+    pub q: Pack,
+    pub rack: Pack,
 }
 
 /// Packs of what a parameter says, parameter after parameter.
 pub fn packs(wrt: &[usize], of: impl Fn(usize) -> f64) -> Vec<Pack> {
     let pack = |places: &[usize]| {
-        let mut pack = [0.0; LANES];
-        for (value, &place) in pack.iter_mut().zip(places) {
+        let mut pack = Pack::ZERO;
+        for (value, &place) in pack.0.iter_mut().zip(places) {
             *value = of(place);
         }
         pack
@@ -48,17 +54,7 @@ impl Slopes {
     pub fn start(model: &Model, wrt: &[usize]) -> Vec<Self> {
         let n = packs(wrt, |place| f64::from(u8::from(place == at::INITIAL_N)));
         let rack = packs(wrt, |place| model.held_by(place));
-        let nothing = [[0.0; LANES]; FLEXIBLE_TERMS + 1];
-        let both = n.into_iter().zip(rack);
-        both.map(|(n_end, rack_end)| Self {
-            n: nothing,
-            q: nothing,
-            rack: nothing,
-            n_end,
-            q_end: [0.0; LANES],
-            rack_end,
-        })
-        .collect()
+        n.into_iter().zip(rack).map(|(n, rack)| Self { n, q: Pack::ZERO, rack }).collect()
     }
 }
 
@@ -95,91 +91,99 @@ impl Model {
     }
 }
 
-impl<const T: usize> Sources<T> {
-    /// Carry the derivatives over a piece, and lay down their series; `history` is where what goes back is kept, so many packs
-    /// a place; `ends` are a flexible shaft's.
+/// Where the derivatives of a piece go: those of the state, those of what goes back into the governor, and the outputs.
+pub struct Results<'a, 'b, const T: usize> {
+    pub slopes: &'a mut [Slopes],
+    /// A flexible shaft's.
+    pub ends: &'a mut [Ends],
+    /// So many packs a place.
+    pub history: &'a mut [Rate<T>],
+    pub place: usize,
+    pub emit: &'a mut Emit<'b>,
+}
+
+/// Carries a pack of derivatives over a piece.
+pub type Carry<S, const T: usize> = fn(S, &Sources, On<'_>, &mut Results<'_, '_, T>);
+
+/// The way to carry a ship's derivatives. By address, since code in the loop over all pieces and packs would share its numbers
+/// among the packs: more vectors than there are registers.
+pub fn carry<S: Simd, const T: usize>(model: &Model) -> Carry<S, T> {
+    match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
+        (true, false) => carry_pack::<S, T, true, false>,
+        (true, true) => carry_pack::<S, T, true, true>,
+        (false, false) => carry_pack::<S, T, false, false>,
+        (false, true) => carry_pack::<S, T, false, true>,
+    }
+}
+
+fn carry_pack<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
+    simd: S,
+    sources: &Sources,
+    on: On<'_>,
+    to: &mut Results<'_, '_, T>,
+) {
+    simd.vectorize(CarryPack::<T, DELAYED, MORE> { sources, on, to });
+}
+
+struct CarryPack<'s, 'a, 'r, 'b, const T: usize, const DELAYED: bool, const MORE: bool> {
+    sources: &'s Sources,
+    on: On<'a>,
+    to: &'s mut Results<'r, 'b, T>,
+}
+
+impl<const T: usize, const DELAYED: bool, const MORE: bool> WithSimd
+    for CarryPack<'_, '_, '_, '_, T, DELAYED, MORE>
+{
+    type Output = ();
+
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)] // a struct of so many borrows would serve no one
-    pub fn carry<S: Simd>(
-        &self,
-        simd: S,
-        model: &Model,
-        jets: &Jets,
-        window: Option<&Window>,
-        history: &mut [Rate<T>],
-        place: usize,
-        slopes: &mut [Slopes],
-        ends: &mut [Ends],
-    ) {
-        let packs = slopes.len();
-        for (pack, slopes) in slopes.iter_mut().enumerate() {
-            for part in 0..LANES / S::F64_LANES {
-                let fed = self.fed(simd, pack, part, window, history, packs);
-                let returned = history.get_mut(place * packs + pack);
-                if const { is_flexible(T) } {
-                    self.bend(simd, model, (jets, fed, pack, part), returned, slopes, &mut ends[pack]);
-                    continue;
-                }
-                match (model.t_d > 0.0, model.tau_act > 0.0 || model.k_d != 0.0 || model.ahead > 0.0) {
-                    (true, false) => {
-                        self.terms::<S, true, false>(simd, model, jets, fed, pack, part, returned, slopes);
-                    }
-                    (true, true) => {
-                        self.terms::<S, true, true>(simd, model, jets, fed, pack, part, returned, slopes);
-                    }
-                    (false, false) => {
-                        self.terms::<S, false, false>(simd, model, jets, fed, pack, part, returned, slopes);
-                    }
-                    (false, true) => {
-                        self.terms::<S, false, true>(simd, model, jets, fed, pack, part, returned, slopes);
-                    }
-                }
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { sources, on, to } = self;
+        for part in 0..LANES / S::F64_LANES {
+            if const { is_flexible(T) } {
+                sources.bent::<S, T, DELAYED, MORE>(simd, on, part, to);
+            } else {
+                sources.terms::<S, T, DELAYED, MORE>(simd, on, part, to);
             }
         }
     }
+}
 
+impl Sources {
     /// What the rack is fed from outside the piece.
     #[inline(always)]
-    fn fed<S: Simd>(
+    pub fn fed<S: Simd, const T: usize>(
         &self,
         simd: S,
-        pack: usize,
+        On { given, window, pack, .. }: On<'_>,
         part: usize,
-        window: Option<&Window>,
-        history: &[Rate<T>],
-        packs: usize,
+        to: &Results<'_, '_, T>,
     ) -> [S::f64s; T] {
-        let mut fed = [simd.splat_f64s(0.0); T];
-        let feed = &self.feed[pack];
-        for k in 0..T {
-            fed[k] = get::<S>(&feed[k], part);
-        }
+        let mut fed = self.feed::<S, T>(simd, given, pack, part);
         if let Some(window) = window {
-            let back = past(simd, window, |place| &history[place * packs + pack], part);
-            for k in 0..T {
-                fed[k] = simd.sub_f64s(fed[k], back[k]);
-            }
+            let packs = to.slopes.len();
+            let back = past(simd, window, |place| &to.history[place * packs + pack], part);
+            for_terms!(K of T => {
+                fed[K] = simd.sub_f64s(fed[K], back[K]);
+            });
         }
         fed
     }
 
     /// One term after the other, of one register. `DELAYED`: a dead time in the loop; `MORE`: a lag or a derivative gain.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
-    fn terms<S: Simd, const DELAYED: bool, const MORE: bool>(
+    fn terms<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
         &self,
         simd: S,
-        model: &Model,
-        jets: &Jets,
-        mut fed: [S::f64s; T],
-        pack: usize,
+        on: On<'_>,
         part: usize,
-        mut returned: Option<&mut Rate<T>>,
-        slopes: &mut Slopes,
+        to: &mut Results<'_, '_, T>,
     ) {
+        let On { model, given, pack, .. } = on;
+        let jets = given.jets;
         let lag = MORE && model.tau_act > 0.0;
         let splat = |value: f64| simd.splat_f64s(value);
-        let pace = jets.length / model.inertia;
+        let pace = jets.length * model.per_inertia;
         let acts = if lag { jets.length / model.tau_act } else { 0.0 };
         // A dead time keeps its own gains; without one they are those that act at once.
         let [k_p, k_d] = if DELAYED { [model.k_p, model.k_d] } else { model.near() };
@@ -189,22 +193,25 @@ impl<const T: usize> Sources<T> {
             own[j] = splat(-jets.slope[j]);
         }
         own[0] = splat(model.g - model.damping - jets.slope[0]);
-        let (shaft, back, lagging) = (&self.shaft[pack], &self.back[pack], &self.lag[pack]);
-        let mut n = [splat(0.0); TERMS + 1];
-        let mut q = [splat(0.0); TERMS + 1];
-        let mut rack = [splat(0.0); TERMS + 1];
-        n[0] = get::<S>(&slopes.n_end, part);
-        q[0] = get::<S>(&slopes.q_end, part);
-        rack[0] = get::<S>(&slopes.rack_end, part);
-        for_terms!(K => {
-            let mut goes_back = simd.mul_add_e_f64s(k_p, n[K], simd.mul_add_e_f64s(k_i, q[K], get::<S>(&back[K], part)));
+        let mut fed = self.fed::<S, T>(simd, on, part, to);
+        let shaft = self.shaft::<S, T>(simd, given, pack, part);
+        let back = self.back::<S, T>(simd, model, given, pack, part);
+        let lagging = self.lag::<S, T>(simd, given, pack, part);
+        let [mut n, mut q, mut rack] = [[splat(0.0); 8]; 3];
+        let slopes = &mut to.slopes[pack];
+        n[0] = get::<S>(&slopes.n, part);
+        q[0] = get::<S>(&slopes.q, part);
+        rack[0] = get::<S>(&slopes.rack, part);
+        let mut returned = if DELAYED { to.history.get_mut(to.place + pack) } else { None };
+        for_terms!(K of TERMS => {
+            let mut goes_back = simd.mul_add_e_f64s(k_p, n[K], simd.mul_add_e_f64s(k_i, q[K], back[K]));
             if !DELAYED {
                 fed[K] = simd.sub_f64s(fed[K], goes_back);
             }
             if !lag {
                 rack[K] = fed[K];
             }
-            let mut torque = simd.mul_add_e_f64s(v, rack[K], get::<S>(&shaft[K], part));
+            let mut torque = simd.mul_add_e_f64s(v, rack[K], shaft[K]);
             for j in (0..=K).rev() {
                 torque = simd.mul_add_e_f64s(own[j], n[K - j], torque);
             }
@@ -220,44 +227,51 @@ impl<const T: usize> Sources<T> {
                 }
             }
             if lag {
-                let rate = simd.add_f64s(simd.sub_f64s(fed[K], rack[K]), get::<S>(&lagging[K], part));
+                let rate = simd.add_f64s(simd.sub_f64s(fed[K], rack[K]), lagging[K]);
                 rack[K + 1] = simd.mul_f64s(splat(acts * PER_ORDER[K]), rate);
             }
             q[K + 1] = simd.mul_f64s(splat(jets.length * PER_ORDER[K]), n[K]);
-            if DELAYED && let Some(returned) = &mut returned {
+            if let Some(returned) = &mut returned {
                 put::<S>(&mut returned[K], part, goes_back);
             }
         });
-        for k in 0..=TERMS {
-            put::<S>(&mut slopes.n[k], part, n[k]);
-            put::<S>(&mut slopes.q[k], part, q[k]);
-            put::<S>(&mut slopes.rack[k], part, rack[k]);
-        }
-        put::<S>(&mut slopes.n_end, part, sum(simd, &n));
-        put::<S>(&mut slopes.q_end, part, sum(simd, &q));
+        put::<S>(&mut slopes.n, part, sum::<S, T>(simd, &n));
+        put::<S>(&mut slopes.q, part, sum::<S, T>(simd, &q));
         if lag {
-            put::<S>(&mut slopes.rack_end, part, sum(simd, &rack));
+            put::<S>(&mut slopes.rack, part, sum::<S, T>(simd, &rack));
         }
+        to.emit.lay::<S, T>(simd, [&n, &rack, &q], None, pack, part);
     }
+}
+
+/// A pack of derivatives over a piece.
+#[derive(Clone, Copy)]
+pub struct On<'a> {
+    pub model: &'a Model,
+    pub given: &'a Given<'a>,
+    pub window: Option<&'a Window>,
+    pub pack: usize,
 }
 
 /// A part of a pack.
 #[inline(always)]
 pub fn get<S: Simd>(pack: &Pack, part: usize) -> S::f64s {
-    S::as_simd_f64s(pack).0[part]
+    S::as_simd_f64s(&pack.0).0[part]
 }
 
 /// Set a part of a pack.
 #[inline(always)]
 pub fn put<S: Simd>(pack: &mut Pack, part: usize, value: S::f64s) {
-    S::as_mut_simd_f64s(pack).0[part] = value;
+    S::as_mut_simd_f64s(&mut pack.0).0[part] = value;
 }
 
+/// A signal at the end of its piece, of so many terms of its rate.
 #[inline(always)]
-pub fn sum<S: Simd, const N: usize>(simd: S, terms: &[S::f64s; N]) -> S::f64s {
-    let mut sum = terms[N - 1];
-    for k in (0..N - 1).rev() {
-        sum = simd.add_f64s(sum, terms[k]);
-    }
+pub fn sum<S: Simd, const T: usize>(simd: S, terms: &Course<S>) -> S::f64s {
+    // The last term, which is known last, comes last.
+    let mut sum = terms[0];
+    for_terms!(K of T => {
+        sum = simd.add_f64s(sum, terms[K + 1]);
+    });
     sum
 }

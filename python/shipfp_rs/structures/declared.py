@@ -1,0 +1,130 @@
+"""What a structure declares: parameters, outputs and equations, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.names import plain_name
+from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
+from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.html import shown
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A parametric model: parameters with unit, bounds and start, outputs, equations."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    signals: Mapping[str, tuple[str, ...]]
+    """Each output, in order, with the measured signals that can stand for it, the first one present being taken."""
+    equations: Equations
+    settings: Mapping[str, Any]
+
+    def part(self, name: str) -> Self:
+        """Return the structure for data of this name: itself, or of a joint one the part's, in the joint names."""
+        parts = bare(self.equations)
+        if self.settings["kind"] != "joint":
+            return self
+        return replace(self, equations=tied(parts.part(name), self.ties))  # type: ignore[attr-defined]
+
+    def __getitem__(self, name: str) -> Parameter:
+        """Return a parameter by name."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise InputError(
+            f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}"
+            f"{hints.nearest(name, self.names)}"
+        )
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self.signals)
+
+    def signal_for(self, output: str, available: Container[str], data: str) -> str:
+        """Return the first signal in `available` that can stand for an output; `data` names the data in the error."""
+        for candidate in self.signals[output]:
+            if candidate in available:
+                return candidate
+        expected = ", ".join(self.signals[output])
+        raise InputError(f"{data!r}: no signal for output {output!r}, expected one of {expected}")
+
+    def measured(self, experiment: Experiment) -> Array:
+        """Return the measured outputs, normalised, shape (O, N)."""
+        chosen = (self.signal_for(output, experiment.signals, experiment.name) for output in self.outputs)
+        return np.array([experiment.normalised(name) for name in chosen])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The parameters that are estimated, those with a prior included, within bounds that suit all that follow them."""
+        return tuple(
+            self._within_ties(parameter)
+            for parameter in self.parameters
+            if not parameter.fixed and parameter.tied is None
+        )
+
+    @property
+    def ties(self) -> dict[str, Tie]:
+        """Tied parameters, each with what it is of one that is not."""
+        return resolved({p.name: p.tied for p in self.parameters if p.tied is not None})
+
+    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return values by name in which the tied parameters follow the others."""
+        return followed(values, self.ties)
+
+    def _within_ties(self, parameter: Parameter) -> Parameter:
+        lower, upper = parameter.lower, parameter.upper
+        for name, tie in self.ties.items():
+            if tie.to == parameter.name:
+                ends = sorted((tie.inverse(self[name].lower), tie.inverse(self[name].upper)))
+                lower, upper = max(lower, ends[0]), min(upper, ends[1])
+        narrowed = (lower, upper) != (parameter.lower, parameter.upper)
+        return replace(parameter, lower=lower, upper=upper) if narrowed else parameter
+
+    def __repr__(self) -> str:
+        free = [parameter.name for parameter in self.free]
+        names = ", ".join(free) if len(free) <= 12 else f"{', '.join(free[:10])} and {len(free) - 10} more"
+        name = self.name if len(self.name) <= 60 else f"{self.name[:57]}..."
+        return f"Structure({name!r}, free: {names}; outputs: {', '.join(self.outputs)})"
+
+    def _repr_html_(self) -> str:
+        return shown(
+            f"Structure {self.name}",
+            ["parameter", "name", "start", "from", "to", "unit", "status"],
+            [
+                [
+                    one.name,
+                    plain_name(one.name),
+                    f"{one.start:.4g}",
+                    *(["", ""] if one.fixed else [f"{one.lower:.4g}", f"{one.upper:.4g}"]),
+                    one.unit,
+                    _status(one),
+                ]
+                for one in self.parameters
+            ],
+            [f"Outputs: {', '.join(self.outputs)}"],
+        )
+
+
+def _status(parameter: Parameter) -> str:
+    if parameter.tied is not None:
+        return f"tied: {parameter.tied}"
+    if parameter.prior is not None:
+        return f"prior {parameter.prior[0]:.4g} ± {parameter.prior[1]:.4g}"
+    return "fixed" if parameter.fixed else "free"

@@ -1,0 +1,52 @@
+"""Outputs of a drive train, and the measured signals that stand for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from shipfp_rs.errors import InputError
+
+Torque = Literal["brake", "gauge"]
+
+OUTPUTS = ("dn", "dM", "dE", "dX")
+"""Outputs of the ship and of the linear structure: speed, torque, integrated speed error, fuel rack."""
+
+
+def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
+    """Measured signals that can stand for each output, best first; a gauge is no substitute but may be all there is."""
+    candidates = {
+        "dn": ("n_e", "n_s"),
+        "dM": ("M_g", "M_s", "M_b") if torque == "gauge" else ("M_b", "M_s", "M_g"),
+        "dE": ("E_n",),
+        "dX": ("X_f",),
+    }
+    return {output: candidates[output] for output in outputs}
+
+
+def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """Measured signals for outputs of a user's own, or for some of `OUTPUTS`."""
+    if isinstance(outputs, Mapping):
+        signals: dict[str, tuple[str, ...]] = {output: (signal,) for output, signal in outputs.items()}
+    else:
+        unknown = [output for output in outputs if output not in OUTPUTS]
+        if unknown:
+            raise InputError(
+                f"output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}, or a mapping from the outputs to the "
+                "signals that measure them"
+            )
+        signals = signals_of(outputs, "brake")
+    if not signals or len(signals) != len(outputs):
+        raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+    return signals
+
+
+def require_outputs(outputs: Sequence[str], torque: Torque) -> None:
+    """Refuse outputs that a drive train has not, or has twice, and an unknown place of the torque."""
+    if torque not in ("brake", "gauge"):
+        raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
+    for output in outputs:
+        if output not in OUTPUTS:
+            raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
+    if not outputs or len(set(outputs)) != len(outputs):
+        raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
