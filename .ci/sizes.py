@@ -23,12 +23,10 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 STILL = frozenset(
     {
-        "rust/src/ship/smooth/emit.rs lay",
         "rust/src/ship/smooth/flexible.rs bent",
         "rust/src/ship/smooth/mod.rs with_simd",
         "rust/src/ship/smooth/model.rs jets_of",
         "rust/src/ship/smooth/slopes.rs terms",
-        "rust/src/ship/smooth/sources.rs lay",
     }
 )
 

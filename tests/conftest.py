@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -24,6 +27,7 @@ def fullscale() -> Reproduction:
 settings.register_profile("sets", suppress_health_check=[HealthCheck.differing_executors])
 settings.load_profile("sets")
 
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 KERNEL_MODULES = ("_kernel", ".test_drive_train_sensitivities", ".test_long_records", ".test_events")
 """Ends of the names of modules whose tests run with every instruction set that this machine has."""
 OWN_CHOICE = ("test_pulse_kernel",)
@@ -52,3 +56,15 @@ def _no_figure_left_open() -> Iterator[None]:
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, for tests of pages; where it or Playwright is missing they are skipped."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+    with playwright.sync_playwright() as driver:
+        # As root, as in a container, Chromium runs without its sandbox or not at all.
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        running = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield running
+        running.close()

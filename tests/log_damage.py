@@ -268,7 +268,7 @@ def _same_names(arrays: Arrays, draw: np.random.Generator, window: tuple[int, in
         head, rest = text.split("\n", 1)
         return head.replace(other, one) + "\n" + rest
 
-    return Damaged(arrays, refusal=f"'{one}( .V.)?' stands there twice", text=renamed)
+    return Damaged(arrays, refusal=f"'{one}( .V.)?' appears twice", text=renamed)
 
 
 def _hum(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:

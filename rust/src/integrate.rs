@@ -118,7 +118,7 @@ impl<M: Method, P: Power, L: Limit> WithSimd for One<'_, M, P, L> {
     }
 }
 
-/// How one run is taken through a tile.
+/// How one run advances through a tile.
 struct Alone<M, P, const FUSED: bool>(PhantomData<(M, P)>);
 
 impl<M: Method, P: Power, L: Limit, const FUSED: bool> Advance<L, 1> for Alone<M, P, FUSED> {

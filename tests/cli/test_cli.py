@@ -179,7 +179,7 @@ class TestInit:
     def test_it_never_overwrites(self, tmp_path, capsys) -> None:
         (tmp_path / "TRIAL.toml").write_text("mine")
         assert cli.main(["init", str(tmp_path)]) == 2
-        assert "TRIAL.toml: is there already" in one_line(capsys.readouterr().err)
+        assert "TRIAL.toml: exists already" in one_line(capsys.readouterr().err)
         assert (tmp_path / "TRIAL.toml").read_text() == "mine"
 
 
@@ -255,7 +255,7 @@ class TestSimulate:
     def test_files_that_are_there_stay(self, tmp_path, capsys) -> None:
         (tmp_path / "log.truth.json").write_text("mine")
         assert cli.main(["simulate", "stan-tug-1205", "--out", str(tmp_path / "log.parquet")]) == 2
-        assert "log.truth.json: is there already" in one_line(capsys.readouterr().err)
+        assert "log.truth.json: exists already" in one_line(capsys.readouterr().err)
         assert [file.name for file in tmp_path.iterdir()] == ["log.truth.json"]
 
 

@@ -58,7 +58,7 @@ def test_breakage_c6_convert_asks_before_it_replaces(
     Log.from_arrays({"a": np.arange(9.0)}, rate_hz=1.0).write(source)
     out.write_text("precious")
     assert cli.main(["convert", str(source), str(out)]) == 2
-    assert "out.parquet: is there already" in capsys.readouterr().err
+    assert "out.parquet: exists already" in capsys.readouterr().err
     assert out.read_text() == "precious"
     assert cli.main(["convert", str(source), str(out), "--force"]) == 0
     assert len(Log.open(out).read("a")) == 9

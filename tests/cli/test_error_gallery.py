@@ -141,7 +141,7 @@ COMMANDS: list[tuple[tuple[dict[str, str], list[str]], str]] = [
     ),
     (
         ({"TRIAL.toml": "mine"}, ["init", "."]),
-        "TRIAL.toml: is there already; rename it or choose another folder",
+        "TRIAL.toml: exists already; rename it or choose another folder",
     ),
     (
         ({"SWEEP.toml": "[sweep]\ndraw = 10\n"}, ["sweep", "SWEEP.toml"]),

@@ -183,7 +183,7 @@ def faulty(tmp_path: Path, text: str, name: str = "run.csv") -> Path:
         ("time,u\n2,1\n1,2\n", "does not increase"),
         ("time [Nm],u\n1,1\n2,2\n", "'time' is in 'Nm', expected timestamps or a number of s, ms"),
         ("time,u\n2,1\n", "does not increase"),
-        ("time,u,u\n0,1,1\n1,2,2\n", "'u' stands there twice"),
+        ("time,u,u\n0,1,1\n1,2,2\n", "'u' appears twice"),
         ("time,u\n0,1\n1,2,3\n", "Expected 2 columns, got 3"),
     ],
 )

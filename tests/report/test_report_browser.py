@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,9 +17,9 @@ import pytest
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import write_report
+from tests.conftest import CHROMIUM
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
 
 HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
@@ -89,16 +88,6 @@ def report(tmp_path_factory) -> Path:
     models = [{name: e.normalised("n_set") for name in ("n_e", "M_g")} for e in (experiment, other)]
     path = tmp_path_factory.mktemp("report") / "report.html"
     return write_report(path, fingerprint, [experiment, other], simulated=models, title=HOSTILE)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as driver:
-        # As root, as in a container, Chromium runs without its sandbox or not at all.
-        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-        running = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield running
-        running.close()
 
 
 class Visit:

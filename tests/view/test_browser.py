@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from io import BytesIO
@@ -15,12 +14,12 @@ from matplotlib.image import imread
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
+from tests.conftest import CHROMIUM
 from tests.view.logs import CHIRP_S, STEADY_S, write_csv
 from tests.view.serving import served
 from tests.view.test_jobs import TRIAL, begun_server
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
 
 HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
@@ -29,16 +28,6 @@ SLOW_MS = 1000 * int(os.environ.get("VIEW_WAIT_S", "30"))
 """Longest wait for the page; a machine that is shared by many needs more."""
 TOP, BOTTOM = 6, 6
 """Of a row's canvas, as `draw.js` has them."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as driver:
-        # As root, as in a container, Chromium runs without its sandbox or not at all.
-        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-        running = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield running
-        running.close()
 
 
 class Visit:

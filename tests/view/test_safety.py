@@ -215,7 +215,7 @@ def test_two_pages_do_not_overwrite_each_other(caller, folder):
     other = caller.post(
         "save", {"doc": 0, "draft": DRAFT | {"name": "other"}, "file": "TRIAL.toml", "version": ""}
     )
-    assert "is there already" in other["error"]
+    assert "exists already" in other["error"]
     doc = first["doc"]
     second = caller.post(
         "save",

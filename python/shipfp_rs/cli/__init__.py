@@ -35,9 +35,9 @@ from shipfp_rs.errors import IdentificationError, InputError, InternalError, Shi
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
-"""What a system says about itself; any other error of a file is one of the names that were given."""
+"""Errors of the system itself; any other error of a file is about a name that the user gave."""
 LONGEST_WORD = 300
-"""Characters of a name that a line shows whole."""
+"""Longest name that a line shows whole, in characters."""
 
 app = typer.Typer(
     name="shipfp",
@@ -128,7 +128,7 @@ def _fail(error: Exception) -> int:
         _line(f"error: {error}")
         return BAD_INPUT
     if isinstance(error, IdentificationError | SimulationError):
-        # What was given, in sizes that nothing follows from.
+        # The fault lies in what was given: from such data or sizes nothing follows.
         _line(f"error: {error}")
         return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):

@@ -26,7 +26,7 @@ def convert(
     if out.is_file() and log.exists() and out.samefile(log):
         raise InputError(f"{out}: is the log itself; choose another name")
     if out.is_file() and not force:
-        raise InputError(f"{out}: is there already; choose another name, or --force to replace it")
+        raise InputError(f"{out}: exists already; choose another name, or --force to replace it")
     source = Log.open(log, rate_hz=rate_hz, time=time, names=names)
     source.write(out)
     print_text(f"wrote {out}: {len(source.channels)} channels")

@@ -95,7 +95,7 @@ def _of_log(
 
 def _new(path: Path) -> Path:
     if path.exists():
-        raise InputError(f"{path}: is there already; rename it or choose another folder")
+        raise InputError(f"{path}: exists already; rename it or choose another folder")
     return path
 
 

@@ -23,7 +23,7 @@ LONGEST_NAME, LONGEST_PATH = 255, 4095
 
 
 def a_path(text: str | Path) -> Path:
-    """Return a typed path; refuse one that nothing can be called."""
+    """Return a typed path; refuse one that no file can have."""
     typed = str(text)
     if not typed:
         raise typer.BadParameter("found nothing, expected the name of a file or folder")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from shipfp_rs.identification.fingerprint import Fingerprint
 
 PIPE_WIDTH = 200
-"""Columns of a table that is not shown on a terminal: nothing is cut there."""
+"""Width of a table that is not shown on a terminal, so large that nothing is cut."""
 
 
 def print_json(content: Any) -> None:

@@ -36,9 +36,9 @@ COLUMNS = {
     ),
     "twin": ("tau_n", "g", "p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set"),
 }
-"""Parameters shown of a table; of the others all."""
+"""Parameters shown of some tables; of the others all are shown."""
 TOO_WIDE = ("5.1",)
-"""Tables that only the JSON holds."""
+"""Tables that are too wide to print and stand in the JSON only."""
 FITS = {
     "dn": "fit n [%]",
     "dM": "fit M [%]",

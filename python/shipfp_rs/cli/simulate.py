@@ -23,7 +23,7 @@ AMPLITUDE = 0.03
 """Usual amplitude, as a share of the operating speed: large enough to measure, small enough to be linear."""
 
 LEAST_AMPLITUDE = 2e-4
-"""Share of the operating speed below which nothing can be measured."""
+"""Least amplitude that can be measured, as a share of the operating speed."""
 
 TYPED = {
     "amplitude_rpm": "--amplitude-rpm",
@@ -98,7 +98,7 @@ def simulate(
         files["trial"] = out.with_suffix(".toml")
     for path in files.values():
         if path.exists() and not force:
-            raise InputError(f"{path}: is there already; choose another name, or --force to replace it")
+            raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
     ship = Vessel.load(vessel)
     with as_typed(TYPED):
         signal = _excitation(

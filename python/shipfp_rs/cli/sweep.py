@@ -116,7 +116,7 @@ def _why(result: Sweep) -> str:
     """Say what the first draw failed with."""
     rows = next(result.batches(["error", "message"])).slice(0, 1).to_pylist()
     error, message = rows[0]["error"], rows[0]["message"]
-    # What a slip is called in the code is of no use; of a defect it is all there may be.
+    # The class of an input error helps nobody; of a defect it may be all there is.
     said = message if error in ("InputError", "TimedOut") else f"{error}: {message}"
     return f"the first one for this: {said}; rows of all are in {result.folder}"
 

@@ -35,7 +35,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
 )
 """Unit of every signal name that the package knows."""
 DRIVES: Mapping[str, str] = MappingProxyType({"n_set": "set point", "M_load": "load torque"})
-"""Signals that drive a model, and what they are called."""
+"""Signals that drive a model, with their names in words."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -257,14 +257,14 @@ def _rate(name: str, time: Array) -> float:
             f"column {name!r} steps by {steps[worst]:.6g} s at row {worst}, expected {1.0 / rate:.6g} s throughout; "
             "resample it first"
         )
-    # Times in binary fractions give 99.99999999999 for 100.
+    # Rounding of the times gives 99.99999999999 for 100.
     return float(f"{rate:.9g}")
 
 
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
     """Refuse signals in another unit than their operating point, or already normalised."""
     for name, value in operating_point.items():
-        # An operating point of exactly 1 leaves a signal in its own unit.
+        # An operating point of exactly 1 means that the signal stays in its own unit.
         if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue
         mean = float(np.nanmean(signals[name]))

@@ -1,4 +1,4 @@
-"""How what drives a model runs between its samples: straight lines, or as a signal that a low-pass filter has passed."""
+"""Set points and loads between their samples: straight lines, or a band-limited signal as a low-pass filter leaves it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ GRID = 257
 
 
 def band_limited(experiment: Experiment) -> Experiment:
-    """Return the experiment with a set point, and a load, whose straight lines have the spectrum that its samples stand for.
+    """Return the experiment with set point and load prefiltered, so that straight lines have the band-limited spectrum.
 
-    Straight lines through the samples of a band-limited signal are that signal behind sinc(f / f_s)^2: at a twelfth of
-    the sample rate 2 per cent are missing. The samples are filtered by the inverse, a symmetric FIR filter.
+    Straight lines through the samples of a band-limited signal act as a filter sinc(f / f_s)^2, which takes 2 per cent at
+    a twelfth of the sample rate. The samples are filtered by the inverse, a symmetric FIR filter.
 
     Parameters
     ----------

@@ -12,10 +12,10 @@ _REACH = 10
 
 
 def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayLike) -> Array:
-    """Variance of the white noise that would scatter each line as much as the residuals beside it tell.
+    """Return for each line the variance of white noise that would scatter it as much as the residuals beside it show.
 
-    A power law is laid through the periodogram at the neighbouring bins, by maximum likelihood (Whittle). The
-    periodogram has no window: what leaks into it from a steep spectrum leaks into the fitted line as well.
+    A power law is fitted to the periodogram at the neighbouring bins, by maximum likelihood (Whittle). The periodogram
+    has no window, since a steep spectrum leaks into the fitted line in the same way.
 
     Parameters
     ----------

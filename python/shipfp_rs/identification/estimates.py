@@ -33,8 +33,8 @@ Mask = npt.NDArray[np.bool_]
 AT_BOUND = 1e-5
 """A parameter is on a bound if it is nearer than this part of its size, or of the width between its bounds, if less."""
 CUT = 10.0
-"""Along a null direction a parameter can move only until one of them meets a bound. Where that is less than so many
-standard deviations, it has an interval all the same."""
+"""Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than so
+many standard deviations has an interval all the same."""
 SHORT = 1e-3
 """The same limit, as a part of the width between the parameter's own bounds."""
 EDGE = 1e-6

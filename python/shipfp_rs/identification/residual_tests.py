@@ -251,7 +251,7 @@ class _Record:
         )
 
     def covariance(self, output: int, factors: Array, explained: Array) -> Array:
-        """Covariance A' S A (L, L) of the correlations, A an output's lagged set points, times a factor in each, cleared."""
+        """Covariance A' S A (L, L) of the correlations; A are lagged set points times each output's factor, cleared."""
         outputs, (count, lags) = len(factors), explained.shape
         cleared = np.zeros((outputs, outputs, lags + count, lags))
         for place, factor in enumerate(factors):

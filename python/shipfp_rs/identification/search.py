@@ -83,7 +83,7 @@ class Search(WeightedProblem):
         return replace(minimum.noise, models=models)
 
     def _named(self, message: str, linear: npt.NDArray[np.bool_]) -> str:
-        """Call the entries of the vector that was searched, all but the `linear` unknowns, by their names."""
+        """Put names into a message in place of entries of the searched vector, which lacks the `linear` unknowns."""
         searched = [name for name, left_out in zip(self.unknowns, linear, strict=True) if not left_out]
         return re.sub(r"entry (\d+) of the vector", lambda found: searched[int(found[1])], message)
 

@@ -51,7 +51,7 @@ class Log:
         names = [channel.name for channel in channels]
         if len(set(names)) < len(names):
             twice = next(channel for channel in names if names.count(channel) > 1)
-            raise InputError(f"{name}: channel {twice!r} stands there twice; give each channel its own name")
+            raise InputError(f"{name}: channel {twice!r} appears twice; give each channel its own name")
         for channel in channels:
             # Rows are found by their times, so the times of two samples must differ.
             last_s = max(abs(channel.start_s), abs(channel.stop_s)) if channel.rate_hz > 0.0 else np.inf

@@ -99,7 +99,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     ax.plot(found.values[finite], found.deviance[finite], ".-", color=color, lw=1.2, ms=4, label=found.kind)
     ax.axhline(LEVEL, color=GREY, lw=1.0, ls="--", label="95 %")
     ax.axvline(found.value, color=GREY, lw=0.8)
-    # A wall beside the interval must not flatten what is within.
+    # A steep rise beside the interval must not flatten the curve within it.
     ax.set_ylim(-0.1, 3.0 * LEVEL)
     ax.set_xlabel(f"{found.name} [{found.unit}]")
     dress(ax, "deviance [-]")
@@ -152,7 +152,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         ax.axhline(0.0, color=GREY, lw=0.8)
         dress(ax, label, legend=ax is panels[0])
         ax.set_xlabel(f"lag [{unit}]")
-    # Lags of the set point grow by a factor: its answer may be missing at any time scale.
+    # Lags of the set point grow geometrically, since the missing answer may be fast or slow.
     panels[1].set_xscale("symlog", linthresh=step, linscale=0.5)
     panels[1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
     panels[1].xaxis.set_major_formatter("{x:g}")

@@ -50,9 +50,9 @@ def bode(
         bars = angle_bars = None
         if name in measured.amplitude_std:
             reach = 2.0 * measured.amplitude_std[name]
-            # Down to a tenth at most: on its way to zero a bar would stretch a logarithmic axis without end.
+            # A bar ends at a tenth of the value at the lowest, since a logarithmic axis has no zero.
             bars = size * np.array([np.minimum(reach, 0.9), reach])
-            # A phase that is lost could be anything: no more than half a turn either way.
+            # An unknown phase gets a bar of half a turn either way.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
         style: dict[str, Any] = {"color": color, "fmt": "o", "ms": 4, "lw": 1.0, "capsize": 2}
         amplitude.errorbar(measured.frequency_hz, size, bars, label=LABELS[name], **style)

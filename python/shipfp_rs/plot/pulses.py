@@ -52,12 +52,12 @@ def pulse_intervals(
     # SciPy is loaded for this picture alone.
     from scipy.ndimage import median_filter, uniform_filter1d
 
-    # Median over turns nearby: one wrong pulse must not pull the turn it is measured with.
+    # A median over turns nearby, so that one wrong pulse does not change the turn it is compared with.
     period = np.diff(times)
     share = median_filter(uniform_filter1d(period, pulses_per_rev), 4 * pulses_per_rev + 1)
     deviation = 100.0 * (period / share - 1.0)
     place = np.arange(len(period)) % pulses_per_rev
-    # A few wrong pulses must not squeeze the reflectors into one line; they are marked at the edge.
+    # A few wrong pulses are marked at the edge, so that they do not compress the scale of the others.
     reach = max(2.0 * float(np.percentile(np.abs(deviation), 98)), 0.1)
     beyond = np.abs(deviation) > reach
     for reflector in range(pulses_per_rev):

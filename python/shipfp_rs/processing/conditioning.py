@@ -19,9 +19,9 @@ from shipfp_rs.vessel.vessel import Vessel
 Side = Literal["engine", "propeller"]
 
 MOST_DEGREE = 3
-"""A higher polynomial would follow the slow sines of a trial."""
+"""Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
 LEAST_OWN = 0.2
-"""Share of the set point's power that must not be a trend."""
+"""Least share of the set point's power that is not a polynomial trend."""
 
 
 def about_local_point(experiment: Experiment) -> Experiment:
@@ -139,7 +139,7 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
     if missing.all():
         return np.full(len(n_s), np.nan)
     slope = CubicSpline(experiment.time, bridge(n_s, missing))(experiment.time, 1)
-    # Beside a gap the slope is the bridge's.
+    # Beside a gap the slope would be that of the bridge.
     beside = missing.copy()
     beside[1:] |= missing[:-1]
     beside[:-1] |= missing[1:]

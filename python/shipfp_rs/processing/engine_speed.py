@@ -40,8 +40,8 @@ class _Level:
     ) -> _Level | None:
         """Compare with a counted speed [rpm] on a grid of `rate_hz`; None where they share no time.
 
-        Its scale is set by the counted one: a converter's gain is known to a per cent or so. What they scatter by beyond
-        both their deviations is held against the level, so that a slow or late converter has little weight.
+        The counted speed sets its scale, since a converter's gain is only known to about one per cent. Scatter beyond both
+        standard deviations is put down to the recorded speed, so that a slow or late converter has little weight.
         """
         if len(speed.time_s) < LEAST_INTERVALS:
             return None
@@ -95,7 +95,7 @@ class EngineSpeed:
     base
         Channel on whose index the speed is sampled.
     rate_hz
-        Rate at which it is asked whether pulses lead to the fused speed [Hz].
+        Rate of the grid on which the fused speed is checked for pulses nearby [Hz].
 
     Raises
     ------

@@ -22,23 +22,23 @@ Source = Callable[[int, int], Array]
 """(first, stop) to samples on a channel's own index, NaN where masked."""
 
 MARGIN_S = 1.0
-"""Read before and after each piece, so that running medians have settled where it counts."""
+"""Time read before and after each piece, so that running medians have settled within it [s]."""
 PIECE = 1 << 17
 """Samples cleaned at once; windows may be longer than memory."""
 MASKED_SHARE = 0.05
-"""Share of the filter's weight on masked samples from which on its output is masked."""
+"""An output is masked where more than this share of the filter's weight lies on masked samples."""
 ALIGNED = 1e-6
-"""Parts of a sample by which clocks differ through rounding alone."""
+"""Largest difference of two clocks by rounding alone, as a part of a sample."""
 SAME_CLOCK, SAME_RATE = 1e-6, 1e-3
-"""Parts by which rates of one clock differ through rounding, and by which two clocks of one nominal rate do."""
+"""Largest relative difference of rates by rounding on one clock, and between two clocks of one nominal rate."""
 REACH = 16
-"""Samples on either side that a value between two samples is made of."""
+"""Samples on either side from which a value between two samples is computed."""
 KAISER = 8.0
-"""Of the window over them: up to two fifths of the sample rate a value is right to one part in a thousand."""
+"""Shape of the Kaiser window over them: up to two fifths of the sample rate a value is right to one part in a thousand."""
 
 
 def nearest_rate(channel: Channel, wanted_hz: float) -> float:
-    """Return the rate next to the wanted one that is a simple part of a channel's rate [Hz].
+    """Return the rate nearest to the wanted one that is a simple fraction of a channel's rate [Hz].
 
     A clock that is off by a few parts in a million then costs nothing: the signals keep the channel's own time.
     """
@@ -112,12 +112,12 @@ class LowPass:
         inner_rate = channel.rate_hz * self.up
         shift = start - self.start
         self.taps = taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
-        # Runs of masked samples longer than the filter are not bridged: no output sees both of their sides.
+        # Runs of masked samples longer than the filter are not bridged: no output depends on both of their sides.
         self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 
     def __call__(self, source: Source, count: int) -> Array:
-        """Return `count` outputs; NaN where too much of what they are made of is masked."""
+        """Return `count` outputs; NaN where too many of their samples are masked."""
         # Begin by whole outputs earlier, as many as the filter needs to fill.
         ahead = min(math.ceil(self.margin / self.down), self.start // self.down)
         begin = self.start - ahead * self.down
@@ -157,9 +157,9 @@ class LowPass:
         return np.asarray(share / weight[-1])
 
     def _bridged(self, samples: Array, missing: Mask) -> Array:
-        """Straight lines over masked samples; long runs stand at the values beside them.
+        """Bridge masked samples by straight lines; long runs keep the values beside them.
 
-        What is put in depends on nothing further away than the margin, so not on how the signal is cut into pieces.
+        Nothing further away than the margin has an effect, so the result does not depend on the cutting into pieces.
         """
         if not missing.any():
             return samples

@@ -1,4 +1,4 @@
-"""Units, calibrations and signals that can't be right, told in one line before anything is fitted to them."""
+"""Units, calibrations and signals that can't be right, refused in one line before anything is fitted."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from shipfp_rs.support.units import told
 from shipfp_rs.vessel.vessel import Vessel
 
 CALIBRATED_WITHIN = 0.1
-"""Relative difference between the means of set point and speed above which a calibration is wrong."""
+"""A calibration is wrong where the means of set point and speed differ by more than this, relative."""
 CHECK = "; check unit and calibration"
 LEAST_LOAD = 0.02
-"""Part of its swing below which a load at the operating point is next to nothing."""
+"""A load at the operating point must be at least this part of its swing."""
 LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 

@@ -109,7 +109,7 @@ class _Cleaned:
 
 
 class _Recording:
-    """A log together with what the trial says about it; every channel is read once, all side by side."""
+    """A log with its trial's settings; every channel is read once, several at the same time."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
         self.log = log
@@ -151,7 +151,7 @@ class _Recording:
         )
 
     def _grid(self, label: str) -> Grid:
-        """Times from a sample of the set point on; whatever else is evaluated at them."""
+        """Return the grid: times from a sample of the set point on, at which all signals are sampled."""
         base = self._base.channel
         first, last = self._within(self._base, label)
         count = int((last - first) * self.rate_hz / base.rate_hz + 1e-9)
@@ -321,12 +321,12 @@ class _Recording:
         }
 
     def _drives(self) -> list[str]:
-        """Channels that drive the model: what is repaired in them is masked in every answer."""
+        """Channels that drive the model; where they are repaired all outputs are masked."""
         load = self.trial.channels.load
         return [self._base.channel.name, *([] if load is None else [load.column])]
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
-        """Tell where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
+        """Return where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
         channels = self.trial.channels
         sensors: list[tuple[SetPoint | Torque | Rack | Load | Tacho, str]] = [(channels.set_point, "n_set")]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
@@ -355,7 +355,7 @@ class _Recording:
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz
-            # A sample of the grid stands for half an interval on either side; times are not known to the last bit.
+            # A sample of the grid stands for half an interval on either side; a little less, since times are rounded.
             at = np.round(at, 6)
             touched = np.column_stack([np.floor(at[:, 0] + 0.5), np.ceil(at[:, 1] + 0.5)]).astype(np.int64)
             for name in names:

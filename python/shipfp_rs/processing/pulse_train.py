@@ -24,10 +24,10 @@ from shipfp_rs.tacho import (
 )
 
 MARGIN_S = 2.0
-"""Read before and after a stretch, so that it begins and ends within an interval."""
+"""Time read before and after a stretch, so that it begins and ends within an interval [s]."""
 
 SPLINE_REACH = 40
-"""Intervals over which a change of one fades from a cubic spline, by 3.7 each, to the last bit."""
+"""Number of intervals after which the change of one has no effect on a cubic spline; it fades 3.7 times for each."""
 
 
 class PulseTrain:
@@ -107,12 +107,12 @@ class PulseTrain:
 
     @staticmethod
     def around(speed: IntervalSpeed, start_s: float, stop_s: float) -> IntervalSpeed:
-        """Return the intervals of a stretch and so many on either side that a spline feels none beyond."""
+        """Return the intervals of a stretch, and so many on either side that those beyond have no effect on a spline."""
         first, last = np.searchsorted(speed.time_s, [start_s, stop_s])
         return speed.part(slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH))
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Good intervals; where the reflectors' angles are unknown only one a turn says anything about speed."""
+        """Return the number of good intervals; with unknown reflector angles only one in each turn counts."""
         good = float(np.count_nonzero(speed.flags == PulseFlag.GOOD))
         return good if self.angles.ok else good / self.tacho.pulses_per_rev
 

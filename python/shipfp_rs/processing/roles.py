@@ -30,7 +30,7 @@ NAMES: Mapping[str, str] = {
 }
 """Parts of names in the languages of yards and loggers, without regard to case; the first that fits counts."""
 LOAD_UNITS = TO_W.keys() | TO_NM.keys()
-"""Units of a load; that of an engine's bus in per cent is no load of a shaft."""
+"""Units of a load. The load on an engine's bus, in per cent, is not that of a shaft."""
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
@@ -44,7 +44,7 @@ class Roles:
     torque: str | None = None
     actuator: str | None = None
     load: str | None = None
-    """What the machine drives, as power or torque."""
+    """Channel of the load that the machine drives, as power or torque."""
     speeds: list[str] = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
 
@@ -150,7 +150,7 @@ def _leader(
 
 
 def _lag(one: Array, two: Array) -> int | None:
-    """Samples by which the second follows the first; None where they have nothing to do with each other."""
+    """Samples by which the second follows the first; None where they are not correlated."""
     most = round(LONGEST_LAG_S * LAG_RATE_HZ)
     scale = float(np.linalg.norm(one) * np.linalg.norm(two))
     if not scale > 0.0:

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 LEAST_SAMPLES = 4.0
-"""Samples of an encoder from one turn of its virtual pulses to the next, at least: their errors are independent then."""
+"""Fewest samples of an encoder between two virtual pulses, so that their errors are independent."""
 MOST_VIRTUAL = 64
 SPEED_RATE_HZ = 200.0
-"""Rate to which a speed recorded as such is averaged: far above what a shaft line does."""
+"""Rate to which a recorded speed is averaged [Hz], far above the motion of a shaft line."""
 
 Stretches = Mapping[str, tuple[float, float]]
 
@@ -58,7 +58,7 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     periods = np.diff(times_s)
     if len(periods) < 4:
         return times_s
-    # A gap is as long as missing + 1 teeth, beside teeth on both sides; one that lost a tooth more is left to repair.
+    # A gap is missing + 1 pitches long, with teeth on both sides; one that lacks a further tooth is repaired later.
     usual = np.minimum(np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0]))
     wide = np.abs(periods / usual - (missing + 1)) < 0.5
     gaps = np.flatnonzero(wide[1:-1]) + 1
@@ -211,7 +211,7 @@ class Encoder(PulseTrain):
         return time[known], values, gaps
 
     def _wrap(self, values: Array) -> float:
-        """After which angle it begins again [rev]; 0 for one that counts on."""
+        """Return the angle after which the encoder starts again [rev]; 0 if it counts on."""
         span = float(np.ptp(values))
         largest = float(np.abs(np.diff(values)).max())
         if span <= 1.2 and largest > 0.5 * span:
@@ -259,7 +259,7 @@ class Encoder(PulseTrain):
 
 
 def _step(steps: Array) -> float:
-    """Step in which an angle is told, of which all its differences are multiples; 0 where there is none."""
+    """Return the resolution of an angle: all its differences are multiples of it; 0 where there is none."""
     levels = np.unique(np.round(steps, 12))
     apart = np.diff(levels)
     apart = apart[apart > 1e-10]
@@ -271,7 +271,7 @@ def _step(steps: Array) -> float:
 
 
 class SpeedLevel(PulseTrain):
-    """A speed recorded as such, by a drive, a bus or an analogue converter: a mean over each of its samples."""
+    """A speed that a drive, a bus or an analogue converter recorded: a mean over each of its samples."""
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
         self._held: dict[tuple[float, float], IntervalSpeed] = {}
@@ -299,7 +299,7 @@ class SpeedLevel(PulseTrain):
         rounding = channel.resolution * scale / np.sqrt(12.0)
         std = tacho.std * factor if tacho.std else max(float(np.hypot(noise, rounding)), 1e-9)
         duration = block / channel.rate_hz
-        # A sample is taken to stand for the interval around it.
+        # A sample counts for the interval around it.
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)
         self._held[start_s, stop_s] = IntervalSpeed(
@@ -321,7 +321,7 @@ class SpeedLevel(PulseTrain):
         return self._held[self._stretches[label]]
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Below any source that counts turns: nobody knows what a converter's filter did."""
+        """Return a score below that of any source that counts turns, since a converter's filter is unknown."""
         return -1.0 / (1.0 + len(speed.time_s))
 
 

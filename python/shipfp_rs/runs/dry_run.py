@@ -20,7 +20,7 @@ from shipfp_rs.vessel.vessel import Vessel
 Notify = Callable[[str], None]
 
 LITTLE = 0.9
-"""Share of a signal's samples below which its lack is told."""
+"""A warning is given where less than this share of a signal's samples is usable."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The main job, TRIAL.toml to results: log to experiments to fingerprint to report, in a folder that appears whole."""
+"""The main job, from TRIAL.toml to results: log, experiments, fingerprint, report, in a folder that appears whole."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def evaluate(
     vessel = Vessel.load(trial.trial.vessel)
     declared = None if trial.chooses else structure_from(trial.identify, located(trial))
     experiments = [
-        # A result is handed on: it names the file, not where it lay on this machine.
+        # Results are passed on to others, so they hold the file's name without its folder.
         replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
         for log in trial.logs()
         for experiment in process(log, trial, vessel)

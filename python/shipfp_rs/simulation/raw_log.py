@@ -93,8 +93,8 @@ def simulate_raw_log(
     inflow
         Water that moves; None: still.
     simulated_hz
-        Rate at which the drive train is simulated; None: the logger's. 200 Hz show all that a tug's does, in a fifth of
-        the time.
+        Rate at which the drive train is simulated; None: the logger's. 200 Hz are enough for a tug's, in a fifth of the
+        time.
     seed
         Of noise, faults and water.
 

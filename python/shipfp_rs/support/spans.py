@@ -31,7 +31,7 @@ def joined(spans: Iterable[Spans], gap: int = 0) -> Spans:
 
 
 def apart_from(spans: Spans, others: Spans) -> Spans:
-    """Return those spans that touch none of the others, which are in order and do not overlap."""
+    """Return those spans that touch none of `others`, which must be in order without overlaps."""
     if not (len(spans) and len(others)):
         return spans
     next_one = np.searchsorted(others[:, 1], spans[:, 0], side="right")

@@ -1,4 +1,4 @@
-"""The whole drive train of a vessel for the kernel: its parameters, its run, its propeller behind a moving ship."""
+"""The whole drive train of a vessel as the kernel takes it: parameters, steps, and the propeller behind a moving ship."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ OFF: Mapping[str, float] = {
 """Parameters of the kernel where nothing is added to the plant of eq. 3.1-3.11."""
 
 _LARGEST_STEP = 0.1
-"""Step of RK4 times the fastest pole of an element: the error of a step, (0.1)^5 / 120, is below 1e-7 of its motion."""
+"""Largest step of RK4 times the fastest pole of an element: a step's error, (0.1)^5 / 120, is below 1e-7 of its motion."""
 _STEPS_A_RIPPLE = 16.0
-"""Steps of RK4 in a period of the torque's ripple; they end at each firing, so that a step sees none of its corners."""
+"""Steps of RK4 in a period of the torque's ripple. A step ends at each firing, so that no corner lies within one."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class DriveTrain:
 
     @property
     def extends_the_plant(self) -> bool:
-        """Whether anything is added to the plant of eq. 3.1-3.11."""
+        """Whether the vessel has an element beyond the plant of eq. 3.1-3.11."""
         return self.quadrants.size > 0 or any(self.values[name] != value for name, value in OFF.items())
 
     def tables(
@@ -73,7 +73,7 @@ class DriveTrain:
         return parameters, *envelope, self.strength, self.quadrants
 
     def step_s(self, n_s: float) -> float:
-        """Return the longest step [s] that resolves what is faster than the shaft, at a shaft speed [rev/s]."""
+        """Return the longest step [s] that resolves the elements faster than the shaft, at a shaft speed [rev/s]."""
         q = self.values
         turn = max(
             q["blades"] if q["blade_ripple"] else 0.0,
@@ -189,6 +189,6 @@ def _quadrants(vessel: Vessel) -> Array:
         )
     angle = np.unique(np.concatenate([(at - table.bollard_deg + 180.0) % 360.0 - 180.0, [-180.0, 180.0]]))
     values = [np.interp(angle + table.bollard_deg, at, row, period=360.0) for row in rows]
-    # Radians that are pi or more to the last bit, so that every angle of atan2 lies within.
+    # Slightly more than pi after rounding, so that every angle that atan2 gives lies within.
     radians = np.clip(np.radians(angle), -math.pi, math.pi)
     return np.ascontiguousarray([radians, *(row / value for row, value in zip(values, bollard, strict=True))])

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Output = Literal["dn", "dE", "dM_b", "dM_g", "dX"]
 
 SIGNALS: Mapping[Output, str] = {"dn": "n_e", "dE": "E_n", "dM_b": "M_b", "dM_g": "M_g", "dX": "X_f"}
-"""Signal whose normalised deviation an output is."""
+"""Name of the signal of which an output is the normalised deviation."""
 
 
 @dataclass(frozen=True)
@@ -317,7 +317,7 @@ def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) ->
     dn, dE, dn_set = deviation
     plant, state = plant_about(vessel, point), np.array([point.n_s * (1.0 + dn), point.n_e * dE])
     set_point = np.full(2, point.n_e * (1.0 + dn_set))
-    # One Euler step of one second is the right-hand side, to rounding.
+    # One Euler step of one second gives the right-hand side, to rounding.
     rows = _core.simulate_plant(plant, *vessel.envelope(), set_point, 1.0, 1, "euler", "zero", state)
     n_s, _, X_f, M_b = rows
     acceleration = (n_s[1] - n_s[0]) / point.n_s

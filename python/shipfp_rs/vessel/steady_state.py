@@ -19,7 +19,7 @@ from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
 _FASTEST_SHIP = 100.0
-"""Up to where a steady speed of the ship is searched for [m/s]."""
+"""Highest ship speed that is tried for a steady state [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
 
 
 def _ship_speed(vessel: Vessel, n_s: float) -> float:
-    """Speed at which the propellers' pull is the ship's resistance [m/s]; zero for a ship that is held."""
+    """Ship speed at which the propellers' thrust equals the resistance [m/s]; zero for a ship that is held."""
     if vessel.ship is None:
         return 0.0
     train, resistance = drive_train(vessel), vessel.ship.resistance_N_s2_m2

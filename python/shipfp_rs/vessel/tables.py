@@ -35,19 +35,19 @@ class Firing(Section):
     """Torque of single cylinders, equally spaced: a raised cosine over each working stroke."""
 
     stroke_deg: Positive = 180.0
-    """Angle of the crankshaft over which a firing gives its torque."""
+    """Angle of the crankshaft over which a firing gives torque [deg]."""
     strength: Numbers | None = None
     """Each cylinder's torque over the mean of all, in the order of firing; None: all alike."""
 
 
 class Actuator(Section):
-    """Way of the governor's command to the fuel rack."""
+    """Actuator: from the governor's command to the fuel rack."""
 
     dead_time_s: NotNegative = 0.0
     lag_s: NotNegative = 0.0
-    """Time constant of the first order."""
+    """Time constant of a first-order lag [s]."""
     rate_mm_s: Positive | None = None
-    """How fast the rack can move; None: at once."""
+    """Highest speed of the rack [mm/s]; None: no limit."""
 
 
 class FourQuadrant(Section):
@@ -58,11 +58,11 @@ class FourQuadrant(Section):
     """
 
     angle_deg: Annotated[Numbers, Field(min_length=2)]
-    """Ascending within one turn, which closes on itself."""
+    """Angles of the flow [deg], ascending, within one turn; the curve is periodic."""
     C_Q: Numbers
     C_T: Numbers
     bollard_deg: float = 0.0
-    """Where the ship's operating point lies; 180 for a trial astern, whose speeds count positive astern."""
+    """Angle of the ship's operating point [deg]: 180 for a trial astern, where speeds count positive astern."""
 
     @model_validator(mode="after")
     def _is_a_function_of_the_angle(self) -> Self:
@@ -81,7 +81,7 @@ class Ship(Section):
     """Motion of the ship under the thrust of its propellers, the resistance with the square of its speed."""
 
     mass_kg: Positive
-    """With the water that moves along."""
+    """Mass of the ship and of the water that moves with it [kg]."""
     resistance_N_s2_m2: Positive
     propellers: Annotated[int, Field(ge=1, le=20)] = 1
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
@@ -93,7 +93,7 @@ def later() -> Any:
 
 
 class Sparse(Section):
-    """A table whose keys may be left out; what needs one that is not given says so by its name."""
+    """A table whose keys may be left out. Whatever needs a missing key names it in an error."""
 
     table: ClassVar[str] = ""
 
@@ -116,9 +116,7 @@ class Sparse(Section):
     def __getattr__(self, name: str) -> Any:
         if name in type(self).model_fields:
             key = f"{self.table}.{name}" if self.table else name
-            raise InputError(
-                f"vessel file: {key}: found nothing, expected it to be given for what is asked; add it"
-            )
+            raise InputError(f"vessel file: {key}: found nothing, expected a value, which this needs; add it")
         return super().__getattr__(name)  # type: ignore[misc]
 
     def given(self, *keys: str) -> bool:
@@ -173,11 +171,11 @@ class Engine(Sparse):
     minimum_torque_Nm: float | None = None
     """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
     torque_rate_Nm_s: Positive | None = None
-    """How fast the brake torque can change; None: at once."""
+    """Highest rate of the brake torque [Nm/s]; None: no limit."""
     smoke_margin_mm: Positive | None = None
-    """By how much the rack may exceed what the charge air is good for; None: no smoke limiter."""
+    """Fuel that the smoke limiter allows beyond what the charge air can burn [mm of rack]; None: no smoke limiter."""
     turbocharger_lag_s: Positive = 1.0
-    """Time constant with which the charge air follows the rack; acts with a smoke limiter only."""
+    """Time constant of the charge air behind the rack [s]; it acts with a smoke limiter only."""
     firing: Firing | None = None
     """None: the cylinders' mean torque."""
 
@@ -204,9 +202,9 @@ class Gearbox(Sparse):
     ratio: Positive
     efficiency: Fraction = later()
     drag_Nm: NotNegative = 0.0
-    """Torque lost beside the efficiency, at the shaft and the operating point."""
+    """Torque lost at the shaft at the operating point, in addition to the efficiency [Nm]."""
     drag_exponent: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0
-    """With which power of the speed it grows."""
+    """Exponent of the shaft speed with which the drag grows."""
 
 
 class Shaft(Sparse):
@@ -216,11 +214,11 @@ class Shaft(Sparse):
 
     inertia_kg_m2: Positive = later()
     propeller_side_inertia_kg_m2: Positive = later()
-    """Share on the propeller's side of the torque gauge."""
+    """Part of the inertia on the propeller's side of the torque gauge [kg m2]."""
     add_entrained_water: bool = False
-    """Whether the water that turns with the propeller is to be added to both; else they contain it."""
+    """Whether the inertia of the water that turns with the propeller is added to both; else they contain it already."""
     stiffness_Nm_rad: Positive | None = None
-    """Between the two inertias; None: rigid."""
+    """Torsional stiffness between the two inertias [Nm/rad]; None: rigid."""
     damping_Nms_rad: NotNegative = 0.0
 
     @model_validator(mode="after")
@@ -251,7 +249,7 @@ class Propeller(Sparse):
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
     K_T: Positive = later()
     shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque at once a turn of the shaft, over the mean."""
+    """Amplitude of the torque once per turn of the shaft, over the mean."""
     blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Amplitude of the torque at blade passage, over the mean."""
     four_quadrant: FourQuadrant | None = None
@@ -266,19 +264,19 @@ class Governor(Sparse):
     K_p: Positive = later()
     K_i: Positive = later()
     K_d: NotNegative = 0.0
-    """Of the filtered speed alone: a step of the set point gives no kick."""
+    """Derivative gain [s], on the filtered speed alone, so that a step of the set point gives no peak."""
     derivative_filter_s: Positive = 0.05
     sample_rate_hz: Positive | None = None
-    """How often the governor computes; None: always."""
+    """Rate at which the governor computes [Hz]; None: continuously."""
     once_a_firing: bool = False
     """Whether it computes at each firing instead."""
     computation_delay_s: NotNegative = 0.0
     set_point_dead_time_s: NotNegative = 0.0
-    """Of the set point's way to the governor, T_set."""
+    """Dead time of the set point on its way to the governor, T_set [s]."""
     minimum_rack_mm: float | None = None
     maximum_rack_mm: Positive | None = None
     anti_windup: bool = False
-    """Whether the integral stands still while a limit of the rack or of the torque holds the command."""
+    """Whether the integral is held while a limit of the rack or of the torque acts."""
 
     @model_validator(mode="after")
     def _computes_at_one_kind_of_time(self) -> Self:
@@ -312,7 +310,7 @@ class NominalPoint(Sparse):
 
 
 class SetPointLine(Section):
-    """What a voltage on the set-point line makes of the engine speed: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
+    """Engine-speed set point over the voltage on its line: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
 
     rpm_per_V: float
     rpm_at_0_V: float

@@ -43,11 +43,11 @@ PLANT_KEYS = (
     "engine",
     "propeller",
 )
-"""What the plant can't be simulated without; processing a log needs the gear ratio alone."""
+"""Keys without which the plant can't be simulated; processing a log needs the gear ratio alone."""
 
 
 class _Size(NamedTuple):
-    """What a number of a vessel file can be, and the slips of unit that take it elsewhere."""
+    """Range of a number of a vessel file, and the wrong units that are often used for it."""
 
     key: str
     low: float
@@ -57,7 +57,7 @@ class _Size(NamedTuple):
     owner: str
 
     def require(self, value: float) -> None:
-        """Refuse a value that a slip of unit explains."""
+        """Refuse a value that a wrong unit explains."""
         if hint := hints.likely(value, self.low, self.high, self.slips, self.unit):
             expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
             raise unexpected(self.key, f"{value:g} {self.unit}", expected)
@@ -145,7 +145,7 @@ class Vessel(Sparse):
             raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
 
     def _require_sense(self) -> None:
-        """Refuse sizes that no ship has, and name the slip of unit that makes them."""
+        """Refuse values that no ship has, and name the wrong unit that may have led to them."""
 
         def known(key: str) -> float | None:
             value: Any = self
@@ -197,7 +197,7 @@ class Vessel(Sparse):
         lacking = [key for key in keys if not self.given(key)]
         if lacking:
             raise InputError(
-                f"vessel {self.name!r}: lacks {', '.join(lacking)}; add them to its file for what is asked"
+                f"vessel {self.name!r}: lacks {', '.join(lacking)}, which this needs; add them to its file"
             )
 
     @staticmethod

@@ -245,7 +245,7 @@ class Desk:
             self._trial(text, path)
             known = content.get("version", "")
             if drafts.version_of(path) != known:
-                what = "is there already" if not known else "was changed by someone else meanwhile"
+                what = "exists already" if not known else "was changed by someone else meanwhile"
                 raise InputError(f"{path.name}: {what}; save under another name, or load the page anew")
             write_text_atomically(path, text)
             trial = self.open(document.path, document.rate_hz, path)

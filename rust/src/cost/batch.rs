@@ -1,4 +1,4 @@
-//! Costs of many parameter vectors: which go through the record abreast, and which alone.
+//! Costs of many parameter vectors: which are computed together in one pass, and which alone.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use crate::linear::{Output, Parameters};
 use crate::pool::on_threads;
 use crate::stop::Stop;
 
-/// Vectors that are worked on together, by their places in the batch.
+/// Vectors that are computed together, by their places in the batch.
 enum Group {
     Abreast { places: Vec<usize>, between: bool },
     Alone(usize),
@@ -97,7 +97,7 @@ impl<'a> Batch<'a> {
                     _ => Vec::new(),
                 };
                 let cost = |(&place, products): (&usize, Products)| {
-                    // What left the finite numbers is looked at alone: only there it is told why.
+                    // A vector whose costs are not finite is computed again alone, which gives the reason.
                     let finite = products.count > 0 && products.values.iter().all(|value| value.is_finite());
                     let cost =
                         if finite { self.objective.weigh(&products) } else { self.alone(place, stop)? };

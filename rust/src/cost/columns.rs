@@ -15,7 +15,7 @@ const ABREAST: usize = 8;
 /// Rows of a block, each combined of the pass' rows, filtered and masked.
 pub struct Columns<'a> {
     combinations: &'a [Combination],
-    /// What is added to the first of them.
+    /// Numbers that are added to the first of the combinations.
     biases: &'a [f64],
     /// The filter of each row.
     filters: Vec<&'a [f64]>,
@@ -53,7 +53,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Take in a block, measured outputs in its first rows, and add up its products.
+    /// Add up the products of a block, whose first rows are the measured outputs.
     pub fn add(&mut self, block: &mut Block<'_>, sums: &mut Sums) {
         let (history, width) = self.widths();
         if let Some(steps) = self.steps.filter(|_| history > 0) {
@@ -78,7 +78,7 @@ impl<'a> Columns<'a> {
         self.finish(sums);
     }
 
-    /// Add what was left out: each lane's first steps, with the end of the lane before as their past.
+    /// Add the steps left out before: each lane's first ones, whose past is the end of the lane before.
     pub fn add_seams(&mut self, sums: &mut Sums) {
         let (history, width) = self.widths();
         let Some(steps) = self.steps.filter(|_| history > 0) else { return };
@@ -113,7 +113,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Lay down combinations of a block's rows, each at the end of as many values as `width` says: behind its past.
+/// Write combinations of a block's rows, each at the end of a window of `width` values, after its past.
 pub struct Combine<'a> {
     pub block: &'a [f64],
     pub combinations: &'a [Combination],
@@ -143,7 +143,7 @@ impl WithSimd for Combine<'_> {
             for (term, &(source, factor)) in combination.iter().enumerate() {
                 let source = &block[source * vectors..][..vectors];
                 let factor = simd.splat_f64s(factor);
-                // A sweep a term: no inner loop, so nothing but vector code.
+                // One sweep for each term, without an inner loop, so that all code is vector code.
                 if term == 0 {
                     for at in 0..vectors {
                         into[at] = simd.mul_add_e_f64s(factor, source[at], simd.splat_f64s(bias));

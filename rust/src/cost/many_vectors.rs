@@ -36,7 +36,7 @@ pub struct Course<'a, const O: usize> {
 }
 
 impl<const O: usize> Course<'_, O> {
-    /// Lay down each lane's set point from one sample before `start` on; outside the record its ends hold.
+    /// Write each lane's set point from one sample before `start` on; before and after the record its ends hold.
     fn lay(&self, late: [usize; LANES], start: usize, into: &mut [Pack]) {
         let inside = |late: usize| start > late && start - late - 1 + into.len() <= self.set.len();
         if late.into_iter().all(inside) {
@@ -50,7 +50,7 @@ impl<const O: usize> Course<'_, O> {
     }
 }
 
-/// Samples of which all count, or none.
+/// A stretch of samples that all count, or none of which counts.
 pub struct Stretch {
     samples: Range<usize>,
     counts: bool,
@@ -95,7 +95,7 @@ struct Recursion<const O: usize> {
     keep: Pack,
     pull: Pack,
     push: [Pack; 2],
-    /// Of each output, what the set point, the error, the change and the last step of the set point add to its residual.
+    /// For each output the factors of the set point, the error, the change and the set point's last step in its residual.
     reads: [[Pack; 4]; O],
     error: Pack,
     change: Pack,

@@ -49,13 +49,7 @@ impl<'a> Measured<'a> {
             format!("measured has {} values, expected {outputs} outputs of {samples} samples", measured.len())
         })?;
         require_numbers("offsets", offsets, outputs)?;
-        let taps = filters.len() / outputs.max(1);
-        require(filters.len() == outputs * taps && (1..=BLOCK).contains(&taps), || {
-            format!("filters has {} values, expected {outputs} rows of 1 to {BLOCK}", filters.len())
-        })?;
-        require(filters.iter().all(|tap| tap.is_finite()), || {
-            "filters holds a value that is not finite, expected finite numbers".to_owned()
-        })?;
+        require_filters(filters, outputs, BLOCK)?;
         Ok(Self { outputs, samples, offsets, measured, filters })
     }
 
@@ -68,10 +62,21 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// Refuse what is not so many finite numbers.
+/// Refuse another number of values, or values that are not finite.
 pub fn require_numbers(name: &str, values: &[f64], count: usize) -> Result<()> {
     require(values.len() == count && values.iter().all(|value| value.is_finite()), || {
         format!("{name} is {values:?}, expected {count} finite numbers")
+    })
+}
+
+/// Refuse filters that are not one row of 1 to `most` finite taps for each output.
+pub fn require_filters(filters: &[f64], outputs: usize, most: usize) -> Result<()> {
+    let taps = filters.len() / outputs.max(1);
+    require(filters.len() == outputs * taps && (1..=most).contains(&taps), || {
+        format!("filters has {} values, expected {outputs} rows of 1 to {most}", filters.len())
+    })?;
+    require(filters.iter().all(|tap| tap.is_finite()), || {
+        "filters holds a value that is not finite, expected finite numbers".to_owned()
     })
 }
 
@@ -127,13 +132,13 @@ impl<'a> Columns<'a> {
         self.present = [true; BLOCK];
     }
 
-    /// Where an output's derivatives in a direction go.
+    /// The column for an output's derivatives in a direction.
     pub fn slopes(&mut self, output: usize, direction: usize) -> &mut [f64] {
         let column = output * (self.directions + 1) + direction;
         &mut self.windows[column * (self.order + BLOCK) + self.order..][..self.laid]
     }
 
-    /// Lay down an output's residual against its simulated values.
+    /// Write an output's residual from its simulated values.
     pub fn residual(&mut self, output: usize, values: impl Iterator<Item = f64>) {
         let Measured { samples, offsets, measured, .. } = self.of;
         let column = output * (self.directions + 1) + self.directions;

@@ -1,6 +1,7 @@
 //! Sums of products of a record's residuals and sensitivities: all that a search needs to know of a record, however it weighs.
 
 use super::columns::Columns;
+use super::measured::{require_filters, require_numbers};
 use super::sums::{Combination, Sums};
 use crate::error::{Error, Result, require};
 use crate::linear::basis::{Basis, Span};
@@ -58,14 +59,7 @@ impl<'a> Record<'a> {
     /// # Errors
     /// [`Error::Invalid`] for a length that does not fit, no tap, too many, or one that is not finite.
     pub fn filtered(self, filters: &[f64]) -> Result<Self> {
-        let rows = self.outputs.len();
-        let taps = filters.len() / rows.max(1);
-        require(filters.len() == rows * taps && (1..=STEPS).contains(&taps), || {
-            format!("filters has {} values, expected {rows} rows of 1 to {STEPS}", filters.len())
-        })?;
-        require(filters.iter().all(|tap| tap.is_finite()), || {
-            "filters holds a value that is not finite, expected finite numbers".to_owned()
-        })?;
+        require_filters(filters, self.outputs.len(), STEPS)?;
         Ok(Self { filters: filters.to_vec(), ..self })
     }
 
@@ -74,10 +68,7 @@ impl<'a> Record<'a> {
     /// # Errors
     /// [`Error::Invalid`] for a length that does not fit, or an offset that is not finite.
     pub fn with_offsets(self, offsets: &[f64]) -> Result<Self> {
-        let rows = self.outputs.len();
-        require(offsets.len() == rows && offsets.iter().all(|offset| offset.is_finite()), || {
-            format!("offsets is {offsets:?}, expected {rows} finite numbers")
-        })?;
+        require_numbers("offsets", offsets, self.outputs.len())?;
         Ok(Self { offsets: Some(offsets.to_vec()), ..self })
     }
 
@@ -137,7 +128,7 @@ impl<'a> Record<'a> {
             rows.extend(span.columns.iter().map(|column| of_basis(column, 1.0)));
             filters.resize(rows.len(), filter(output));
         }
-        // Zero times a number is zero, else not a number: that tells what was measured.
+        // Zero times a sample is zero, or NaN where the sample is missing: so the row shows what was measured.
         rows.push((0..outputs).map(|output| (output, 0.0)).collect());
         filters.push(filter(0));
         let mut sums = Sums::new(rows.len() - usize::from(self.offsets.is_none()));

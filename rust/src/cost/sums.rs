@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 use crate::instruction_set::arch;
 use crate::linear::segmented_pass::BLOCK;
 
-/// Rows that are multiplied at a time by a pair of rows: more products than loads, and enough of them not to wait for one.
+/// Rows that are multiplied by a pair of rows at a time: more products than loads, and enough to hide their latency.
 const TILE: usize = 4;
 const PAIR: usize = 2;
 /// Lanes of the widest vectors.

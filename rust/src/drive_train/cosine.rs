@@ -1,4 +1,4 @@
-//! Cosine of an angle in turns, without branches or tables: a simulation of single firings asks for little else.
+//! Cosine of an angle in turns, without branches or tables, since simulations of single firings mostly compute cosines.
 
 use std::f64::consts::TAU;
 

@@ -9,12 +9,12 @@ use crate::scalar::Scalar;
 pub struct Delay<T = f64> {
     dead_time: T,
     history: VecDeque<(T, T)>,
-    /// When what broke the signal arrives.
+    /// Times at which jumps and bends of the signal arrive.
     breaks: VecDeque<T>,
 }
 
 impl<T: Scalar> Delay<T> {
-    /// A signal that has had one value forever; room for so many steps within the dead time.
+    /// A signal that was constant before, with room for so many steps within the dead time.
     #[must_use]
     pub fn new(dead_time: T, value: T, steps: usize) -> Self {
         let mut history = VecDeque::with_capacity(2 * steps + 8);
@@ -30,7 +30,7 @@ impl<T: Scalar> Delay<T> {
         self.dead_time.value() > 0.0
     }
 
-    /// Add to the history; times never descend. A signal that stands still needs no entries but where it jumps.
+    /// Add to the history; times never descend. A constant signal needs entries only where it jumps.
     #[inline(always)]
     pub fn push(&mut self, time: T, value: T) {
         self.history.push_back((time, value));
@@ -70,7 +70,7 @@ impl<T: Scalar> Delay<T> {
             piece += 1;
         }
         match (self.history.get(piece - 1), self.history.get(piece)) {
-            // Most commands are held: no division, and none by a stretch without an end.
+            // Most commands are held: that spares a division, and one by an infinite stretch.
             (Some(from), Some(to)) if from.1 != to.1 => {
                 from.1 + (to.1 - from.1) * ((past - from.0) / (to.0 - from.0))
             }

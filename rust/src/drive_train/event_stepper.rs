@@ -1,7 +1,7 @@
-//! Steps of the classical Runge-Kutta method, cut at what breaks the signals: delayed samples and the governor's own.
+//! Steps of the classical Runge-Kutta method, which end where signals jump or bend: at delayed samples and the governor's.
 //!
-//! Times are numbers that may carry derivatives, too: what breaks a signal comes at a time that depends on a dead time or
-//! on the crankshaft, and steps end where that time says. Before a sample is taken, the state moves to the time that
+//! Times are numbers that may carry derivatives, too, since the time of such a break depends on a dead time or on the
+//! crankshaft, and steps end at it. Before a sample is taken, the state moves to the time that
 //! stands still, at the rates from behind the break: what it loses at the rates before and gains at those behind is its
 //! derivative by the break's time. These moves have no length; plain numbers know nothing of them.
 
@@ -26,11 +26,11 @@ pub const ROWS: usize = 8;
 /// speed [m/s].
 pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n", "the ship's speed"];
 
-/// What is closer than this share of a step is at one time.
+/// Events closer than this share of a step are at one time.
 pub const SAME: f64 = 1e-8;
-/// By this share of a step a time is moved to say which side of a jump is meant.
+/// A time is moved by this share of a step to choose the side of a jump.
 const NUDGE: f64 = 1e-6;
-/// So many relative roundings of a time are surely more than it is off by.
+/// The error of a time is surely less than so many of its relative roundings.
 const ROUNDINGS: f64 = 8.0;
 
 /// The end of a step to be remembered, in one place.
@@ -150,7 +150,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                     }
                 }
                 let end = self.next_end(time, border, &begin);
-                // Time goes on whatever rounding makes of an event's.
+                // Time must advance even if rounding puts an event before it.
                 let end = if end.value() > time.value() { end } else { end.constant(border) };
                 self.advance(time, end - time, &begin);
                 time = end;
@@ -178,7 +178,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         time >= self.next_sample - self.same(time)
     }
 
-    /// What is closer is at one time: a share of a step, but more than times so late are rounded by.
+    /// Events closer than this are at one time: a share of a step, but more than the rounding of such a late time.
     #[inline(always)]
     fn same(&self, time: f64) -> f64 {
         (SAME * self.step).max(ROUNDINGS * f64::EPSILON * time)
@@ -202,7 +202,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         if self.next_sample > soon && self.next_sample < cut.value() - same {
             cut = cut.constant(self.next_sample);
         }
-        // Fired at the end of whatever step passes the angle, cylinders would beat with the steps.
+        // If cylinders fired at the end of the step that passes their angle, the steps would show as a beat.
         let speed = begin.engine_speed;
         let wait = self.memory.firing.left(self.state.crank) / speed;
         if wait.value() > 0.0 && wait.value() < 2.0 * self.step {

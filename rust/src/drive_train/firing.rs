@@ -1,4 +1,4 @@
-//! Torque of single firings: each takes the fuel of its own moment and gives it back over its stroke.
+//! Torque of single firings: each takes its fuel at one moment and turns it into torque over its stroke.
 
 use crate::scalar::Scalar;
 
@@ -32,7 +32,7 @@ impl<T: Scalar> Firing<T> {
         Self { interval, width, strength: strength.to_vec(), fuelled, count: -1.0, latest }
     }
 
-    /// Whether single firings are told apart.
+    /// Whether single firings are simulated.
     #[inline(always)]
     #[must_use]
     pub fn acts(&self) -> bool {

@@ -8,9 +8,9 @@ use crate::scalar::{Scalar, smaller};
 pub enum Timing {
     /// Always.
     Continuous,
-    /// Once in so long [s], and holds its command between.
+    /// Computes once in so many seconds, and holds its command between.
     Every(f64),
-    /// At each firing, and holds its command between.
+    /// Computes at each firing, and holds its command between.
     AtFiring,
 }
 
@@ -24,21 +24,21 @@ pub struct Governor<T = f64> {
     pub proportional: T,
     /// [mm/rev].
     pub integral: T,
-    /// Of the speed alone, so that a step of the set point gives no kick [mm s/(rev/s)].
+    /// Derivative gain, on the speed alone, so that a step of the set point gives no peak [mm s/(rev/s)].
     pub derivative: T,
     /// Time constant of the derivative's filter [s].
     pub filter: T,
     pub minimum_rack: T,
     pub maximum_rack: T,
-    /// Whether the integral stands still while a limit holds the command.
+    /// Whether the integral is held while a limit acts on the command.
     pub anti_windup: bool,
     pub timing: Timing,
 }
 
-/// Limits of the command at a time: what the governor may order, and what the engine makes of it at most.
+/// Limits of the command at a time: of the rack, and of the engine's torque.
 #[derive(Debug, Clone, Copy)]
 pub struct Ceiling<T = f64> {
-    /// Of the rack [mm]: its stop and the smoke limit.
+    /// Limit of the rack [mm]: its stop and the smoke limit.
     pub rack: T,
     /// The rack at which the engine's torque meets its envelope [mm].
     pub torque: T,
@@ -60,12 +60,12 @@ pub struct Command<T = f64> {
 pub struct Wait<T = f64> {
     /// Speed error [rev/s].
     miss: T,
-    /// What is wanted beyond the limit that the error pushes against [mm]; the integral waits where it is positive.
+    /// Excess of the command over the limit in the direction of the error [mm]; the integral is held where it is positive.
     excess: T,
 }
 
 impl<T: Scalar> Governor<T> {
-    /// Whether the integral waits, for a governor that always computes.
+    /// Whether the integral is held, for a governor that computes continuously.
     #[inline(always)]
     #[must_use]
     pub fn wait(&self, set_speed: T, speed: T, integrated: T, filtered: T, ceiling: &Ceiling<T>) -> Wait<T> {
@@ -79,10 +79,10 @@ impl<T: Scalar> Governor<T> {
         Wait { miss, excess }
     }
 
-    /// What a step adds to the integral, at whose begin and end these hold: nothing but derivatives.
+    /// A correction of the integral after a step from `begin` to `end`; its value is zero, it has derivatives only.
     ///
-    /// Where the integral begins or ceases to wait its rate jumps, so it depends on the time of that, which a step does not
-    /// know. The derivative of this time is that of the excess over the excess' rate (di Bernardo et al. 2008,
+    /// Where the integral begins or ceases to be held its rate jumps. So the integral depends on the time of the jump, which a
+    /// step does not know. The derivative of this time is that of the excess over the excess' rate (di Bernardo et al. 2008,
     /// *Piecewise-smooth Dynamical Systems*, section 2.5, the saltation matrix). Where the excess comes straight back, the
     /// command slides along its limit, and the excess depends on nothing: so it does where the integral waited in some
     /// stages of the step, `torn`, and yet not more at its end than at its begin.

@@ -28,13 +28,13 @@ pub struct Actuator<T = f64> {
 #[allow(missing_docs)]
 pub struct DriveTrain<T = f64> {
     pub governor: Governor<T>,
-    /// Of the set point's path [s].
+    /// Dead time of the set point [s].
     pub set_dead_time: T,
     pub actuator: Actuator<T>,
     pub engine: Engine<T>,
     /// On the torque envelope.
     pub limit_factor: T,
-    /// By how much the rack may exceed what the charge air is good for [mm].
+    /// Fuel that the smoke limiter allows beyond what the charge air can burn [mm of rack].
     pub smoke_margin: T,
     /// Time constant of the charge air behind the rack [s].
     pub turbocharger_lag: T,
@@ -63,7 +63,7 @@ pub struct DriveTrain<T = f64> {
     pub crank_angle: T,
 }
 
-/// What the drive train remembers from one step to the next.
+/// The drive train's memory between steps.
 #[derive(Debug, Clone)]
 pub struct Memory<T = f64> {
     pub rack: Ramp<T>,
@@ -84,7 +84,7 @@ pub struct Instant<T = f64> {
     pub arriving: Option<T>,
 }
 
-/// What the governor and the fuel's way make of an instant.
+/// Signals of the governor and of the fuel path at an instant.
 #[derive(Debug, Clone, Copy)]
 pub struct FuelPath<T = f64> {
     /// Of the governor.
@@ -122,7 +122,7 @@ impl<T: Scalar> DriveTrain<T> {
         if self.drag.is_zero() { self.drag } else { self.drag * shaft_speed.power(self.drag_exponent) }
     }
 
-    /// What the envelope allows at an engine speed [Nm].
+    /// Torque limit of the envelope at an engine speed [Nm].
     #[inline(always)]
     fn limit(&self, limit: &mut impl Slope, engine_speed: T) -> T {
         let torque = limit.torque(engine_speed.value());
@@ -229,7 +229,7 @@ impl<T: Scalar> DriveTrain<T> {
         }
     }
 
-    /// The state from which a record starts: the rack and the twist as if all had stood so for long.
+    /// The state from which a record starts: rack and twist have their steady values.
     #[must_use]
     pub fn start(&self) -> (State<T>, Memory<T>) {
         let speed = self.initial_speed;

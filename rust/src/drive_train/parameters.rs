@@ -60,7 +60,7 @@ pub const PARAMETERS: [&str; plant::PARAMETERS.len() + OWN.len()] = {
     names
 };
 
-/// What does not fit into a vector of fixed length.
+/// Tables that belong to a parameter vector, of lengths that vary.
 #[derive(Debug, Clone, Default)]
 pub struct Tables {
     /// Each cylinder's torque over the mean of all, in the order of firing.
@@ -69,7 +69,7 @@ pub struct Tables {
     pub quadrants: Option<Quadrants>,
 }
 
-/// Which numbers a parameter may be.
+/// Which numbers a parameter may be, as a test and in words.
 fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
     match name {
         "blade_path" | "limit_factor" => (|value| value > 0.0 && value.is_finite(), "a positive number"),
@@ -99,7 +99,7 @@ impl DriveTrain {
         Ok(train)
     }
 
-    /// The same without a look at the inertias: a search may come to two that no ship has, and must go on.
+    /// The same without checking the inertias: a search may pass through values that no ship has.
     pub(crate) fn of_any_inertias(values: &[f64], tables: Tables) -> Result<Self> {
         require(values.len() == PARAMETERS.len(), || {
             format!("parameters has {} values, expected {}", values.len(), PARAMETERS.len())
@@ -118,7 +118,7 @@ impl DriveTrain {
         Ok(train)
     }
 
-    /// What one inertia demands of the other.
+    /// Check the two inertias against each other.
     fn require_inertias(&self) -> Result<()> {
         let Shaft { engine_side, propeller_side, stiffness, .. } = self.shaft;
         let (inertia, rigid) = (engine_side + propeller_side, stiffness == f64::INFINITY);
@@ -134,7 +134,7 @@ impl DriveTrain {
         })
     }
 
-    /// What one value demands of another.
+    /// Check values that depend on each other.
     fn require_agreement(&self) -> Result<()> {
         let Governor { minimum_rack, maximum_rack, derivative, filter, timing, .. } = self.governor;
         require(minimum_rack < maximum_rack, || {
@@ -164,7 +164,7 @@ impl DriveTrain {
 }
 
 impl<T: Scalar> DriveTrain<T> {
-    /// Of checked numbers in the order of [`PARAMETERS`].
+    /// Build from checked numbers in the order of [`PARAMETERS`].
     pub(crate) fn of(numbers: [T; PARAMETERS.len()], tables: Tables) -> Self {
         // long: a line for each of the numbers, and one for where it goes.
         let [

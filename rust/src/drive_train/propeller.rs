@@ -16,7 +16,7 @@ pub struct Propeller<T = f64> {
     pub thrust: T,
     /// Blade speed at 0.7 of the radius over the shaft speed, 0.7 pi D [m].
     pub blade_path: T,
-    /// What the wake leaves of the ship's speed.
+    /// Speed of the inflow over that of the ship, less than 1 in its wake.
     pub inflow: T,
     /// Of the ripple.
     pub blades: f64,

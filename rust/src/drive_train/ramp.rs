@@ -3,7 +3,7 @@
 use crate::plant::limited;
 use crate::scalar::Scalar;
 
-/// Follows a demand within a rate; infinite for no limit.
+/// Follows a demand at a limited rate, infinite for no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ramp<T = f64> {
     rate: T,

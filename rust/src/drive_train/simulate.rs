@@ -95,7 +95,7 @@ pub fn simulate(
     arch().dispatch(Rows { train, envelope, run, output, samples, stop })
 }
 
-/// Compiled for the machine's instructions, rounding among them.
+/// Compiled for the machine's instructions, among them that of rounding.
 struct Rows<'a> {
     train: &'a DriveTrain,
     envelope: &'a Envelope,

@@ -18,9 +18,9 @@ pub const ORDER: usize = 8;
 /// results that follow.
 #[derive(Debug, Clone)]
 pub struct AllPole {
-    /// What a unit in each sample adds to the results.
+    /// Change of the results for one unit in each sample.
     by_sample: [[f64; ORDER]; ORDER],
-    /// What a unit in each of the results that follow adds.
+    /// Change of the results for one unit in each of the results that follow in time.
     by_result: [[f64; ORDER]; ORDER],
     idle: bool,
 }

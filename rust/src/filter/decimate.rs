@@ -7,7 +7,7 @@ use crate::instruction_set::arch;
 use crate::memory::reserve;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Sums kept side by side, so that no addition waits for the one before.
+/// Number of sums computed side by side, to hide the latency of additions.
 const LANES: usize = 32;
 
 /// Largest numerator and denominator of a ratio of rates: a row of taps is kept for each of `up` phases.
@@ -28,7 +28,7 @@ pub struct Decimator {
     half: usize,
     /// Samples that some later output still needs, the first one repeated before it as often as a row is long.
     held: Vec<f64>,
-    /// Samples given up before those held.
+    /// Number of samples dropped before those held.
     given_up: usize,
     /// Outputs made so far.
     made: usize,
@@ -85,7 +85,7 @@ impl Decimator {
         let Some(&last) = self.held.last() else {
             return Err(Error::Invalid("samples: none were fed, expected at least one".to_owned()));
         };
-        // The input stands for as long as a filter reaches, and for one output more; what lies beyond tells nothing new.
+        // The last sample is repeated for the filter's length and one output more; further outputs would not change.
         let row = self.phases[0].len();
         let samples = self.given_up + self.held.len() - row;
         let most = (samples + row).saturating_mul(self.up) / self.down + 1;

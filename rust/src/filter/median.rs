@@ -54,7 +54,7 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
             leaving.take_out(index);
             entering.put_back(index);
             if leaving.small + entering.small < half {
-                // A toss-up that no branch predictor guesses; both are moved, one of them nowhere.
+                // No branch predictor can guess which one moves, so both are moved, one of them to where it is.
                 let from_leaving = leaving.least_large() <= entering.least_large();
                 leaving.advance_if(from_leaving);
                 entering.advance_if(!from_leaving);
@@ -68,7 +68,7 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
     Ok(result)
 }
 
-/// A block's samples as a list in order of size, cut into small and large ones.
+/// A block's samples as a linked list in order of size, divided into small and large ones.
 struct Block {
     /// Keys in order, their last bits replaced by the place: one word sorts much faster than two.
     order: Vec<u64>,
@@ -163,7 +163,7 @@ impl Block {
         let is_small = self.is_small(place);
         self.unlink(place);
         if self.small > 0 {
-            // What stood before the one taken out is still told by its own links.
+            // Its own links still show what stood before it.
             let before = self.links[self.middle as usize].previous;
             self.middle = if is_small { self.middle } else { before };
             self.small -= 1;

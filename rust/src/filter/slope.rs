@@ -43,7 +43,7 @@ pub fn slope_at_even_times(
         format!("start, rate: found {start} and {rate}, expected finite numbers, the rate positive")
     })?;
     let latest = start.abs().max(edges[0].abs()).max(edges[stretches].abs());
-    // Where times run together there is no slope at each of them, and no end to a search among them.
+    // Where times are equal after rounding, the search among them would not end.
     require(1.0 / rate >= RESOLUTION * f64::EPSILON * latest, || {
         format!(
             "rate: found {rate} Hz at times up to {latest} s, expected one that a number of 64 bits can tell apart there"

@@ -67,7 +67,7 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
         for (place, _) in group.iter().enumerate().filter(|&(_, &distance)| distance > shoulder) {
             let at = index * rule.stride + place;
             match suspects.last_mut() {
-                // One that swings through the baseline is one spike.
+                // A spike that swings through the baseline counts as one.
                 Some((_, end)) if at - *end <= (rule.longest / 10).max(1) => *end = at + 1,
                 _ => suspects.push((at, at + 1)),
             }
@@ -118,7 +118,7 @@ fn join(extremes: &[(f64, f64)]) -> (f64, f64) {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), pair| (low.min(pair.0), high.max(pair.1)))
 }
 
-/// Whether the signal goes on where it was left; at the signal's ends nobody knows.
+/// Whether the signal comes back to its level before the spike; true at the record's ends, where it can't be seen.
 fn comes_back(before: &[f64], peak: f64, after: &[f64]) -> bool {
     if before.is_empty() || after.is_empty() {
         return true;

@@ -104,9 +104,9 @@ pub struct Tile<const LANES: usize> {
     sets: [[f64; LANES]; TILE + 1],
 }
 
-/// How a group's lanes are taken through a tile.
+/// How a group's lanes advance through a tile.
 pub trait Advance<L, const LANES: usize> {
-    /// Take all lanes through so many samples.
+    /// Advance all lanes through so many samples.
     ///
     /// # Errors
     /// [`Error::Stopped`] on request.
@@ -152,7 +152,7 @@ pub fn march<M: Method, L, const LANES: usize>(
 
 /// Runs side by side.
 ///
-/// Aligned, and the lanes first: a vector that is stored across a border of cache lines takes long to be loaded again.
+/// Aligned, and the lanes first: loading a vector that was stored across two cache lines is slow.
 #[repr(C, align(64))]
 pub struct Lanes<L, const LANES: usize> {
     speed: [f64; LANES],
@@ -160,7 +160,7 @@ pub struct Lanes<L, const LANES: usize> {
     motion: Motion<[f64; LANES]>,
     limit: L,
     substeps: usize,
-    /// Part of the way between set points that a step covers.
+    /// Part of the interval between two set points that a step covers.
     part: f64,
 }
 
@@ -184,7 +184,7 @@ impl<L, const LANES: usize> Lanes<L, LANES> {
         }
     }
 
-    /// Take the lanes of a place through the samples of a tile; their states stay in registers all the while.
+    /// Advance the lanes of one register through the samples of a tile; their states stay in registers.
     #[inline(always)]
     pub fn advance<T: Number, M: Method, P: Power, const FUSED: bool>(
         &mut self,

@@ -73,7 +73,7 @@ impl Method for Rk4 {
         let third = change.over::<FUSED>(0.5, state + second);
         let fourth = change.over::<FUSED>(1.0, state + (third + third));
         let middle = second + third;
-        // What waits for the fourth comes last.
+        // The fourth rate is known last, so it is added last.
         state.plus::<FUSED>(first + (middle + middle), 1.0 / 3.0).plus::<FUSED>(fourth, 1.0 / 3.0)
     }
 }

@@ -13,7 +13,7 @@ pub struct Engine<T = f64> {
     pub speed_gain: T,
     /// A3 [Nm].
     pub offset: T,
-    /// What the torque never falls below [Nm], minus infinity for no such limit.
+    /// Lowest torque [Nm], minus infinity for no limit.
     pub minimum_torque: T,
 }
 

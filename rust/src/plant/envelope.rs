@@ -3,7 +3,7 @@
 use super::Number;
 use crate::error::{Error, Result, require};
 
-/// The envelope as a loop looks it up.
+/// A torque limit, as the loop over the samples looks it up.
 pub trait Limit {
     /// Largest brake torque [Nm] at an engine speed [rev/s].
     fn torque(&mut self, engine_speed: f64) -> f64;
@@ -109,9 +109,9 @@ impl Table {
     }
 }
 
-/// Looks a table up from the piece of the time before.
+/// Looks a table up, starting from the piece found last.
 ///
-/// The speed moves little between stages, so that the branches are predicted and no search is paid for. A speed
+/// The speed changes little between stages, so that the branches are predicted and no search is needed. A speed
 /// belongs to one piece only: the result does not depend on where the search starts.
 #[derive(Debug, Clone, Copy)]
 pub struct Cursor<'a> {

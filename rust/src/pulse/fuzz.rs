@@ -1,4 +1,4 @@
-//! Adversarial trains, levels and chunks by the million, each compared with the rules said sample by sample.
+//! Millions of adversarial trains, levels and chunks, each compared with a slow detector that goes sample by sample.
 //!
 //! `cargo test --release pulse_fuzz -- --ignored --nocapture` runs ten million.
 

@@ -9,7 +9,7 @@ use crate::scalar::{Dual, Tangent};
 
 const WIDTH: usize = PARAMETERS.len();
 
-/// Parameters of elements that the plant with ramps and a late set point has not, as they are where nothing acts.
+/// Parameters of the elements that the short cut with two states lacks, with the values at which they do not act.
 const OFF: [(&str, f64); 15] = [
     ("shaft_stiffness", f64::INFINITY),
     ("drag_coefficient", 0.0),

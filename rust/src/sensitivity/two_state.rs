@@ -229,7 +229,7 @@ impl<'a, T: Scalar, L: Slope> March<'a, T, L> {
         self.flow(set, set.constant(0.0), self.state)
     }
 
-    /// On to the sample after `k`, whose signals those are.
+    /// Advance from sample `k`, whose signals are `flow`, to the next.
     #[inline(always)]
     fn pass(&mut self, k: usize, flow: Flow<T>) {
         let (lead, main) = self.feed.pieces(k, self.state.speed);

@@ -67,7 +67,7 @@ class _Source:
             faults = tuple(Fault(**fault) for fault in facts["faults"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{self.path}: the package {self._package} answers nonsense; is the file damaged?"
+                f"{self.path}: the package {self._package} gives answers that make no sense; is the file damaged?"
             ) from error
         for note in told:
             warnings.warn(note, LogWarning, stacklevel=5)

@@ -110,7 +110,7 @@ def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[p
     """Return each column's name without its unit, to its field and what is known about it."""
     if len(set(schema.names)) < len(schema.names):
         twice = next(name for name in schema.names if schema.names.count(name) > 1)
-        raise InputError(f"{path}: column {twice!r} stands there twice; give each channel its own name")
+        raise InputError(f"{path}: column {twice!r} appears twice; give each channel its own name")
     fields: dict[str, tuple[pa.Field, dict[str, Any]]] = {}
     for field in schema:
         name, unit = split_unit(field.name)

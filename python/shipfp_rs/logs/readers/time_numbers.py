@@ -114,7 +114,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
 
 
 def _is_packed(values: Array) -> bool:
-    """Whether numbers go from 59.9 to 100.0, as hhmmss.s without marks does."""
+    """Whether numbers are times of day such as 100059.5 (hhmmss.s), which jump from 59.9 to 100.0."""
     if (
         values.min() < 0.0
         or values.max() >= 240000.0
