@@ -28,8 +28,12 @@ PIECE = 1 << 17
 def run2_windows() -> list[tuple[str, str, float, float]]:
     """Name, kind, start and stop [s] of the experiments of Run2 (Table 6.7), in order of time."""
     rows = [row for row in published.full_scale_experiments() if row.jvs_file == "Run2"]
+    kinds = {"step": "steps"}
     return sorted(
-        ((row.name, row.kind, float(row.jvs_start_s), float(row.jvs_stop_s)) for row in rows),
+        (
+            (row.name, kinds.get(row.kind, row.kind), float(row.jvs_start_s), float(row.jvs_stop_s))
+            for row in rows
+        ),
         key=lambda row: row[2],
     )
 

@@ -169,13 +169,14 @@ def test_a_left_out_element_widens_the_side_on_which_it_would_move_the_estimate(
 
     estimate = Estimate(1.0, 0.1, (0.8, 1.2))
     above = Neglect(0.0, 0.5, {"p": 1.0})
-    low, high = _beyond(estimate, 1.0, above)
+    low, high = _beyond(estimate, 1.0, above, np.inf)
     assert low == 0.0
     # Both told together: 1.96 sqrt(0.1^2 + 0.5^2) beyond the estimate, less what the interval has.
     assert high == pytest.approx(np.hypot(0.2, 1.96 * 0.5) - 0.2, rel=0.02)
-    assert _beyond(estimate, 0.0, above) == (0.0, 0.0)
+    assert _beyond(estimate, 0.0, above, np.inf) == (0.0, 0.0)
+    assert _beyond(estimate, 1.0, above, 0.1)[1] <= 0.1  # no stronger than that it can be
     # What the residuals speak against moves nothing far.
-    assert _beyond(estimate, 1.0, Neglect(-5.0, 0.5, {}))[1] < 0.25 * high
+    assert _beyond(estimate, 1.0, Neglect(-5.0, 0.5, {}), np.inf)[1] < 0.25 * high
 
 
 def test_a_parameter_on_a_bound_has_a_limit_in_place_of_a_value():
@@ -232,3 +233,13 @@ def test_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_to
     # A governor that adds up after it acts has K_i T_s / 2 less than it seems: the interval holds both ways.
     low, high = found.parameters["vK_p"].ci95
     assert high - low >= truth["vK_i"] * period
+
+
+def test_what_was_left_out_widens_only_as_far_as_no_delay_falls_below_nothing():
+    """A dead time in the loop can take over no more of the set point's than there is."""
+    launch = fp.Vessel.load("stan-launch-804")
+    chirp = fp.signals.chirp(0.02, 2.0, 120.0, 40.0, rate_hz=20.0)
+    trial = fp.simulate(launch, chirp, noise={"n_e": 0.05, "M_b": 0.1}, seed=2)
+    found = fp.identify(trial, torque="brake", outputs=["dn", "dM"])
+    low, high = found.parameters["vK_p"].ci95
+    assert high - low < 0.2 * found.parameters["vK_p"].value

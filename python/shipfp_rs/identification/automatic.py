@@ -174,7 +174,7 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
                         if group is groups["parameters"]
                         else slope_of(name, values, neglect.shift)
                     )
-                    each.append(_beyond(estimate, slope, neglect))
+                    each.append(_beyond(estimate, slope, neglect, _most(neglect, fingerprint, choice)))
                 more += np.square(np.max(each, axis=0))
             low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
             if group is groups["parameters"]:
@@ -188,8 +188,22 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])
 
 
-def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, float]:
-    """How far below and above an interval the estimate may be with the element."""
+def _most(neglect: Neglect, fingerprint: Fingerprint, choice: Choice) -> float:
+    """Strength of an element that pushes a parameter's whole interval over a bound: stronger it can't be."""
+    most = np.inf
+    for name, slope in neglect.shift.items():
+        estimate = fingerprint.parameters.get(name)
+        if estimate is None or estimate.ci95 is None or slope == 0.0:
+            continue
+        parameter = choice.best.search.structure[name]
+        least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
+        room = parameter.upper - estimate.ci95[0] if slope > 0.0 else estimate.ci95[1] - least
+        most = min(most, max(room, 0.0) / abs(slope))
+    return most
+
+
+def _beyond(estimate: Estimate, slope: float, neglect: Neglect, most: float) -> tuple[float, float]:
+    """How far below and above an interval the estimate may be with the element, at most of that strength."""
     if slope == 0.0 or not np.isfinite([slope, neglect.estimate, neglect.deviation]).all():
         return 0.0, 0.0
     best = max(neglect.estimate, 0.0)
@@ -202,7 +216,8 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect) -> tuple[float, 
     assert estimate.ci95 is not None
     assert estimate.value is not None
     low, high = estimate.ci95[0] - estimate.value, estimate.ci95[1] - estimate.value
-    inside = rise <= 1.96**2 * (1.0 + 1e-9)
+    inside = (rise <= 1.96**2 * (1.0 + 1e-9)) & (seen <= most**neglect.power)
+    inside[0] = True
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
     return max(low - lowest, 0.0), max(highest - high, 0.0)
 
