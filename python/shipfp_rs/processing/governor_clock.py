@@ -36,7 +36,7 @@ PIECES = 8
 COHERENT = 0.75
 """Part of a harmonic's power, piece by piece, that one line through all pieces must explain; for two harmonics."""
 ALONE = 100.0
-"""Power over noise from which on a line may be a clock's although none of its harmonics is seen: twisting shafts take them."""
+"""Power over noise from which on a line may be a clock's although no harmonic of it is seen: twisting shafts take them."""
 STEADY = 0.92
 """What such a line must reach in place of `COHERENT`."""
 FAR_FROM_ORDERS = 1e-2
