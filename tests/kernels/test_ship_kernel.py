@@ -3,6 +3,7 @@
 import csv
 import math
 import time
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -71,14 +72,28 @@ def by_size(found, expected):
     return (np.abs(found - expected).max(axis=-1) / size).max()
 
 
+@cache
+def signals_of(ship, hold):
+    """The twin's signals, once for all instruction sets."""
+    u, load = inputs_of(ship, 30)
+    parameters = vector(**SHIPS[ship])
+    levels = 10 if parameters[NAMES.index("K_d")] else 6
+    return twin.simulate(parameters, u, load, DT, hold, FIVE, levels=levels)
+
+
+@cache
+def differences_of(ship, hold, name, length, **more):
+    """The twin's central differences, once for all instruction sets."""
+    u, load = inputs_of(ship, length)
+    return twin.differences(vector(**SHIPS[ship]), name, u, load, DT, hold, FIVE, levels=5, **more)
+
+
 @pytest.mark.parametrize("hold", ["first", "zero"])
 @pytest.mark.parametrize("ship", SHIPS)
 def test_signals_are_those_of_the_equations(ship, hold):
     u, load = inputs_of(ship, 30)
     parameters = vector(**SHIPS[ship])
-    expected = twin.simulate(
-        parameters, u, load, DT, hold, FIVE, levels=10 if parameters[NAMES.index("K_d")] else 6
-    )
+    expected = signals_of(ship, hold)
     found = _core.simulate_ship(parameters, u, load, DT, 0, hold, FIVE)
     assert by_size(found, expected) < 1e-7
 
@@ -97,7 +112,7 @@ def test_derivatives_are_those_of_the_solution_along_every_parameter(ship, hold)
     _, found = _core.ship_sensitivities(parameters, u, load, DT, 3, hold, FIVE, places(*moving))
     for name, slopes in zip(moving, found, strict=True):
         step = 1e-4 if name in ("T_d", "T_set", "T_n", "T_M", "tau_act") else 5e-4
-        expected = twin.differences(parameters, name, u, load, DT, hold, FIVE, step=step, levels=5)
+        expected = differences_of(ship, hold, name, 12, step=step)
         # 1e-6 is the aim; behind a lag with steps of the set point five terms leave 2.8e-6 along g.
         assert by_size(slopes, expected) < 5e-6, name
 
@@ -111,7 +126,7 @@ def test_derivatives_along_what_moves_breaks_hold_for_every_element(ship, hold):
     # Steps chosen by themselves leave 3e-6 where one is as long as a sample; three of them leave less.
     _, found = _core.ship_sensitivities(parameters, u, load, DT, 3, hold, FIVE, places(*moving))
     for name, slopes in zip(moving, found, strict=True):
-        expected = twin.differences(parameters, name, u, load, DT, hold, FIVE, levels=5)
+        expected = differences_of(ship, hold, name, 10)
         assert by_size(slopes, expected) < 1e-6, name
 
 

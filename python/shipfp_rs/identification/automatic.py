@@ -177,11 +177,6 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
                     each.append(_beyond(estimate, slope, neglect, _most(neglect, fingerprint, choice)))
                 more += np.square(np.max(each, axis=0))
             low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
-            if group is groups["parameters"]:
-                parameter = choice.best.search.structure[name]
-                least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
-                low = min(max(low, least), estimate.ci95[0])
-                high = max(min(high, parameter.upper), estimate.ci95[1])
             widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
             std = None if estimate.std is None else estimate.std * widened
             group[name] = replace(estimate, ci95=(float(low), float(high)), std=std)
@@ -220,6 +215,19 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect, most: float) -> 
     inside[0] = True
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
     return max(low - lowest, 0.0), max(highest - high, 0.0)
+
+
+def within_bounds(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
+    """Return the fingerprint with no interval beyond what the structure takes for possible; without an element it is off."""
+    parameters = dict(fingerprint.parameters)
+    for name, estimate in parameters.items():
+        if estimate.status not in KNOWN or estimate.ci95 is None:
+            continue
+        parameter = choice.best.search.structure[name]
+        least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
+        low, high = max(estimate.ci95[0], least), min(estimate.ci95[1], parameter.upper)
+        parameters[name] = replace(estimate, ci95=(low, high))
+    return replace(fingerprint, parameters=parameters)
 
 
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
@@ -291,8 +299,6 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
             estimate.value + sign * float(np.hypot(end - estimate.value, 1.96 * bound))
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
-        if estimate.unit == "s" and estimate.ci95[0] >= 0.0:
-            low = max(low, 0.0)
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound))
         group[name] = replace(estimate, ci95=(low, high), std=std)
     return replace(fingerprint, parameters=groups["parameters"], derived=groups["derived"])

@@ -22,6 +22,8 @@ TAKEN_S = 0.02
 """What a delay on its bound takes from another one, to see whether it acts all the same [s]."""
 ALIKE = ("dead_time_loop", "actuator_lag")
 """Elements that look alike below the loop's bandwidth: each is tried in the other's place."""
+ROUNDS = 3
+"""Turns of taking elements on and dropping them, at most."""
 HOPELESS = 0.5
 """Part of the deviance that takes an element on below which what it promises is not worth a fit."""
 
@@ -61,20 +63,15 @@ def choose(chooser: Chooser) -> Choice:
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
     current = _without_least(chooser, chooser.first(), level, ladder)
-    gains: Gains = {}
-    for _ in range(len(chooser.candidates) + 1):
-        best, gains = _gains(chooser, current, level, ladder)
-        if best is None:
+    current, gains = _forward(chooser, current, level, ladder)
+    for _ in range(ROUNDS):
+        kept, rises, poorer = _backward(chooser, current, level, ladder)
+        if kept is current:
             break
-        grown = chooser.refined(best)
-        if _fall(gains, grown) < level * dispersion(grown):
-            # Beside what the set point still explains of the residuals, that is nothing.
+        # Weights and base are those of the structure that is left, beside which another element may be worth more.
+        current, gains = _forward(chooser, kept, level, ladder)
+        if current is kept:
             break
-        current = grown
-    kept, rises, poorer = _backward(chooser, current, level, ladder)
-    if kept is not current:
-        # Weights and base are those of the structure that is left.
-        current, (_, gains) = kept, _gains(chooser, kept, level, ladder)
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
     better = min(rivals, key=cost, default=None)
     if better is not None and cost(better) < cost(current.base) - SAME:
@@ -96,6 +93,21 @@ def choose(chooser: Chooser) -> Choice:
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
     neglected = {name: gain.neglect for name, gain in gains.items()}
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
+
+
+def _forward(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> tuple[Fitted, Gains]:
+    """Take elements on, the best first, as long as the deviance falls enough; return each other one's gain."""
+    gains: Gains = {}
+    for _ in range(len(chooser.candidates) + 1):
+        best, gains = _gains(chooser, current, level, ladder)
+        if best is None:
+            break
+        grown = chooser.refined(best)
+        if _fall(gains, grown) < level * dispersion(grown):
+            # Beside what the set point still explains of the residuals, that is nothing.
+            break
+        current = grown
+    return current, gains
 
 
 def _without_least(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> Fitted:

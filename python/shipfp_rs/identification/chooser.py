@@ -105,8 +105,10 @@ class Chooser:
         self.forced = tuple(forced)
         self.candidates = tuple(name for name in CANDIDATES if name not in excluded and name not in forced)
         self.narrow = narrow or {}
-        self.band_limited = False
-        """Whether the set point between its samples is taken for a band-limited signal."""
+        self.band_limited = all(one.is_low_passed and one.hold == "first" for one in experiments)
+        """Whether the set point between its samples is taken for a band-limited signal: one that was low-passed is."""
+        if self.band_limited:
+            self.experiments = [band_limited(one) for one in experiments]
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
         self.options = {
@@ -170,7 +172,8 @@ class Chooser:
         if self.clock is not None:
             search = self._less_held(search, best)
             best = search.minimise(best.vector)
-        search, best = self._interpolated(elements, search, best)
+        if not self.band_limited:
+            search, best = self._interpolated(elements, search, best)
         if _is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
@@ -187,9 +190,7 @@ class Chooser:
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
         else:
-            # Of a set point that was low-passed it is known to be band-limited, so only evidence speaks for lines.
-            known = all(one.is_low_passed for one in straight)
-            if trial.criterion < best.criterion + (TOLD if known else -TOLD):
+            if trial.criterion < best.criterion - TOLD:
                 self.band_limited = True
                 return other, trial
         self.experiments = straight

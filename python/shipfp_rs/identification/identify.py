@@ -18,6 +18,7 @@ from shipfp_rs.identification.automatic import (
     widened_by_neglect,
     with_limits,
     with_rivals,
+    within_bounds,
 )
 from shipfp_rs.identification.blocks import Data, Offsets
 from shipfp_rs.identification.choose import choose
@@ -211,7 +212,7 @@ def _chosen(
     adequate = adequacy(fingerprint, choice.best)
     fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
-    fingerprint = with_clock(fingerprint, chooser.clock)
+    fingerprint = within_bounds(with_clock(fingerprint, chooser.clock), choice)
     fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
     return reworded(fingerprint)
 

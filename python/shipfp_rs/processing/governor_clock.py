@@ -35,6 +35,12 @@ PIECES = 8
 """Parts of the record, as lively each as the others, through all of which a clock keeps its phase."""
 COHERENT = 0.75
 """Part of a harmonic's power, piece by piece, that one line through all pieces must explain; for two harmonics."""
+ALONE = 100.0
+"""Power over noise from which on a line may be a clock's although no harmonic of it is seen: twisting shafts take them."""
+STEADY = 0.92
+"""What such a line must reach in place of `COHERENT`."""
+FAR_FROM_ORDERS = 1e-2
+"""Part of an order by which such a line must be off any order: speeds that swing lopsidedly move those lines a little."""
 CHANCE = 20.0
 """Power over noise that one of some harmonics may have by chance."""
 PART = 0.7
@@ -92,17 +98,20 @@ def governor_clock(
     step = rate_hz / length
     power = _over_noise(_explained(spectra, inverse), step)
     found = _comb(power, step, min(SEEN * rate_hz, 2.0 * FASTEST_HZ), orders_hz)
-    if found is None:
+    if found is not None:
+        clock, harmonic = found
+        top = float(power[round(harmonic * clock / step)])
+        told = _refined(stairs, slopes, inverse, rate_hz, clock, harmonic, top)
+        most = min(HARMONICS, int(SEEN * rate_hz * told.period_s))
+        numbers = range(1, most + 1)
+        shares = sorted(_coherence(stairs, slopes, rate_hz, number / told.period_s) for number in numbers)
+        if len(shares) > 1 and shares[-2] > COHERENT:
+            return told
+    line = _line(power, step, orders_hz)
+    if line is None:
         return None
-    clock, harmonic = found
-    told = _refined(
-        stairs, slopes, inverse, rate_hz, clock, harmonic, float(power[round(harmonic * clock / step)])
-    )
-    top = min(HARMONICS, int(SEEN * rate_hz * told.period_s))
-    shares = sorted(
-        _coherence(stairs, slopes, rate_hz, number / told.period_s) for number in range(1, top + 1)
-    )
-    return told if len(shares) > 1 and shares[-2] > COHERENT else None
+    told = _refined(stairs, slopes, inverse, rate_hz, line, 1, float(power[round(line / step)]))
+    return told if _coherence(stairs, slopes, rate_hz, 1.0 / told.period_s) > STEADY else None
 
 
 def _filled(values: Array) -> Array:
@@ -175,6 +184,15 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
     enough = PART * max(candidates)[0]
     _, part, clock = min((one for one in candidates if one[0] >= enough), key=lambda one: one[2])
     return clock, part
+
+
+def _line(power: Array, step: float, orders_hz: Array) -> float | None:
+    """Return the strongest line [Hz], if it is strong enough and no order's."""
+    bins = np.arange(round(SLOWEST_HZ / step), min(round(FASTEST_HZ / step), len(power)))
+    line = float(bins[np.argmax(power[bins])] * step)
+    turns = line / orders_hz
+    is_order = (np.abs(turns - np.round(turns)) < FAR_FROM_ORDERS * turns).any()
+    return None if power[round(line / step)] < ALONE or is_order else line
 
 
 def _refined(

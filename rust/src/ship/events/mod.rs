@@ -21,9 +21,10 @@ mod switches;
 mod terms;
 mod tight;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::error::Result;
+use crate::instruction_set::arch;
 use crate::scalar::{Dual, Scalar, Tangent};
 use crate::stop::Stop;
 
@@ -57,7 +58,7 @@ fn march_of<const N: usize>(
     stop: &Stop,
     consume: &mut Consume<'_>,
 ) -> Result<()> {
-    Arch::new().dispatch(Through::<'_, '_, N> { task, run, stop, consume })
+    arch().dispatch(Through::<'_, '_, N> { task, run, stop, consume })
 }
 
 struct Through<'a, 'c, const N: usize> {

@@ -19,9 +19,10 @@ mod slopes;
 mod sources;
 mod steps;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::error::{Error, Result, require};
+use crate::instruction_set::arch;
 use crate::integrate::Hold;
 use crate::stop::Stop;
 
@@ -64,10 +65,10 @@ const QUICK: f64 = 1.0 / 256.0;
 /// [`Error::Stopped`] on request, and what `consume` returns.
 pub fn march(task: &Task<'_>, run: &Run<'_>, stop: &Stop, consume: &mut Consume<'_>) -> Result<()> {
     match (task.wrt.contains(&at::P), task.parameters.is_off(at::TAU_TWIST)) {
-        (true, true) => Arch::new().dispatch(Pass::<true, TERMS> { task, run, stop, consume }),
-        (false, true) => Arch::new().dispatch(Pass::<false, TERMS> { task, run, stop, consume }),
-        (true, false) => Arch::new().dispatch(Pass::<true, FLEXIBLE_TERMS> { task, run, stop, consume }),
-        (false, false) => Arch::new().dispatch(Pass::<false, FLEXIBLE_TERMS> { task, run, stop, consume }),
+        (true, true) => arch().dispatch(Pass::<true, TERMS> { task, run, stop, consume }),
+        (false, true) => arch().dispatch(Pass::<false, TERMS> { task, run, stop, consume }),
+        (true, false) => arch().dispatch(Pass::<true, FLEXIBLE_TERMS> { task, run, stop, consume }),
+        (false, false) => arch().dispatch(Pass::<false, FLEXIBLE_TERMS> { task, run, stop, consume }),
     }
 }
 
