@@ -265,26 +265,6 @@ def test_on_the_way_to_a_minimum_sums_are_good_to_a_part_in_a_thousand(more):
     np.testing.assert_allclose(rough / np.outer(size, size), exact / np.outer(size, size), atol=1e-3)
 
 
-@pytest.mark.parametrize(("dt", "frequency"), [(0.02, 0.1), (0.02, 0.4), (0.002, 1.25)])
-def test_a_smooth_set_point_is_answered_as_beside_a_step_that_makes_every_break_count(dt, frequency):
-    wrt = places("tau_n", "g", "K_p", "K_i", "p", "tau_prop", "T_d", "T_set", "initial_F")
-    ship = vector(T_d=0.1213, T_set=0.0351, tau_prop=0.4)
-    t = dt * np.arange(800)
-    u = 1.0 + 0.05 * np.cos(2.0 * math.pi * frequency * t) + 1e-6 * np.random.default_rng(3).normal(size=800)
-
-    def answer(u):
-        values, slopes = _core.ship_sensitivities(ship, u, NO_LOAD, dt, 0, "first", SPEED_AND_GAUGE, wrt)
-        return values[:, :800], slopes[:, :, :800]
-
-    (values, slopes), (sharp_values, sharp_slopes) = answer(u), answer(np.append(u, 2.0))
-    assert by_size(values, sharp_values) < 1e-7
-    # Steps chosen by themselves leave 3e-6 along the dead time in the loop, a break of which moves.
-    late = wrt.index(NAMES.index("T_d"))
-    assert by_size(slopes[late], sharp_slopes[late]) < 3e-6
-    others = [row for row in range(len(wrt)) if row != late]
-    assert by_size(slopes[others], sharp_slopes[others]) < 1e-6
-
-
 def test_a_batch_has_the_bits_of_its_members_for_any_number_of_threads():
     u, wrt = wander(700), places("tau_n", "T_d")
     ships = np.stack([vector(tau_n=1.0 + 0.1 * member, T_d=0.02 + 0.003 * member) for member in range(7)])

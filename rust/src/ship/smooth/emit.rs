@@ -125,7 +125,7 @@ impl<'a> Emit<'a> {
 
     /// Read the values of all samples that lie in a piece, and note what of the derivatives makes theirs.
     #[inline(always)]
-    pub fn aim<const T: usize>(&mut self, step: &Step<T>, jets: &Jets) {
+    pub fn aim<const T: usize>(&mut self, step: &Step, jets: &Jets) {
         self.points.clear();
         for channel in 0..self.channels.len() {
             let next = self.channels[channel].next;

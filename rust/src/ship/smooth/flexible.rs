@@ -173,7 +173,7 @@ impl Sources {
     pub fn bent<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
         &self,
         simd: S,
-        on: On<'_, T>,
+        on: On<'_>,
         part: usize,
         to: &mut Results<'_, '_, T>,
     ) {

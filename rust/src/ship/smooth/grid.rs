@@ -67,14 +67,7 @@ pub struct Grid {
 impl Grid {
     /// Cuts for a dead time in the loop and one of the set point [sample intervals], and for a load; through so many dead times
     /// in the loop a break is followed.
-    /// The record's start is followed through `start_levels`.
-    pub fn new(
-        dead_time: f64,
-        set_dead_time: f64,
-        load: bool,
-        [levels, start_levels]: [usize; 2],
-        longest: f64,
-    ) -> Self {
+    pub fn new(dead_time: f64, set_dead_time: f64, load: bool, levels: usize, longest: f64) -> Self {
         let mut cuts: Vec<Cut> = Vec::new();
         let mut add = |late: f64, moves: [f64; 2]| {
             let part = Time::new(late).part;
@@ -96,7 +89,7 @@ impl Grid {
         }
         cuts.sort_by(|a, b| a.part.total_cmp(&b.part));
         let once = if delayed {
-            (1..=start_levels).rev().map(|level| Time::new(level as f64 * dead_time)).collect()
+            (1..=levels).rev().map(|level| Time::new(level as f64 * dead_time)).collect()
         } else {
             Vec::new()
         };
@@ -114,7 +107,7 @@ impl Grid {
             length: 0.0,
             cut: Some([0.0, 0.0]),
             open: !delayed,
-            settled: Time::new((start_levels + 1) as f64 * dead_time).whole.saturating_add(3),
+            settled: Time::new((levels + 1) as f64 * dead_time).whole.saturating_add(3),
         }
     }
 

@@ -3,8 +3,7 @@
 use pulp::Simd;
 
 use super::grid::{Piece, Time};
-use super::join::{Join, joined};
-use super::model::{Series, for_terms};
+use super::model::{Series, for_terms, is_flexible};
 use super::slopes::{Rate, get};
 
 /// Parts of a piece closer than this are one.
@@ -116,7 +115,7 @@ fn shifted<S: Simd, const T: usize>(simd: S, mut series: [S::f64s; T], x: f64, s
 #[inline(always)]
 pub fn past<'a, S: Simd, const T: usize>(
     simd: S,
-    (window, join): (&Window, &Join<T>),
+    window: &Window,
     read: impl Fn(usize) -> &'a Rate<T>,
     part: usize,
 ) -> [S::f64s; T] {
@@ -132,18 +131,18 @@ pub fn past<'a, S: Simd, const T: usize>(
     let series = shifted(simd, load(place), x, scale);
     match window.last {
         None => series,
-        Some((place, x, scale)) => joined(simd, join, series, shifted(simd, load(place), x, scale)),
+        Some((place, x, scale)) => joined(simd, series, shifted(simd, load(place), x, scale)),
     }
 }
 
 /// The same of one number.
 #[inline(always)]
-pub fn past_value<const T: usize>((window, join): (&Window, &Join<T>), backs: &[Series]) -> Series {
+pub fn past_value<const T: usize>(window: &Window, backs: &[Series]) -> Series {
     let simd = pulp::Scalar::new();
     let (place, x, scale) = window.first;
     let mut terms = shifted(simd, first::<T>(&backs[place]), x, scale);
     if let Some((place, x, scale)) = window.last {
-        terms = joined(simd, join, terms, shifted(simd, first::<T>(&backs[place]), x, scale));
+        terms = joined(simd, terms, shifted(simd, first::<T>(&backs[place]), x, scale));
     }
     let mut series = [0.0; 8];
     series[..T].copy_from_slice(&terms);
@@ -156,4 +155,31 @@ fn first<const T: usize>(series: &Series) -> [f64; T] {
     let mut terms = [0.0; T];
     terms.copy_from_slice(&series[..T]);
     terms
+}
+
+/// Where the window reaches from one past piece into another, whose series differ by a break that is too weak for a cut, it is
+/// the polynomial that has both ends' value and slope, and the curvature of the start; with more terms, of both ends.
+#[inline(always)]
+fn joined<S: Simd, const T: usize>(simd: S, mut series: [S::f64s; T], end: [S::f64s; T]) -> [S::f64s; T] {
+    let (p0, p1, p2) = (series[0], series[1], series[2]);
+    let value = simd.sub_f64s(end[0], simd.add_f64s(simd.add_f64s(p0, p1), p2));
+    let slope = simd.sub_f64s(end[1], simd.add_f64s(p1, times(simd, 2.0, p2)));
+    if const { is_flexible(T) } {
+        let bend = simd.sub_f64s(end[2], p2);
+        let (a, b, c) = ([10.0, -15.0, 6.0], [-4.0, 7.0, -3.0], [1.0, -2.0, 1.0]);
+        for k in 0..3 {
+            let more = simd.add_f64s(times(simd, b[k], slope), times(simd, c[k], bend));
+            series[3 + k] = simd.add_f64s(times(simd, a[k], value), more);
+        }
+        series[T - 1] = simd.splat_f64s(0.0);
+    } else {
+        series[3] = simd.sub_f64s(times(simd, 4.0, value), slope);
+        series[4] = simd.sub_f64s(slope, times(simd, 3.0, value));
+    }
+    series
+}
+
+#[inline(always)]
+fn times<S: Simd>(simd: S, factor: f64, of: S::f64s) -> S::f64s {
+    simd.mul_f64s(simd.splat_f64s(factor), of)
 }

@@ -1,17 +1,16 @@
 //! The path of ships without sampling or limits: pieces of time between breaks, and series on them.
 //!
 //! Inputs are straight or constant between samples; a break of the set point arrives at the shaft after both dead times, and
-//! again, weaker by an order, after every further one in the loop. A piece ends wherever one arrives that shows; of a weaker one
-//! the moments are kept. So on a piece every signal is smooth, and a few terms of its Taylor series, which the equations give one
-//! after the other, are the solution to far below a millionth. The same series, differentiated by the parameters, carries the
-//! sensitivities. Where a break's time itself moves with a parameter, a derivative jumps there by what the signal's rate jumps.
+//! again, weaker by an order, after every further one in the loop. A piece ends wherever one of the first few arrives, so on a
+//! piece every signal is smooth, and a few terms of its Taylor series, which the equations give one after the other, are the
+//! solution to far below a millionth. The same series, differentiated by the parameters, carries the sensitivities. Where a
+//! break's time itself moves with a parameter, a derivative jumps there by what the signal's rate jumps.
 
 mod emit;
 mod feed;
 mod flexible;
 mod grid;
 mod history;
-mod join;
 mod model;
 mod power;
 mod reading;
@@ -40,13 +39,9 @@ use slopes::{LANES, On, Pack, Results, Slopes};
 use sources::{Circumstances, Sources};
 use steps::Steps;
 
-/// Most dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more,
-/// and where the governor's derivative term hands breaks on as strong as they come, through more of them.
+/// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
+/// where the governor's derivative term hands breaks on as strong as they come, through more of them.
 const LEVELS: usize = 3;
-/// What a break that is no longer followed may leave in a derivative, over the derivative's size, and the part of the break's
-/// strength that it leaves: measured on chirps, ramps and random walks at 50 and 500 Hz.
-const LEFT: f64 = 1e-6;
-const LEAVES: f64 = 0.1;
 /// Length of a piece over the shortest time constant.
 const FINE: f64 = 0.18;
 /// The same where a millionth of a step does not count.
@@ -120,38 +115,6 @@ fn longest(model: &Model, run: &Run<'_>) -> Result<f64> {
     Ok(longest.max(1.0 / MOST))
 }
 
-/// Dead times through which breaks of the inputs are followed, and those through which the record's start is.
-fn levels(model: &Model, task: &Task<'_>, run: &Run<'_>) -> (usize, usize) {
-    let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
-    let kinks = if !run.sharp {
-        1
-    } else if handed_on > 0 || model.tau_twist > 0.0 || !run.load.is_empty() {
-        LEVELS
-    } else {
-        // A kink comes back as that of one more derivative, by the loop's gain over a sample interval weaker each time.
-        let gain = (model.v * model.k_p / model.inertia).abs() * run.dt;
-        let (strength, range) = strongest_break(run.set, run.hold);
-        let left = |levels: usize| LEAVES * strength * (0..2 * levels - 1).map(|_| gain).product::<f64>();
-        (1..LEVELS).find(|&levels| left(levels) <= LEFT * range).unwrap_or(LEVELS)
-    };
-    (kinks + usize::from(run.hold == Hold::Zero) + handed_on, LEVELS + 1 + handed_on)
-}
-
-/// The largest jump of a set point that is held, the largest kink of one that is straight between samples; and its range.
-fn strongest_break(set: &[f64], hold: Hold) -> (f64, f64) {
-    let (mut least, mut most) = (set[0], set[0]);
-    let (mut before, mut slope_before, mut strongest) = (set[0], 0.0, 0.0);
-    for &value in set {
-        (least, most) = (value.min(least), value.max(most));
-        let slope = value - before;
-        let breaks = if hold == Hold::Zero { slope } else { slope - slope_before };
-        strongest = f64::max(strongest, breaks.abs());
-        (before, slope_before) = (value, slope);
-    }
-    // Behind its last sample it stands.
-    (f64::max(strongest, slope_before.abs()), most - least)
-}
-
 /// Roughly how many steps of a rigid shaft a simulation is worth.
 pub fn work(task: &Task<'_>, run: &Run<'_>) -> usize {
     if task.parameters.is_off(at::TAU_TWIST) {
@@ -176,12 +139,12 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
         let loaded = !run.load.is_empty();
         let longest = longest(&model, run)?;
-        let (levels, start_levels) = levels(&model, task, run);
-        let grid = Grid::new(dead_time, set_dead_time, loaded, [levels, start_levels], longest);
+        let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
+        let levels = if run.sharp { LEVELS } else { 1 } + usize::from(run.hold == Hold::Zero) + handed_on;
+        let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
         let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
         let mut load_feed = loaded.then(|| Feed::new(run.load, run.hold, run.dt, 0.0));
-        let cuts = if loaded { 2 * levels } else { levels };
-        let back = pieces_back(dead_time, run.samples(), longest, cuts + start_levels)?;
+        let back = pieces_back(dead_time, run.samples(), longest, if loaded { 2 * levels } else { levels })?;
         let history = delayed.then(|| History::new(dead_time, back));
         let places = history.as_ref().map_or(0, History::places);
         let mut backs = vec![[0.0; 8]; places.max(1)];
@@ -190,7 +153,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let mut ends = Ends::start(&model, task.wrt, load0);
         let sources = Sources::new(&model, task.wrt, set0, load0);
         let mut emit = Emit::new(&model, task, run);
-        let mut steps = Steps::<T>::new(grid, history, &emit.channels(), run.dt);
+        let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
         let mut state = model.start(load0);
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
@@ -210,9 +173,8 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
                 let load = feed.over(piece);
                 [load.value, load.slope]
             });
-            let past = window.as_ref().map(|window| (window, &step.join));
-            let mut back = match past {
-                Some(past) => past_value::<T>(past, &backs),
+            let mut back = match &window {
+                Some(window) => past_value::<T>(window, &backs),
                 None => [0.0; 8],
             };
             let since = piece.start.since(opening) * run.dt;
@@ -265,7 +227,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
                 let mut to =
                     Results { slopes: &mut state_slopes, ends: &mut ends, history, place, emit: &mut emit };
                 for pack in 0..packs {
-                    let on = On { model: &model, given: &given, window: past, pack };
+                    let on = On { model: &model, given: &given, window: window.as_ref(), pack };
                     carry(simd, &sources, on, &mut to);
                 }
             } else {

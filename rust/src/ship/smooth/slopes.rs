@@ -7,7 +7,6 @@ use crate::ship::parameters::at;
 use super::emit::Emit;
 use super::flexible::Ends;
 use super::history::{Window, past};
-use super::join::Join;
 use super::model::{Model, PER_ORDER, TERMS, for_terms, is_flexible};
 use super::power::Power;
 use super::sources::{Given, Sources};
@@ -104,7 +103,7 @@ pub struct Results<'a, 'b, const T: usize> {
 }
 
 /// Carries a pack of derivatives over a piece.
-pub type Carry<S, const T: usize> = fn(S, &Sources, On<'_, T>, &mut Results<'_, '_, T>);
+pub type Carry<S, const T: usize> = fn(S, &Sources, On<'_>, &mut Results<'_, '_, T>);
 
 /// The way to carry a ship's derivatives. By address, since code in the loop over all pieces and packs would share its numbers
 /// among the packs: more vectors than there are registers.
@@ -120,7 +119,7 @@ pub fn carry<S: Simd, const T: usize>(model: &Model) -> Carry<S, T> {
 fn carry_pack<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
     simd: S,
     sources: &Sources,
-    on: On<'_, T>,
+    on: On<'_>,
     to: &mut Results<'_, '_, T>,
 ) {
     simd.vectorize(CarryPack::<T, DELAYED, MORE> { sources, on, to });
@@ -128,7 +127,7 @@ fn carry_pack<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
 
 struct CarryPack<'s, 'a, 'r, 'b, const T: usize, const DELAYED: bool, const MORE: bool> {
     sources: &'s Sources,
-    on: On<'a, T>,
+    on: On<'a>,
     to: &'s mut Results<'r, 'b, T>,
 }
 
@@ -156,7 +155,7 @@ impl Sources {
     pub fn fed<S: Simd, const T: usize>(
         &self,
         simd: S,
-        On { given, window, pack, .. }: On<'_, T>,
+        On { given, window, pack, .. }: On<'_>,
         part: usize,
         to: &Results<'_, '_, T>,
     ) -> [S::f64s; T] {
@@ -176,7 +175,7 @@ impl Sources {
     fn terms<S: Simd, const T: usize, const DELAYED: bool, const MORE: bool>(
         &self,
         simd: S,
-        on: On<'_, T>,
+        on: On<'_>,
         part: usize,
         to: &mut Results<'_, '_, T>,
     ) {
@@ -247,10 +246,10 @@ impl Sources {
 
 /// A pack of derivatives over a piece.
 #[derive(Clone, Copy)]
-pub struct On<'a, const T: usize> {
+pub struct On<'a> {
     pub model: &'a Model,
     pub given: &'a Given<'a>,
-    pub window: Option<(&'a Window, &'a Join<T>)>,
+    pub window: Option<&'a Window>,
     pub pack: usize,
 }
 

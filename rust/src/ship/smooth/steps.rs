@@ -5,7 +5,6 @@
 
 use super::grid::{Grid, Piece, Time};
 use super::history::{History, Window};
-use super::join::{Join, join};
 
 /// A sample that lies within rounding of a piece's end is the next one's.
 const SAME: f64 = 1e-9;
@@ -14,20 +13,18 @@ pub const CHANNELS: usize = 3;
 
 /// A piece, and what lies in it.
 #[derive(Debug, Clone, Copy)]
-pub struct Step<const T: usize> {
+pub struct Step {
     pub piece: Piece,
     /// One over its length [1/s].
     pub inverse: f64,
     /// Its past, in pieces before this one.
     window: Option<Window>,
-    /// Where that leads from one past piece into the next.
-    pub join: Join<T>,
     /// For each channel the part of the piece at which a sample lies.
     pub samples: [Option<f64>; CHANNELS],
 }
 
 /// The steps of a record.
-pub struct Steps<const T: usize> {
+pub struct Steps {
     grid: Grid,
     history: Option<History>,
     channels: Vec<Channel>,
@@ -36,8 +33,8 @@ pub struct Steps<const T: usize> {
     /// Number of pieces up to now.
     count: usize,
     /// The last step that was worked out, and the steps of a sample interval, once they repeat themselves.
-    fresh: Step<T>,
-    lap: Vec<Step<T>>,
+    fresh: Step,
+    lap: Vec<Step>,
     at: usize,
     repeats: bool,
     records: bool,
@@ -49,21 +46,20 @@ struct Channel {
     next: usize,
 }
 
-impl<const T: usize> Steps<T> {
+impl Steps {
     /// For channels that are late by so many sample intervals, and have so many samples before the record; `history` where there is a dead time in the loop.
     pub fn new(grid: Grid, history: Option<History>, late: &[(f64, usize)], dt: f64) -> Self {
         let channels = late.iter().map(|&(late, next)| Channel { late: Time::new(late), next }).collect();
         let mask = history.as_ref().map_or(0, |history| history.places() - 1);
         let piece = Piece { start: Time { whole: 0, part: 0.0 }, length: 1.0, cut: None, open: false };
-        let (join, samples) = ([[0.0; T]; T], [None; CHANNELS]);
-        let fresh = Step { piece, inverse: 1.0, window: None, join, samples };
+        let fresh = Step { piece, inverse: 1.0, window: None, samples: [None; CHANNELS] };
         let (lap, repeats, records) = (Vec::new(), false, false);
         Self { grid, history, channels, dt, mask, count: 0, fresh, lap, at: 0, repeats, records }
     }
 
     /// The next step, where its past lies, and the place of its piece in the history.
     #[inline(always)]
-    pub fn next(&mut self) -> (&Step<T>, Option<Window>, usize) {
+    pub fn next(&mut self) -> (&Step, Option<Window>, usize) {
         let (mask, count) = (self.mask, self.count);
         self.count += 1;
         if !self.repeats {
@@ -107,9 +103,7 @@ impl<const T: usize> Steps<T> {
                 *next += 1;
             }
         }
-        let behind = window.and_then(|window| window.last).map(|(_, x, scale)| x / scale);
-        let join = behind.map_or([[0.0; T]; T], |behind| join(behind, &samples));
-        self.fresh = Step { piece, inverse: 1.0 / (piece.length * self.dt), window, join, samples };
+        self.fresh = Step { piece, inverse: 1.0 / (piece.length * self.dt), window, samples };
         self.records |= begins;
         if self.records {
             self.lap.push(self.fresh);
