@@ -70,7 +70,7 @@ VERDICTS = [
     "Usable for simulation, control tuning and comparison: the data tell every parameter.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter, but tau_n and g only roughly.",
     "Known: tau_n = 1.13 (0.6627 to 1.597) s; g = -0.5158 (-1.623 to 0.5905).",
-    "Acting elements: dead time of the set point, torque channel that tells late.",
+    "Acting elements: dead time of the set point, delay of the torque channel.",
     "Not found to act: lag of the fuel actuator (tau_act below 0.000717 s, 95 %), upper torque limit (M_max above 1.12, "
     "95 %).",
     "The residuals show that something small is missing (0.35 % of the speed, 0.98 % of the torque); every interval is "

@@ -115,7 +115,7 @@ def render(
         ("loop", say("The speed loop"), loop.section(fingerprint, structure, figures, pictures, say)),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
-        ("samples", say("The fate of every sample"), fate.of_every_sample(fingerprint, experiments, say)),
+        ("samples", say("What became of every sample"), fate.of_every_sample(fingerprint, experiments, say)),
         (
             "quality",
             say("Log quality"),

@@ -43,7 +43,7 @@ def answer(
     failed = lead.startswith(FAILED)
     tone = "bad" if failed else "warn" if "not known alone" in lead else "good"
     yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone if lead else "")
-    tables = [piece("facts", say("The ship"), ship_rows(fingerprint, say))]
+    tables = [piece("facts", say("The ship, with intervals of 95 %"), ship_rows(fingerprint, say))]
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
@@ -80,7 +80,7 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     sentences = {
         "on": say("Acts: {names}.", names=", ".join(named["on"])),
         "open": say("May act or not: {names}.", names=", ".join(named["open"])),
-        "off": say("Not found to act: {names}.", names=", ".join(named["off"])),
+        "off": say("Not found to act, absent or too weak to show: {names}.", names=", ".join(named["off"])),
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
     told += [say.sentence(line) for line in fingerprint.verdict if line.startswith("The residuals show that")]
@@ -152,7 +152,7 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
             else say("none")
         )
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
-            value = say("without limit")
+            value = say("infinite")
         rows.append((say.word(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
     return rows
 

@@ -48,7 +48,7 @@ ELEMENTS: dict[str, Element] = {
         Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
         Element(
             "sampling",
-            "governor that samples and holds",
+            "sampling governor",
             (Parameter("T_s", "s", 0.02, 1e-3, 0.5), Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True)),
         ),
         Element("torque_limit", "upper torque limit", (Parameter("M_max", "-", 1.1, 0.5, 5.0),)),
@@ -59,8 +59,8 @@ ELEMENTS: dict[str, Element] = {
             (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
         ),
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
-        Element("late_torque", "torque channel that tells late", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
-        Element("late_speed", "speed channel that tells late", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
+        Element("late_torque", "delay of the torque channel", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
+        Element("late_speed", "delay of the speed channel", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
         Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.01, 10.0),), "load"),
     )
 }

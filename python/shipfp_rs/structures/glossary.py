@@ -142,8 +142,8 @@ LINEAR = (
         "damping (n - n_0) / n_0",
         "",
     ),
-    Term("T_M", "by how much the torque channel tells late", "s", "exp(-s T_M)", "MATLAB: OutputDelay"),
-    Term("T_n", "by how much the speed channel tells late", "s", "exp(-s T_n)", "MATLAB: OutputDelay"),
+    Term("T_M", "delay of the torque channel", "s", "exp(-s T_M)", "MATLAB: OutputDelay"),
+    Term("T_n", "delay of the speed channel", "s", "exp(-s T_n)", "MATLAB: OutputDelay"),
     Term("k_L", "gain of the measured load torque", "-", "k_L (M_load / M_load0 - 1)", ""),
 )
 """Parameters of the linear structure and of the ship."""
