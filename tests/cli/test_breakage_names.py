@@ -6,6 +6,7 @@ import json
 import os
 import resource
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +31,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "one").symlink_to("two")
     (tmp_path / "two").symlink_to("one")
     # A page that is served after all ends at once, with status 0.
-    monkeypatch.setattr("shipfp_rs.view.server.wait_for_the_end", lambda: None)
+    ended = threading.Event()
+    ended.set()
+    monkeypatch.setattr("shipfp_rs.view.server.end_asked_for", lambda: ended)
     os.mkfifo(tmp_path / "pipe.toml")
     os.mkfifo(tmp_path / "pipe.csv")
     return tmp_path

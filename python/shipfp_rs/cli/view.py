@@ -33,7 +33,7 @@ def view(
     from shipfp_rs.logs.log import Log
     from shipfp_rs.view.desk import Desk
     from shipfp_rs.view.pyramid import stored
-    from shipfp_rs.view.server import serving, wait_for_the_end
+    from shipfp_rs.view.server import end_asked_for, serving
 
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; give a log, a TRIAL.toml or a folder")
@@ -47,8 +47,10 @@ def view(
         if stored(path, rate_hz) is None:
             Log.open(path, rate_hz=rate_hz)  # what can't be read is told here, not in the page
         page = f"look.html?doc={desk.open(path, rate_hz)}"
+    ended = end_asked_for()  # before the address is told: who knows it may end it
     with serving(desk, page) as server:
         print_text(f"{path}: {server.address}", "Ctrl-C ends it.")
         if not no_browser:
             webbrowser.open(server.address)
-        wait_for_the_end()
+        while not ended.wait(0.5):
+            pass

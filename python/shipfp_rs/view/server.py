@@ -231,8 +231,8 @@ def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
         thread.join()
 
 
-def wait_for_the_end() -> None:
-    """Return on Ctrl-C or when the process is asked to end."""
+def end_asked_for() -> threading.Event:
+    """Return what is set on Ctrl-C or when the process is asked to end, from now on."""
     ended = threading.Event()
 
     def end(*_: object) -> None:
@@ -240,5 +240,4 @@ def wait_for_the_end() -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
-    while not ended.wait(0.5):
-        pass
+    return ended
