@@ -57,3 +57,18 @@ def test_of_a_long_record_the_part_that_moves_most_is_taken():
     assert part.stop - part.start == 200
     assert part.start <= 600
     assert part.stop >= 700
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_was_recorded_an_answer_or_none_comes(seed):
+    random = np.random.default_rng(seed)
+    factor, count = int(random.integers(2, 17)), int(random.integers(2, 3000))
+    speed = 1.0 + 0.01 * np.cumsum(random.standard_normal(count)) * random.integers(0, 2)
+    torque = random.choice([0.0, 1.0]) * random.standard_normal(factor * count)
+    line = random.uniform(0.5, 0.5 * 50.0 * factor)
+    torque += random.choice([0.0, 1e3]) * np.sin(
+        2.0 * np.pi * line * np.arange(factor * count) / (50.0 * factor)
+    )
+    torque[random.random(len(torque)) < random.choice([0.0, 0.3, 1.0])] = np.nan
+    found = governor_clock(torque, speed, factor, 50.0 * factor, TURNS_HZ)
+    assert found is None or found.std_s > 0.0

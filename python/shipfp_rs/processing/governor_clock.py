@@ -14,6 +14,10 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 
 RATE_HZ = 800.0
 """Rate at which the torque is searched, where it was recorded as fast: stairs of 5 ms have two harmonics below it."""
+SHORTEST_S = 10.0
+"""Shortest stretch that is searched."""
+LEAST_TOLD = 0.5
+"""Part of the samples that must not be masked."""
 LONGEST_S = 1000.0
 """Longest stretch that is searched: it tells a clock that acts, and longer ones cost memory."""
 DRIVEN_HZ = 6.0
@@ -88,6 +92,9 @@ def governor_clock(
     GovernorClock or None
         None where there is no clock that can be told from noise.
     """
+    share = min(np.isfinite(torque).mean(), np.isfinite(speed).mean())
+    if share < LEAST_TOLD or len(torque) < SHORTEST_S * rate_hz:
+        return None
     slopes = _slopes(speed, factor, rate_hz)
     if not slopes.any():
         return None
@@ -181,6 +188,8 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
             count = max(int(top_hz / (bins[place] * step)), 1)
             evidence = float(np.mean(np.log(np.maximum(teeth[: min(count, HARMONICS), place] / CHANCE, 1.0))))
             candidates.append((evidence, part, float(bins[place] * step)))
+    if not candidates:
+        return None
     enough = PART * max(candidates)[0]
     _, part, clock = min((one for one in candidates if one[0] >= enough), key=lambda one: one[2])
     return clock, part
