@@ -244,3 +244,22 @@ def test_what_was_left_out_widens_only_as_far_as_no_delay_falls_below_nothing():
     found = fp.identify(trial, torque="brake", outputs=["dn", "dM"])
     low, high = found.parameters["vK_p"].ci95
     assert high - low < 0.2 * found.parameters["vK_p"].value
+
+
+def test_a_twisting_shaft_of_a_light_drive_train_is_found_behind_a_brake_torque():
+    """Its propeller's part of the inertia must start as a part of this ship's, not of a usual one's."""
+    truth = {"tau_n": 0.4, "g": -1.0, "vK_p": 3.0, "vK_i": 30.0, "p": 2.0, "tau_prop": 0.11}
+    truth |= {"tau_twist": 0.015, "zeta_twist": 0.4}
+    structure = Structure.ship(["twist"], torque="brake")
+    chirp = fp.signals.chirp(0.05, 5.0, 200.0, 25.0, rate_hz=50.0)
+    point = {"n_set": 1500.0, "n_e": 1500.0, "M_b": 400.0}
+    signals = {"n_set": 1500.0 + chirp.samples}
+    signals |= dict.fromkeys(("n_e", "M_b"), np.ones(len(chirp.samples)))
+    states = dict.fromkeys(structure.equations.states, 0.0)
+    answer = structure.equations.simulate({**states, **truth}, Experiment("asked", 50.0, signals, point))
+    noise = np.random.default_rng(6).standard_normal(answer.shape) * [[3e-4], [3e-3]]
+    signals |= {"n_e": 1500.0 * (1.0 + answer[0] + noise[0]), "M_b": 400.0 * (1.0 + answer[1] + noise[1])}
+    found = fp.identify(Experiment("trial", 50.0, signals, point))
+    assert found.elements["twist"]["state"] == "on"
+    assert found.parameters["tau_twist"].value == pytest.approx(truth["tau_twist"], rel=0.05)
+    assert found.parameters["tau_prop"].value == pytest.approx(truth["tau_prop"], rel=0.05)

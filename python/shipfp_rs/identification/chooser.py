@@ -13,7 +13,7 @@ from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.identification.blocks import Block
-from shipfp_rs.identification.promise import STARTS, Promise, held, promise
+from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, held, promise
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
@@ -241,6 +241,9 @@ class Chooser:
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
             begin or {}
         )
+        if "tau_n" in values:
+            # Of the inertia that a shaft's twist divides, the propeller's is a part.
+            values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
         ends = []
         for start in self._from(search, values):
             try:
