@@ -19,7 +19,7 @@ from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
 from shipfp_rs.identification.sampling import clock_of
-from shipfp_rs.identification.verdict import shown
+from shipfp_rs.identification.verdict import NO_MINIMUM, shown
 from shipfp_rs.identification.wording import OUTPUTS
 from shipfp_rs.structures.combinations import slope_of
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
@@ -160,21 +160,25 @@ def widened_by_neglect(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     groups = {"parameters": dict(fingerprint.parameters), "derived": dict(fingerprint.derived)}
     values = {name: estimate.value for name, estimate in fingerprint.parameters.items()}
+    neglected = [
+        [(neglect, _most(neglect, fingerprint, choice)) for neglect in ways]
+        for ways in choice.neglected.values()
+    ]
     for group in groups.values():
         for name, estimate in group.items():
             if estimate.status not in KNOWN or estimate.ci95 is None or estimate.value is None:
                 continue
             more = np.zeros(2)
-            for ways in choice.neglected.values():
+            for ways in neglected:
                 # The ways in which an element may act exclude each other: the widest of them counts.
                 each = [(0.0, 0.0)]
-                for neglect in ways:
+                for neglect, most in ways:
                     slope = (
                         neglect.shift.get(name, 0.0)
                         if group is groups["parameters"]
                         else slope_of(name, values, neglect.shift)
                     )
-                    each.append(_beyond(estimate, slope, neglect, _most(neglect, fingerprint, choice)))
+                    each.append(_beyond(estimate, slope, neglect, most))
                 more += np.square(np.max(each, axis=0))
             low, high = np.array(estimate.ci95) + np.sqrt(more) * (-1.0, 1.0)
             widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
@@ -190,9 +194,8 @@ def _most(neglect: Neglect, fingerprint: Fingerprint, choice: Choice) -> float:
         estimate = fingerprint.parameters.get(name)
         if estimate is None or estimate.ci95 is None or slope == 0.0:
             continue
-        parameter = choice.best.search.structure[name]
-        least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
-        room = parameter.upper - estimate.ci95[0] if slope > 0.0 else estimate.ci95[1] - least
+        lower, upper = _bounds(choice, name)
+        room = upper - estimate.ci95[0] if slope > 0.0 else estimate.ci95[1] - lower
         most = min(most, max(room, 0.0) / abs(slope))
     return most
 
@@ -212,7 +215,7 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect, most: float) -> 
     assert estimate.value is not None
     low, high = estimate.ci95[0] - estimate.value, estimate.ci95[1] - estimate.value
     inside = (rise <= 1.96**2 * (1.0 + 1e-9)) & (seen <= most**neglect.power)
-    inside[0] = True
+    inside[0] = True  # without the element
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
     return max(low - lowest, 0.0), max(highest - high, 0.0)
 
@@ -223,11 +226,16 @@ def within_bounds(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     for name, estimate in parameters.items():
         if estimate.status not in KNOWN or estimate.ci95 is None:
             continue
-        parameter = choice.best.search.structure[name]
-        least = 0.0 if parameter.lower == SHORTEST_S else parameter.lower
-        low, high = max(estimate.ci95[0], least), min(estimate.ci95[1], parameter.upper)
-        parameters[name] = replace(estimate, ci95=(low, high))
+        lower, upper = _bounds(choice, name)
+        ends = max(estimate.ci95[0], lower), min(estimate.ci95[1], upper)
+        parameters[name] = replace(estimate, ci95=ends)
     return replace(fingerprint, parameters=parameters)
+
+
+def _bounds(choice: Choice, name: str) -> tuple[float, float]:
+    """Bounds of a parameter of the chosen structure, or of its element that is off, whose delay is none."""
+    parameter = choice.best.search.structure[name]
+    return 0.0 if parameter.lower == SHORTEST_S else parameter.lower, parameter.upper
 
 
 def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
@@ -317,7 +325,7 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
         for name, row in fingerprint.fit.items()
         if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
     ]
-    if any(line.startswith("The search did not end in a minimum") for line in fingerprint.verdict):
+    if any(line.startswith(NO_MINIMUM) for line in fingerprint.verdict):
         usable = "Not usable, because the search did not end in a minimum; no figure is an estimate."
     elif unexplained:
         usable = f"Not usable, because the model explains nothing of {_listed(unexplained)}."

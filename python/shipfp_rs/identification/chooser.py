@@ -13,7 +13,8 @@ from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.identification.blocks import Block
-from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, held, promise
+from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
+from shipfp_rs.identification.sampling import held
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter

@@ -44,8 +44,6 @@ LEVELS = (0.98, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5)
 """Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
 PHASES = 4
 """Times within a sampling period at which the governor may sample, over which its effect is averaged."""
-MANY_PHASES = 16
-"""The same where the stairs that are left, this part of the governor's, would be taken for signal."""
 PROPELLER_PART = 0.3
 """Part of the inertia that is taken to be the propeller's where no torque between the two tells it."""
 
@@ -207,24 +205,6 @@ def _best_promise(
         if fall > best:
             best, begin = float(fall), begins[place - unknowns - 1]
     return Promise(best, begin, limit, tuple(neglects))
-
-
-def held(equations: Equations, values: Mapping[str, float], experiment: Experiment) -> Array:
-    """What a governor that samples gives beyond one that is half its period late, a mean over its phases, shape (O, N)."""
-    mean = bare(equations)
-    assert isinstance(mean, ShipEquations)
-    exact = replace(mean, mean_sampling=False)
-    # The kernel's governor uses its sum before it adds to it, and so acts as one with less proportional gain.
-    more = {
-        name: values[name] + 0.5 * values["T_s"] * values[name.replace("K_p", "K_i")]
-        for name in ("vK_p", "K_p")
-        if name in values
-    }
-    phases = [
-        exact.simulate({**values, **more, "T_0": values["T_s"] * phase / MANY_PHASES}, experiment)
-        for phase in range(MANY_PHASES)
-    ]
-    return np.asarray(np.mean(phases, axis=0) - mean.simulate(values, experiment))
 
 
 def _sampled(

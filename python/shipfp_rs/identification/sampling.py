@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,15 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.combinations import slope_of
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.ship import ShipEquations
+from shipfp_rs.structures.ties import bare
+from shipfp_rs.support.arrays import Array
 
 AGREE = 5.0
 """Deviations within which the governor's clocks of several experiments are one."""
+PHASES = 16
+"""Times within a period at which the governor may sample, over which its answer is averaged; stairs of a 16th are left."""
 
 
 def clock_of(experiments: Sequence[Experiment]) -> tuple[float, float] | None:
@@ -25,6 +31,26 @@ def clock_of(experiments: Sequence[Experiment]) -> tuple[float, float] | None:
     weights = 1.0 / deviations**2
     # What is common to them, the logger's clock, is not averaged out.
     return float(weights @ periods / weights.sum()), float(deviations.min())
+
+
+def held(equations: Equations, values: Mapping[str, float], experiment: Experiment) -> Array:
+    """What a governor that samples gives beyond one that is half its period late, a mean over its phases, shape (O, N)."""
+    mean = bare(equations)
+    assert isinstance(mean, ShipEquations)
+    exact = replace(mean, mean_sampling=False)
+    # The kernel's governor uses its sum before it adds to it, and so acts as one with less proportional gain.
+    more = {name: values[name] + extra for name, extra in _of_the_sum(values, values["T_s"]).items()}
+    phases = [
+        exact.simulate({**values, **more, "T_0": values["T_s"] * phase / PHASES}, experiment)
+        for phase in range(PHASES)
+    ]
+    return np.asarray(np.mean(phases, axis=0) - mean.simulate(values, experiment))
+
+
+def _of_the_sum(values: Mapping[str, float | None], period: float) -> dict[str, float]:
+    """By how much the order of using and adding to the sum changes what the proportional gain seems: K_i T_s / 2."""
+    gains = [name for name in ("vK_p", "K_p") if name in values]
+    return {name: 0.5 * period * float(values[name.replace("K_p", "K_i")] or 0.0) for name in gains}
 
 
 def with_clock(fingerprint: Fingerprint, clock: tuple[float, float] | None) -> Fingerprint:
@@ -40,11 +66,7 @@ def with_clock(fingerprint: Fingerprint, clock: tuple[float, float] | None) -> F
     values = {name: estimate.value for name, estimate in parameters.items()}
     ends = (period - 1.96 * std, period + 1.96 * std)
     parameters["T_s"] = Estimate(period, std, ends, "s", "prior")
-    shift: dict[str, float] = {
-        name: 0.5 * period * float(values[name.replace("K_p", "K_i")] or 0.0)
-        for name in ("vK_p", "K_p")
-        if name in values
-    }
+    shift = _of_the_sum(values, period)
     for group in (parameters, derived):
         for name, estimate in group.items():
             if estimate.ci95 is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ from scipy.signal import zoom_fft
 from scipy.signal.windows import tukey
 
 from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.spikes import bridge
 
 RATE_HZ = 800.0
 """Rate at which the torque is searched, where it was recorded as fast: stairs of 5 ms have two harmonics below it."""
@@ -98,7 +100,7 @@ def governor_clock(
     slopes = _slopes(speed, factor, rate_hz)
     if not slopes.any():
         return None
-    stairs = _without(_filled(torque), rate_hz)
+    stairs = _without(bridge(torque, np.isnan(torque)), rate_hz)
     length = fft.next_fast_len(2 * len(stairs), real=True)
     spectra = np.array([fft.rfft(stairs * slope, length) for slope in slopes])
     inverse = np.asarray(np.linalg.inv(slopes @ slopes.T), dtype=np.float64)
@@ -121,16 +123,10 @@ def governor_clock(
     return told if _coherence(stairs, slopes, rate_hz, 1.0 / told.period_s) > STEADY else None
 
 
-def _filled(values: Array) -> Array:
-    """Straight lines over what is masked."""
-    there = np.flatnonzero(np.isfinite(values))
-    return np.interp(np.arange(len(values)), there, values[there])
-
-
 def _slopes(speed: Array, factor: int, rate_hz: float) -> Array:
     """First and second derivative of the speed below `DRIVEN_HZ`, at the torque's rate, of unit power: (2, factor N)."""
     count = len(speed)
-    filled = _filled(speed)
+    filled = bridge(speed, np.isnan(speed))
     level = (filled - filled.mean()) * tukey(count, 0.02)
     frequency = fft.rfftfreq(count, factor / rate_hz)
     derivative = 2j * np.pi * frequency * (frequency < DRIVEN_HZ)
@@ -243,10 +239,19 @@ def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> 
     return explained(along.sum(axis=0), grams.sum(axis=0)) / max(each, 1e-300)
 
 
+def liveliest_of(speeds: Mapping[str, Array], longest: int) -> tuple[str, slice] | None:
+    """Return the record, and its stretch of at most `longest` samples, in which the speed moves most; None: it stands."""
+    parts = {label: liveliest(speed, longest) for label, speed in speeds.items()}
+    moved = {label: np.nansum(np.square(np.diff(speeds[label][part]))) for label, part in parts.items()}
+    label = max(moved, key=lambda label: moved[label])
+    return (label, parts[label]) if moved[label] > 0.0 else None
+
+
 def liveliest(speed: Array, longest: int) -> slice:
     """Return the stretch of at most `longest` samples in which the speed moves the most."""
     if len(speed) <= longest:
         return slice(0, len(speed))
-    moved = np.concatenate([[0.0], np.cumsum(np.square(np.diff(_filled(speed), append=speed[-1:])))])
+    filled = bridge(speed, np.isnan(speed))
+    moved = np.concatenate([[0.0], np.cumsum(np.square(np.diff(filled, append=filled[-1:])))])
     first = int(np.argmax(moved[longest:] - moved[:-longest]))
     return slice(first, first + longest)

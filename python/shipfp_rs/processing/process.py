@@ -24,7 +24,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest
+from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
 from shipfp_rs.processing.low_pass import nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
@@ -79,6 +79,7 @@ def process(
         `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, the
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
         or, where they are the set point's or the load's, in every answer to it.
+        `provenance["governor_clock"]` has the sampling period of the governor [s], where the raw torque tells it.
 
     Raises
     ------
@@ -95,8 +96,8 @@ def process(
     if not windows:
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
-    point = recording.operating_point()
-    return [recording.experiment(window, point) for window in windows]
+    point, clock = recording.operating_point(), recording.governor_clock()
+    return [recording.experiment(window, point, clock) for window in windows]
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class _Cleaned:
 
 
 class _Recording:
-    """A log with its trial's settings; every channel is read once, several at the same time."""
+    """A log with its trial's settings; every channel is read once, several at the same time, a part of the torque twice."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
         self.log = log
@@ -233,8 +234,10 @@ class _Recording:
         assert value is not None
         return value * self.vessel.torque_ratio if torque.location == "brake" else value
 
-    def experiment(self, window: Window, point: Mapping[str, float]) -> Experiment:
-        """Cut one window."""
+    def experiment(
+        self, window: Window, point: Mapping[str, float], clock: Mapping[str, float] | None
+    ) -> Experiment:
+        """Cut one window; `clock` is the governor's."""
         signals, account = self._signals(_label(window))
         settings = self.trial.processing
         require_loaded(_label(window), signals, point)
@@ -253,7 +256,7 @@ class _Recording:
                 "log": self.log.name,
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
-                "governor_clock": self._governor_clock(_label(window), signals["n_e"]),
+                "governor_clock": clock,
                 **account,
             },
         )
@@ -266,24 +269,23 @@ class _Recording:
             )
         return about_local_point(experiment) if settings.normalise == "local" else experiment
 
-    def _governor_clock(self, label: str, rpm: Array) -> dict[str, float] | None:
-        """Look for the clock of a governor that samples in the torque at a higher rate."""
-        sensor, grid = self.trial.channels.torque, self.grids[label]
-        if sensor is None:
+    def governor_clock(self) -> dict[str, float] | None:
+        """Look for a sampling governor's clock in the raw torque, read once more where the speed moves the most."""
+        sensor = self.trial.channels.torque
+        speeds = {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
+        most = liveliest_of(speeds, int(LONGEST_S * self.rate_hz))
+        if sensor is None or most is None:
             return None
-        rows = self._rows(sensor, STRETCH_BYTES)
-        factor = int(min(RATE_HZ, rows.channel.rate_hz) / grid.rate_hz)
-        part = liveliest(rpm, int(LONGEST_S * grid.rate_hz))
-        if factor < 2 or np.isfinite(rpm[part]).sum() < 2:
+        (label, part), rows = most, self._rows(sensor, STRETCH_BYTES)
+        factor = int(min(RATE_HZ, rows.channel.rate_hz) / self.rate_hz)
+        if factor < 2:
             return None
-        start_s = grid.start_s + part.start / grid.rate_hz
-        finer = Grid(label, start_s, factor * grid.rate_hz, factor * (part.stop - part.start))
-        end_s = rows.channel.start_s + rows.channel.samples / rows.channel.rate_hz
-        within = rows.within(start_s, min(finer.stop_s, end_s))
+        rpm, start_s = speeds[label][part], self.grids[label].start_s + part.start / self.rate_hz
+        finer = Grid(label, start_s, factor * self.rate_hz, factor * len(rpm))
+        within = rows.within(start_s, min(finer.stop_s, rows.channel.stop_s))
         cleaner = Cleaner(rows, sensor, self.trial.processing, *within)
-        turns_hz = np.nanmean(rpm[part]) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
-        torque = finer.low_passed(rows.channel, cleaner)
-        found = governor_clock(torque, rpm[part], factor, finer.rate_hz, turns_hz)
+        turns_hz = np.nanmean(rpm) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
+        found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm, factor, finer.rate_hz, turns_hz)
         return None if found is None else dataclasses.asdict(found)
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
