@@ -1,4 +1,4 @@
-"""The clock of a governor that samples, found in the raw torque: its stairs, whose size the set point's changes drive."""
+"""The sampling period of a governor, from the spectral lines that its stepwise output leaves in the raw torque."""
 
 from __future__ import annotations
 
@@ -69,12 +69,12 @@ class GovernorClock:
 def governor_clock(
     torque: Array, speed: Array, factor: int, rate_hz: float, orders_hz: Array
 ) -> GovernorClock | None:
-    """Find the clock of a governor that samples and holds.
+    """Find the sampling period of a governor that holds its output in between.
 
-    The engine's torque then runs in stairs. Their difference from the smooth torque is a saw-tooth of the governor's period,
-    as high as the torque changes within one, so by the equation of motion in proportion to tau_n dn'/dt + (p - g) n' (n' the
-    slope of the speed). Multiplied by n' and dn'/dt the measured torque has lines at the clock and its harmonics, however
-    the shaft between has filtered the stairs.
+    The engine's torque is then a staircase. Less the smooth torque it is a saw-tooth of the governor's period. Its height is
+    the change of the torque in one period, by the equation of motion proportional to tau_n dn'/dt + (p - g) n' (n' the slope
+    of the speed). Multiplied by n', and by dn'/dt, the measured torque has spectral lines at the sampling frequency and its
+    harmonics. The shaft in between weakens them and does not shift them.
 
     Parameters
     ----------

@@ -270,7 +270,7 @@ class _Recording:
         return about_local_point(experiment) if settings.normalise == "local" else experiment
 
     def governor_clock(self) -> dict[str, float] | None:
-        """Look for a sampling governor's clock in the raw torque, read once more where the speed moves the most."""
+        """Return a governor's sampling period, from the raw torque where the shaft's speed changes most."""
         sensor = self.trial.channels.torque
         speeds = {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
         most = liveliest_of(speeds, int(LONGEST_S * self.rate_hz))

@@ -80,7 +80,9 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     sentences = {
         "on": say("Acts: {names}.", names=", ".join(named["on"])),
         "open": say("May act or not: {names}.", names=", ".join(named["open"])),
-        "off": say("Not found to act, absent or too weak to show: {names}.", names=", ".join(named["off"])),
+        "off": say(
+            "No effect found, either absent or too small to show: {names}.", names=", ".join(named["off"])
+        ),
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
     told += [say.sentence(line) for line in fingerprint.verdict if line.startswith("The residuals show that")]

@@ -51,7 +51,7 @@ SENTENCES: Mapping[str, str] = {
     ),
     "Acts: {names}.": "Es wirkt: {names}.",
     "May act or not: {names}.": "Wirkt vielleicht: {names}.",
-    "Not found to act, absent or too weak to show: {names}.": "Keine Wirkung gefunden, nicht da oder zu schwach: {names}.",
+    "No effect found, either absent or too small to show: {names}.": "Keine Wirkung gefunden, nicht da oder zu schwach: {names}.",
     "Cannot be told: {names}.": "Nicht bestimmbar: {names}.",
     "Known from elsewhere (torsional calculation, factory test), any of {names} would settle it.": (
         "Aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde eines davon es klären: {names}."
