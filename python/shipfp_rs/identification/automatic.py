@@ -11,7 +11,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, State
-from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
+from shipfp_rs.identification.chooser import Chooser, Fitted
 from shipfp_rs.identification.estimate import is_rough
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
@@ -115,10 +115,7 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     for rival in choice.rivals:
-        slow = set(rival.elements) & set(SLOW)
-        # Where a pass takes long, a rival's own profile would cost as much as the choice's, to move an end by little.
-        search = replace(rival.search, intervals="symmetric") if slow else rival.search
-        found = estimates(search, rival.minimum)
+        found = estimates(rival.search, rival.minimum)
         others = {**found.parameters, **found.derived}
         words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
         for group in (parameters, derived):

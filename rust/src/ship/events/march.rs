@@ -14,6 +14,7 @@ use crate::ship::run::Run;
 use crate::stop::Stop;
 
 use super::command::{Arrival, Arrivals, Past};
+use super::even::is_even;
 use super::flow::{Equations, Flow, Input, State};
 use super::happen::Stretch;
 use super::held::Held;
@@ -49,7 +50,7 @@ pub struct March<'a, S, const N: usize> {
     pub(super) stop: &'a Stop,
     pub(super) set: Held<'a>,
     pub(super) load: Held<'a>,
-    longest: f64,
+    pub(super) longest: f64,
     pub(super) now: Dual<S, N>,
     pub(super) state: State<Dual<S, N>>,
     pub(super) mode: Mode,
@@ -193,6 +194,9 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         let delays = [t.g.constant(0.0), t.t_n, t.t_m];
         let sizes = [self.run.samples(), directions];
         let mut readings = Readings::<Dual<S, N>, N>::new(self.outputs, delays, before, sizes, self.run.dt);
+        if is_even(&self.equations, self.outputs, self.run) {
+            return self.through_even(&mut readings, consume);
+        }
         let rack = self.state.rack;
         self.settle(rack);
         if self.is_simple() {
