@@ -235,10 +235,16 @@ def _bounds(choice: Choice, name: str) -> tuple[float, float]:
     return 0.0 if parameter.lower == SHORTEST_S else parameter.lower, parameter.upper
 
 
-def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
-    """Return each element's state, its evidence (change of the deviance), and the limit of one that is off."""
+def element_rows(choice: Choice, fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
+    """Return each element's state, its evidence (change of the deviance), and the limit of one that is off.
+
+    An element that is on is open where the interval of its time, all that may act beside it included, begins at none.
+    """
     rows: dict[str, dict[str, Any]] = {}
-    for name, state in choice.states.items():
+    for name, found in choice.states.items():
+        estimate = fingerprint.parameters.get(ELEMENTS[name].parameters[0].name)
+        told = None if estimate is None else estimate.ci95
+        state = "open" if found == "on" and told is not None and told[0] <= 0.0 else found
         evidence = choice.evidence.get(name)
         rows[name] = {
             "state": state,

@@ -38,7 +38,7 @@ CANDIDATES = (
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 SLOW = ("torque_limit", "rack_rate")
-"""Elements whose passes over a record go from event to event and take twenty times as long."""
+"""Elements whose passes over a record take several times as long."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0

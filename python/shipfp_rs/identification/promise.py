@@ -88,9 +88,10 @@ def threshold(candidates: int, probability: float = FALSE_ALARM) -> float:
 def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structure) -> Promise:
     """Return what an element promises beside a fit; `made` is the structure with it.
 
-    Rao's score test, with the change of the outputs that a start makes in place of the derivative, which a torque
-    limit does not have: of the change D, cleared of what the fit's own unknowns explain, the residual e explains
-    (D'e)^2 / D'D. Elements that would have to act the other way promise nothing.
+    Rao's score test: of the change D of the outputs that a little of the element makes, cleared of what the fit's own
+    unknowns explain, the residual e explains (D'e)^2 / D'D. Elements that would have to act the other way promise
+    nothing. D is the change that a whole start makes where a little of it tells nothing: of a torque limit, and of an
+    element for which a dead time makes up.
     """
     structure, made = _roughly(search.structure), _roughly(made)
     blocks = tuple(replace(block, structure=structure) for block in search.blocks)
