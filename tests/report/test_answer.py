@@ -135,6 +135,29 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
     assert section.count("<svg") == 1
 
 
+@pytest.mark.parametrize(
+    ("language", "summary", "meaning"),
+    [
+        (
+            "en",
+            "What the symbols mean",
+            "vK_p: per cent of engine torque for 1 % of speed error: the engine&#39;s v times",
+        ),
+        (
+            "de",
+            "Was die Zeichen bedeuten",
+            "vK_p: Prozent Motormoment für 1 % Drehzahlabweichung: v des Motors mal",
+        ),
+    ],
+)
+def test_the_symbols_of_the_table_are_explained_below_it(found, language, summary, meaning) -> None:
+    fold = re.search(
+        rf"(?s)<details><summary>{summary}</summary>(.*?)</details>", render(found, [], language=language)
+    )
+    assert meaning in fold[1]
+    assert fold[1].count("<li>") == len(found.parameters)
+
+
 def test_statistics_stand_behind_a_fold_with_plain_names(page: str, found) -> None:
     section = page[page.index('id="statistics"') :]
     assert section.index("<details>") < section.index("The model explains")
