@@ -17,6 +17,14 @@ STATUS: Mapping[str, str] = {
     "unidentifiable": "not identifiable",
 }
 
+KNOWN: tuple[Status, ...] = ("free", "prior")
+"""States of an estimate that has an interval of its own."""
+
+Usable = Literal["", "usable", "usable except", "not usable"]
+"""What of a fingerprint can be used: all, all but some parameters, nothing; empty where nothing was judged."""
+WhyNot = Literal["", "no minimum", "nothing explained", "nothing told", "misfit"]
+"""Why nothing of a fingerprint can be used; empty where something can."""
+
 
 @dataclass(frozen=True)
 class Estimate:

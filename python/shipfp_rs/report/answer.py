@@ -14,6 +14,7 @@ from shipfp_rs.assessment.si import QUANTITIES
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate, Row, decimals, is_rough, rounded, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.wording import something_missing
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
@@ -21,8 +22,8 @@ from shipfp_rs.support.arrays import Array
 
 SHOWN_S = (8.0, 30.0)
 """Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
-FAILED = "Not usable"
-"""How the first sentence of a fingerprint begins that is good for nothing."""
+TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usable": "bad"}
+"""What colour the first sentence has."""
 RELATED = 0.9
 """Correlation above which parameters are told roughly because of each other."""
 CHANNELS = ("T_M", "T_n", "T_0")
@@ -40,24 +41,24 @@ def answer(
 ) -> Iterable[str]:
     """Yield the verdict's first sentence, the ship and its loop beside a picture, and what can't be told."""
     lead = fingerprint.usable or (fingerprint.verdict[0] if fingerprint.verdict else "")
-    failed = lead.startswith(FAILED)
-    tone = "bad" if failed else "warn" if "not known alone" in lead else "good"
-    yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone if lead else "")
+    failed = fingerprint.usability == "not usable"
+    tone = TONES.get(fingerprint.usability, "")
+    yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone)
     tables = [piece("facts", say("The ship, with intervals of 95 %"), ship_rows(fingerprint, say))]
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
     picture = _picture(experiments, simulated, pictures, say)
     yield piece("columns", [part for part in (Markup("\n").join(tables), picture) if part])
-    for line in (*next_steps(lead, say), *acting(fingerprint, say), *open_questions(fingerprint, say)):
+    for line in (*next_steps(fingerprint, say), *acting(fingerprint, say), *open_questions(fingerprint, say)):
         yield piece("paragraph", line, "open")
 
 
-def next_steps(lead: str, say: Say) -> list[str]:
+def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return what to do about a fingerprint that can't be used; nothing for one that can."""
-    if not lead.startswith(FAILED):
+    if not fingerprint.why_not:
         return []
-    if "the model" not in lead:
+    if fingerprint.why_not in ("no minimum", "nothing told"):
         return [
             say(
                 "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a "
@@ -85,7 +86,8 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
         ),
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
-    told += [say.sentence(line) for line in fingerprint.verdict if line.startswith("The residuals show that")]
+    if little := something_missing(fingerprint.adequate):
+        told.append(say.sentence(little))
     return [" ".join(told)] if told else []
 
 
@@ -207,7 +209,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
             )
         lines.append(line)
     decided = not any(row["state"] == "open" for row in fingerprint.elements.values())
-    if not lines and fingerprint.parameters and decided and not fingerprint.usable.startswith(FAILED):
+    if not lines and fingerprint.parameters and decided and not fingerprint.why_not:
         lines.append(say("Nothing is left open: the data tell every parameter that was asked for."))
     return lines
 
