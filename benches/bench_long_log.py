@@ -1,5 +1,7 @@
 """`process` over 3.2 hours of a log against pyarrow's reading of the same file: time, memory, and the same answer.
 
+`inspect` has a row as well: its memory must not grow with the log, which `--hours` makes longer.
+
 Build with `maturin develop --release`, then `python -m benches.bench_long_log`. The log (114 million samples, five channels
 at 2 kHz, Parquet) is simulated first. Reading and processing take turns, each in a process of its own on two cores,
 since a shared machine is faster at one time than at another; imports are not timed. The processors' own seconds stand
@@ -41,11 +43,24 @@ def process(folder: Path, chunk: int) -> dict[str, float | str]:
     return {"seconds": seconds, "busy_s": busy_s, "digest": digest.hexdigest()}
 
 
+def inspect(folder: Path) -> dict[str, float]:
+    """Look through the whole log as `shipfp inspect` does."""
+    import shipfp_rs as fp
+    from shipfp_rs.inspection import inspect_log
+
+    start, busy_s = time.perf_counter(), time.process_time()
+    inspect_log(fp.Log.open(folder / "run2.parquet"))
+    return {"seconds": time.perf_counter() - start, "busy_s": time.process_time() - busy_s}
+
+
 def part(arguments: list[str]) -> None:
     """Do one part and print what it took."""
     name, folder, *rest = arguments
     path = Path(folder)
-    result = read_whole(path / "run2.parquet") if name == "read" else process(path, int(rest[0]))
+    if name == "read":
+        result = read_whole(path / "run2.parquet")
+    else:
+        result = inspect(path) if name == "inspect" else process(path, int(rest[0]))
     print(json.dumps({**result, "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 
@@ -53,13 +68,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="ten minutes of log, just to see that it runs")
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--hours", type=float, default=RUN2_S / 3600.0)
     parser.add_argument("--folder", help="keep the log there, or take it from there")
     parser.add_argument("--part", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.part:
         part(options.part)
         return
-    duration_s, repeats = (600.0, 1) if options.quick else (RUN2_S, options.repeats)
+    duration_s, repeats = (600.0, 1) if options.quick else (3600.0 * options.hours, options.repeats)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(options.folder or temporary)
         path = folder / "run2.parquet"
@@ -74,6 +90,7 @@ def main() -> None:
             )
             for _ in range(repeats)
         ]
+        inspected = apart("benches.bench_long_log", "inspect", str(folder))
         others = [apart("benches.bench_long_log", "process", str(folder), str(chunk)) for chunk in CHUNKS[1:]]
     samples = runs[0][0]["samples"]
     print(f"{samples / 1e6:.1f} million samples, {duration_s / 3600:.2f} h; median of {repeats} turns")
@@ -85,6 +102,16 @@ def main() -> None:
         ["pyarrow.parquet.read_table", f"{times[0]:.2f}", "1.0", f"{busy[0]:.2f}", f"{peaks[0]:.0f}"],
         ["shipfp_rs.process", f"{times[1]:.2f}", f"{ratio:.1f}", f"{busy[1]:.2f}", f"{peaks[1]:.0f}"],
     ]
+    seconds = inspected["seconds"]
+    rows.append(
+        [
+            "shipfp_rs.inspection.inspect_log",
+            f"{seconds:.2f}",
+            f"{seconds / times[0]:.1f}",
+            f"{inspected['busy_s']:.2f}",
+            f"{inspected['peak_mib']:.0f}",
+        ]
+    )
     print_table(["", "s", "ratio", "CPU s", "peak MiB"], rows)
     digests = {run["digest"] for _, run in runs} | {run["digest"] for run in others}
     equal = "the same bits" if len(digests) == 1 else f"{len(digests)} DIFFERENT ANSWERS"

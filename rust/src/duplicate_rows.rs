@@ -1,6 +1,8 @@
 //! Stretches that a channel holds twice. A print is a hash of successive samples; prints that recur in the same order show
 //! a copy.
 
+use std::collections::HashMap;
+
 use pulp::{Simd, WithSimd};
 
 use crate::error::Result;
@@ -17,6 +19,8 @@ const PRINTS: usize = 2;
 const LONGEST: u64 = 1 << 20;
 /// Samples whose prints are made at once.
 const BATCH: usize = 1024;
+/// Samples after which prints are compared with each other and with those of the `LONGEST` samples before, and given up.
+const COMPARED: u64 = 4 * LONGEST;
 /// Odd factors without a pattern. Factors that are multiples of each other would make prints of rounded signals collide.
 const MIX: [u64; TAPS] = [
     0x9e37_79b9_7f4a_7c15,
@@ -29,7 +33,8 @@ const MIX: [u64; TAPS] = [
     0x5899_65cc_7537_4cc3,
 ];
 
-/// Prints of a channel's samples, fed in chunks of any length with the same answer.
+/// Prints of a channel's samples, fed in chunks of any length with the same answer. The memory does not grow with the
+/// samples fed, but for what is found.
 #[derive(Debug, Clone, Default)]
 pub struct RepeatScan {
     /// Bits of the last samples, which the next ones complete to prints.
@@ -38,6 +43,20 @@ pub struct RepeatScan {
     at: u64,
     /// The prints kept, each with the place of its first sample.
     prints: Vec<(u64, u64)>,
+    /// Prints from this place on have not been compared with those before them.
+    compared_to: u64,
+    /// By distance, prints that recur at it one after the other, up to the last samples.
+    open: HashMap<u64, Run>,
+    /// Distances and places of runs that are long enough and at their end.
+    found: Vec<(u64, u64)>,
+}
+
+/// Prints that recur at one distance: places of the first and of the last one, how many there are.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    first: u64,
+    last: u64,
+    prints: usize,
 }
 
 impl RepeatScan {
@@ -66,6 +85,9 @@ impl RepeatScan {
             }
             self.held.drain(..count);
             self.at += count as u64;
+            if self.at - self.compared_to >= COMPARED {
+                self.compare();
+            }
         }
         Ok(())
     }
@@ -73,20 +95,46 @@ impl RepeatScan {
     /// Places and distances at which prints recur in a row: the first copy's sample, and how much later the second is.
     #[must_use]
     pub fn candidates(&self) -> Vec<(u64, u64)> {
-        let mut sorted = self.prints.clone();
-        sorted.sort_unstable();
-        let mut pairs: Vec<(u64, u64)> = sorted
+        let mut whole = self.clone();
+        whole.compare();
+        whole.found.extend(
+            whole.open.iter().filter(|run| run.1.prints >= PRINTS).map(|(&lag, run)| (lag, run.first)),
+        );
+        whole.found.sort_unstable();
+        whole.found.into_iter().map(|(lag, place)| (place, lag)).collect()
+    }
+
+    /// Add the pairs that the newest prints make to the runs, and give up what no further print can belong to.
+    fn compare(&mut self) {
+        self.prints.sort_unstable();
+        let mut pairs: Vec<(u64, u64)> = self
+            .prints
             .windows(2)
-            .filter(|pair| pair[0].0 == pair[1].0 && pair[1].1 - pair[0].1 <= LONGEST)
+            .filter(|pair| {
+                pair[0].0 == pair[1].0 && pair[1].1 - pair[0].1 <= LONGEST && pair[1].1 >= self.compared_to
+            })
             .map(|pair| (pair[1].1 - pair[0].1, pair[0].1))
             .collect();
         pairs.sort_unstable();
-        pairs
+        for (lag, place) in pairs {
+            let run = self.open.entry(lag).or_insert(Run { first: place, last: place, prints: 0 });
             // Prints of one repetition stand a lag or less apart: it is no longer than that.
-            .chunk_by(|one, next| one.0 == next.0 && next.1 - one.1 <= one.0)
-            .filter(|run| run.len() >= PRINTS)
-            .map(|run| (run[0].1, run[0].0))
-            .collect()
+            if place - run.last > lag {
+                self.found.extend((run.prints >= PRINTS).then_some((lag, run.first)));
+                *run = Run { first: place, last: place, prints: 0 };
+            }
+            run.last = place;
+            run.prints += 1;
+        }
+        let at = self.at;
+        let found = &mut self.found;
+        self.open.retain(|&lag, run| {
+            let goes_on = run.last + 2 * lag >= at;
+            found.extend((!goes_on && run.prints >= PRINTS).then_some((lag, run.first)));
+            goes_on
+        });
+        self.prints.retain(|print| print.1 + LONGEST >= at);
+        self.compared_to = at;
     }
 }
 
@@ -115,8 +163,9 @@ impl WithSimd for Print<'_> {
 mod tests {
     use super::*;
 
-    fn noise(count: u32) -> Vec<f32> {
-        (0..count).map(|k| (k.wrapping_mul(2_654_435_761) >> 16) as f32).collect()
+    fn noise(count: usize) -> Vec<f32> {
+        let mixed = |k: u64| (k.wrapping_mul(MIX[0]) ^ (k.wrapping_mul(MIX[0]) >> 29)).wrapping_mul(MIX[2]);
+        (0..count as u64).map(|k| (mixed(k) >> 48) as f32).collect()
     }
 
     fn scanned(chunks: &[&[f32]]) -> Vec<(u64, u64)> {
@@ -135,6 +184,26 @@ mod tests {
         assert_eq!(found.len(), 1);
         assert!(found[0].1 == 2000 && (1000..1200).contains(&found[0].0), "{found:?}");
         assert_eq!(scanned(&[&twice[..7], &twice[7..7], &twice[7..2999], &twice[2999..]]), found);
+    }
+
+    #[test]
+    fn prints_are_given_up_and_what_recurs_is_found_wherever_it_is() {
+        let near = usize::try_from(COMPARED).unwrap();
+        let once = noise(near + 5000);
+        for begin in [near - 1000, near + 100] {
+            let mut scan = RepeatScan::new();
+            let twice = [&once[..begin + 3000], &once[begin + 1000..]].concat();
+            for chunk in twice.chunks(100_003) {
+                scan.feed(chunk, &Stop::new()).unwrap();
+            }
+            let found = scan.candidates();
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!(
+                found[0].1 == 2000 && (begin as u64 + 1000..begin as u64 + 1200).contains(&found[0].0),
+                "{found:?}"
+            );
+            assert!(scan.prints.len() as u64 <= (COMPARED + 2 * LONGEST) / 8, "{}", scan.prints.len());
+        }
     }
 
     #[test]

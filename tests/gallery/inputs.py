@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from shipfp_rs.support.json_files import finite
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.vessel.vessel import Vessel
 from tests.cli.small_trial import SMALL, SWEEP, write_small_trial
+from tests.gallery.calls import Call, slipped_call, table
 from tests.gallery.slips import TEXTS, damaged, held, places, slipped, toml
 
 LAUNCH = (Path(shipfp_rs.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(
@@ -37,6 +39,16 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "init": ("new",),
 }
 """Commands whose options are tried, with what makes them run; the others show or repeat what is there."""
+KEPT = (
+    "log.parquet",
+    "log.csv",
+    "records.parquet",
+    "TRIAL.toml",
+    "SWEEP.toml",
+    "vessel.toml",
+    "fingerprint.json",
+)
+"""What every input can meet; none of it may be changed."""
 SWEEPING = ("--workers", "1", "--executor", "threads", "--no-figures")
 
 
@@ -56,13 +68,26 @@ def prepare(folder: Path) -> None:
     if cli.main(["run", str(folder / "TRIAL.toml"), "--out", str(folder / "first")]) != 0:
         raise RuntimeError("the trial without a slip does not run")
     (folder / "first" / "fingerprint.json").rename(folder / "fingerprint.json")
+    (folder / "first" / "experiments.parquet").rename(folder / "records.parquet")
+    shutil.rmtree(folder / "first")
+    log = shipfp_rs.Log.open(folder / "log.parquet")
+    columns = [log.read(name)[:300] for name in log.channels]
+    rows = (
+        f"{at / 50.0:g},{','.join(f'{value:.6g}' for value in row)}"
+        for at, row in enumerate(zip(*columns, strict=True))
+    )
+    (folder / "log.csv").write_text(
+        "\n".join([",".join(["time", *log.channels]), *rows, ""]), encoding="utf-8"
+    )
 
 
-def inputs(folder: Path, count: int, seed: int) -> list[Input]:
-    """Return so many inputs; the same seed gives the same ones."""
+def inputs(folder: Path, count: int, seed: int) -> list[Input | Call]:
+    """Return so many inputs of the command line and calls from Python; the same seed gives the same ones."""
     chance = random.Random(seed)
+    public = table(folder)
+    text = (folder / "log.csv").read_text(encoding="utf-8")
     fingerprint = json.loads((folder / "fingerprint.json").read_text(encoding="utf-8"))
-    makers: list[Callable[[], Input]] = [
+    makers: list[Callable[[], Input | Call]] = [
         *[lambda: _trial("check", chance)] * 5,
         *[lambda: _trial("run", chance)],
         *[lambda: _sweep(chance)] * 2,
@@ -70,6 +95,8 @@ def inputs(folder: Path, count: int, seed: int) -> list[Input]:
         *[lambda: _option(chance)] * 5,
         *[lambda: _fingerprint(fingerprint, chance)] * 2,
         *[lambda: _damaged(chance)],
+        *[lambda: _damaged_log(text, chance)],
+        *[lambda: slipped_call(public, chance)] * 10,
     ]
     return [chance.choice(makers)() for _ in range(count)]
 
@@ -113,6 +140,21 @@ def _damaged(chance: random.Random) -> Input:
     command, text = chance.choice((("check", SMALL), ("sweep", SWEEP), ("simulate", LAUNCH)))
     more = ("--out", "out", *SWEEPING) if command == "sweep" else ()
     return Input((command, "slip.toml", *more), "a line is damaged", {"slip.toml": damaged(text, chance)})
+
+
+def _damaged_log(text: str, chance: random.Random) -> Input:
+    lines = text.splitlines(keepends=True)
+    line = chance.choice((0, 0, 1, chance.randrange(len(lines))))
+    cells = lines[line].rstrip("\n").split(",")
+    cells[chance.randrange(len(cells))] = chance.choice(TEXTS)
+    lines[line] = ",".join(cells) + "\n"
+    changed = "".join(lines) if chance.random() < 0.5 else damaged(text, chance)
+    command = chance.choice(("inspect", "convert"))
+    return Input(
+        (command, "slip.csv", *(("new.parquet",) if command == "convert" else ())),
+        f"line {line} of a log",
+        {"slip.csv": changed},
+    )
 
 
 @cache

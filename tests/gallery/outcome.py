@@ -1,9 +1,10 @@
-"""What became of an input: its status, its lines, how long it took, and what of the contract it broke."""
+"""What became of an input: its status, its lines, time and memory, what it left, and what of the contract it broke."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 import re
 import shutil
@@ -15,15 +16,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shipfp_rs import cli
-from tests.gallery.inputs import Input
+from shipfp_rs.errors import InternalError, ShipfpError
+from tests.gallery.calls import Call
+from tests.gallery.inputs import KEPT, Input
 
 SLOW_S = 10.0
+MOST_MIB = 1024.0
 WORDS = re.compile(
     r"Error\b|after validation|NoneType|numpy|pydantic|Traceback|<class|__|object has no|\bfloat64\b|_pct\b|"
     r"argument must|got an unexpected"
 )
 """Words of the code in a line that is for the user."""
-KEPT = ("log.parquet", "TRIAL.toml", "SWEEP.toml", "vessel.toml", "fingerprint.json")
+PYTHON_WORDS = re.compile(r"after validation|pydantic|Traceback|<class|object has no|ufunc|\n")
+"""Those in a line for who calls from Python."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,15 @@ class Outcome:
     """None: it raised."""
     line: str
     took_s: float
+    peak_mib: float
+    """Most memory of the whole process meanwhile; 0 where the system does not tell."""
+    left: tuple[str, ...]
+    """Files that were not there before."""
+    changed: tuple[str, ...]
+    """Inputs that are not what they were."""
+    said: str = ""
+    """On stdout, or what a call returned."""
+    python: bool = False
 
     @property
     def broken(self) -> list[str]:
@@ -47,11 +61,18 @@ class Outcome:
             found.append("traceback")
         if self.took_s > SLOW_S:
             found.append("slow")
+        if self.peak_mib > MOST_MIB:
+            found.append("memory")
+        # A sweep keeps the draws that are done, so that the next one goes on from them.
+        if self.status != 0 and set(self.left) - {"out/manifest.json"} and "draws" not in self.line:
+            found.append("half written")
+        if self.changed or any("/." in f"/{name}" for name in self.left):
+            found.append("input changed" if self.changed else "temporary file")
         if self.status == 2:
             errors = [line for line in self.line.splitlines() if "warning:" not in line]
             if len(errors) != 1 or len(errors[0]) > 2000:
                 found.append("not one line")
-            elif WORDS.search(errors[0].replace("KeyError: ", "")):
+            elif (PYTHON_WORDS if self.python else WORDS).search(errors[0].replace("KeyError: ", "")):
                 found.append("words of the code")
         return found
 
@@ -74,32 +95,79 @@ def _limit(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def outcome(given: Input, folder: Path, limit_s: float = 120.0) -> Outcome:
+def outcome(given: Input | Call, folder: Path, limit_s: float = 120.0) -> Outcome:
     """Run an input in a folder that `prepare` has filled, and clean up after it."""
-    for name, text in given.files.items():
+    files = given.files if isinstance(given, Input) else {}
+    for name, text in files.items():
         (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
-    said, here = io.StringIO(), Path.cwd()
+    before = _files(folder)
+    said, told, here = io.StringIO(), io.StringIO(), Path.cwd()
     status: int | None = None
+    _forget_peak()
     began = time.process_time()  # what else the machine does is no fault of the input
     os.chdir(folder)
     try:
         with (
-            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stdout(told),
             contextlib.redirect_stderr(said),
             warnings.catch_warnings(),
             _limit(limit_s),
         ):
             # As in a process of its own: a warning is a line, and no error.
-            warnings.simplefilter("default")
-            status = cli.main(list(given.arguments))
+            warnings.simplefilter("default" if isinstance(given, Input) else "ignore")
+            status = (
+                cli.main(list(given.arguments)) if isinstance(given, Input) else _called(given, said, told)
+            )
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
         said.write(f"{type(error).__name__}: {error}")
     finally:
         os.chdir(here)
-        took_s = time.process_time() - began
-        for path in folder.iterdir():
-            if path.name not in KEPT:
-                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-    return Outcome(status, said.getvalue(), took_s)
+        took_s, peak_mib = time.process_time() - began, _peak_mib()
+    after = _files(folder)
+    for path in folder.iterdir():
+        if path.name not in KEPT:
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    left = tuple(sorted(set(after) - set(before)))
+    changed = tuple(name for name in before if after.get(name) != before[name])
+    for name in changed:
+        if name in KEPT:
+            (folder / name).write_bytes(before[name])
+    return Outcome(
+        status, said.getvalue(), took_s, peak_mib, left, changed, told.getvalue(), isinstance(given, Call)
+    )
+
+
+def _called(given: Call, said: io.StringIO, told: io.StringIO) -> int:
+    try:
+        found = given.function(**given.arguments)
+        # What is computed as it is asked for is asked for.
+        told.write(repr(list(itertools.islice(found, 100)) if isinstance(found, Iterator) else found)[:2000])
+    except ShipfpError as error:
+        if isinstance(error, InternalError):
+            raise
+        said.write(f"{error}\n")
+        return 2
+    return 0
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and not path.is_symlink()
+    }
+
+
+def _forget_peak() -> None:
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def _peak_mib() -> float:
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) / 1024.0
+    return 0.0

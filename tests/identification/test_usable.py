@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
-from shipfp_rs.identification.automatic import LEAST_EXPLAINED_PCT, reworded
+from shipfp_rs.identification.automatic import reworded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
+from shipfp_rs.structures.combinations import true_values
 
-STUCK = "The search did not end in a minimum, so take no figure for an estimate: stopped."
+LOST = Estimate(None, unit="s", status="unidentifiable")
 
 
 @pytest.fixture
@@ -33,32 +35,75 @@ def found() -> Fingerprint:
 
 
 def test_a_good_fit_is_usable_for_all(found) -> None:
-    assert reworded(found).usable.endswith("comparison: the data tell every parameter.")
+    told = reworded(found)
+    assert told.usable.endswith("comparison: the data tell every parameter.")
+    assert (told.usability, told.why_not) == ("usable", "")
 
 
 def test_a_model_that_explains_nothing_of_the_torque_is_not_usable(found) -> None:
     fit = {**found.fit, "dM": {"nrmse_pct": 0.5 * LEAST_EXPLAINED_PCT}}
-    assert (
-        reworded(replace(found, fit=fit)).usable
-        == "Not usable, because the model explains nothing of the torque."
-    )
+    told = reworded(replace(found, fit=fit))
+    assert told.usable == "Not usable, because the model explains nothing of the torque."
+    assert (told.usability, told.why_not) == ("not usable", "nothing explained")
     fit["dM"] = {"nrmse_pct": 2.0 * LEAST_EXPLAINED_PCT}  # much noise is no contradiction
     assert reworded(replace(found, fit=fit)).usable.startswith("Usable")
 
 
 def test_a_search_that_ended_in_no_minimum_is_not_usable(found) -> None:
-    usable = reworded(replace(found, verdict=(STUCK,))).usable
-    assert usable == "Not usable, because the search did not end in a minimum; no figure is an estimate."
+    told = reworded(replace(found, settings={"converged": False}))
+    assert told.usable == "Not usable, because the search did not end in a minimum; no figure is an estimate."
+    assert (told.usability, told.why_not) == ("not usable", "no minimum")
+
+
+def test_a_model_that_misses_much_and_data_that_tell_nothing_are_not_usable(found) -> None:
+    misses = {"stands": False, "misses_pct": {"dn": 1.1 * LARGE_MISS_PCT}, "dispersion": 9.0}
+    told = reworded(replace(found, adequate=misses))
+    assert told.usable.startswith("Not usable, because the model misses 11 %")
+    assert (told.usability, told.why_not) == ("not usable", "misfit")
+    told = reworded(replace(found, parameters=dict.fromkeys(found.parameters, LOST)))
+    assert told.usable == "Not usable, because the data determine no parameter."
+    assert (told.usability, told.why_not) == ("not usable", "nothing told")
+
+
+def test_the_state_is_written_and_read_and_no_other_word_is_taken_for_one(found, tmp_path) -> None:
+    lost = {**found.parameters, "tau_n": LOST}
+    path = reworded(replace(found, parameters=lost)).save(tmp_path / "fingerprint.json")
+    assert Fingerprint.load(path).usability == "usable except"
+    path.write_text(path.read_text().replace('"usable except"', '"perhaps"'))
+    with pytest.raises(fp.InputError, match="usability: found 'perhaps', expected one of"):
+        Fingerprint.load(path)
 
 
 def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     rough = {**found.parameters, "tau_n": Estimate(1.5, 0.2, (1.1, 1.9), "s")}
     assert reworded(replace(found, parameters=rough)).usable.endswith("but tau_n only roughly.")
-    lost = {**found.parameters, "tau_n": Estimate(None, unit="s", status="unidentifiable")}
-    usable = reworded(replace(found, parameters=lost)).usable
-    assert usable == "Usable for simulation and comparison, but tau_n is not known alone."
+    told = reworded(replace(found, parameters={**found.parameters, "tau_n": LOST}))
+    assert told.usable == (
+        "Usable for simulation and comparison, but the data do not determine tau_n: other values fit as well."
+    )
+    assert (told.usability, told.why_not) == ("usable except", "")
+    wide = {**found.parameters, "tau_n": Estimate(0.24, 4.0, (0.01, 8.2), "s")}
+    assert reworded(replace(found, parameters=wide)).usable == told.usable
+    rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
+    assert (
+        "determine tau_n, and vK_p only roughly: other" in reworded(replace(found, parameters=rough)).usable
+    )
 
 
 def test_a_torque_limit_in_si_is_the_engine_s(found) -> None:
     limit = in_si(found, fp.Vessel.load("stan-launch-804"))["torque_limit"]
     assert limit["value"] == pytest.approx(2.0 * 222.93)
+
+
+def test_a_trial_without_torque_is_usable_but_for_what_only_a_torque_tells() -> None:
+    tug = fp.Vessel.load("stan-tug-1205")
+    chirp = fp.signals.chirp(0.02, 2.0, 120.0, 30.0, rate_hz=25.0, name="chirp")
+    trial = fp.simulate(tug, chirp, noise={"n_e": 0.1}, seed=1)
+    signals = {name: trial.signals[name] for name in ("n_set", "n_e")}
+    found = fp.identify(replace(trial, signals=signals), vessel=tug.name)
+    assert found.settings["converged"]
+    assert found.usability == "usable except"
+    truth = true_values(asdict(fp.linearise(tug)))
+    for name in ("(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n"):
+        low, high = found.derived[name].ci95
+        assert low < truth[name] < high

@@ -129,7 +129,13 @@ def test_the_command_prints_json_and_tables_and_draws(recorded, tmp_path, capsys
     assert set(content["channels"][0]) >= {"name", "unit", "rate_hz", "samples", "start", "gaps"}
     assert set(content["faults"][0]) >= {"kind", "channel", "count", "spans"}
     pictures = {path.name for path in (tmp_path / "pictures").iterdir()}
-    assert pictures == {"windows.png", "spectrum-1.png", "spectrum-2.png", "static-torque.png"}
+    assert pictures == {
+        "inspection.json",
+        "windows.png",
+        "spectrum-1.png",
+        "spectrum-2.png",
+        "static-torque.png",
+    }
     assert cli.main(["inspect", str(log)]) == 0
     shown = capsys.readouterr().out
     assert "U_torque" in shown

@@ -6,6 +6,7 @@ import pytest
 
 from shipfp_rs import Structure
 from shipfp_rs.experiments.experiment import UNITS
+from shipfp_rs.report.german_meanings import MEANINGS
 from shipfp_rs.structures import glossary, names
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
@@ -57,6 +58,10 @@ def test_every_parameter_and_combination_has_a_plain_name_in_both_languages() ->
         assert names.plain_name(symbol), symbol
     assert names.plain_name("tau_n (fast)") == "inertia time constant (fast)"
     assert names.plain_name("tau_n", "de") == "Zeitkonstante der Trägheit"
+
+
+def test_every_parameter_is_explained_in_german_too() -> None:
+    assert set(MEANINGS) == {term.symbol for term in glossary.LINEAR}
 
 
 def test_combinations_are_explained_in_their_units() -> None:

@@ -45,6 +45,7 @@ def found(trial) -> fp.Fingerprint:
         si=in_si(fitted, TUG),
         elements=ELEMENTS,
         usable="Usable for simulation, control tuning and comparison: the data tell every parameter.",
+        usability="usable",
     )
 
 
@@ -134,6 +135,29 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
     assert section.count("<svg") == 1
 
 
+@pytest.mark.parametrize(
+    ("language", "summary", "meaning"),
+    [
+        (
+            "en",
+            "What the symbols mean",
+            "vK_p: per cent of engine torque for 1 % of speed error: the engine&#39;s v times",
+        ),
+        (
+            "de",
+            "Was die Zeichen bedeuten",
+            "vK_p: Prozent Motormoment für 1 % Drehzahlabweichung: v des Motors mal",
+        ),
+    ],
+)
+def test_the_symbols_of_the_table_are_explained_below_it(found, language, summary, meaning) -> None:
+    fold = re.search(
+        rf"(?s)<details><summary>{summary}</summary>(.*?)</details>", render(found, [], language=language)
+    )
+    assert meaning in fold[1]
+    assert fold[1].count("<li>") == len(found.parameters)
+
+
 def test_statistics_stand_behind_a_fold_with_plain_names(page: str, found) -> None:
     section = page[page.index('id="statistics"') :]
     assert section.index("<details>") < section.index("The model explains")
@@ -160,17 +184,27 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
 
 SENTENCES = {
     "all": "Usable for simulation, control tuning and comparison: the data tell every parameter, but g only roughly.",
-    "some": "Usable for simulation and comparison, but tau_n and g are not known alone.",
-    "none": "Not usable, because the model misses 12.5 % of the response that the set point still explains.",
-    "torque": "Not usable, because the model explains nothing of the torque.",
-    "lost": "Not usable, because the search did not end in a minimum; no figure is an estimate.",
+    "some": "Usable for simulation and comparison, but the data do not determine tau_n and g: other values fit as well.",
+    "misfit": "Not usable, because the model misses 12.5 % of the response that the set point still explains.",
+    "nothing explained": "Not usable, because the model explains nothing of the torque.",
+    "nothing told": "Not usable, because the data determine no parameter.",
+    "no minimum": "Not usable, because the search did not end in a minimum; no figure is an estimate.",
 }
-MISSING = (
-    "The residuals show that something small is missing (0.35 % of the speed, 0.98 % of the torque); every interval is "
-    "widened by what that can do."
-)
+STEPS = {
+    "nothing explained": "a channel of another record",
+    "misfit": "The figures hold for the model, not for the ship.",
+    "no minimum": "a longer record",
+    "nothing told": "a larger swing of the set point",
+}
+SMALL_MISSES = {"stands": True, "misses_pct": {"dn": 0.35, "dM": 0.98}, "dispersion": 1.2}
 SAME = {"PNG", "Hz", "kg", "Nm", "rpm", "Stan", "Tug", "Parameter", "Fingerprint", "chirp", "in", "was"}
 """Words that are the same in both languages: units, names, and what a user called the trial."""
+
+
+def judged(which: str) -> dict[str, str]:
+    """Return the fields that say the same as a sentence."""
+    states = {"all": "usable", "some": "usable except"}
+    return {"usability": states.get(which, "not usable"), "why_not": which if which in STEPS else ""}
 
 
 def first_screen(page: str) -> str:
@@ -189,7 +223,9 @@ def test_no_english_word_is_left_on_the_german_first_screen(which, usable, trial
         found,
         usable=SENTENCES[usable],
         elements=ELEMENTS,
-        verdict=(SENTENCES[usable], MISSING),
+        verdict=(SENTENCES[usable],),
+        adequate=SMALL_MISSES,
+        **judged(usable),
         structure={**found.structure, "name": "ship: dead time in the loop, upper torque limit"},
     )
     screens = [
@@ -205,18 +241,20 @@ def test_no_english_word_is_left_on_the_german_first_screen(which, usable, trial
 
 
 def test_a_fingerprint_that_can_not_be_used_says_what_to_do_and_shows_no_loop(found, trial) -> None:
-    for sentence, step in (
-        (SENTENCES["torque"], "a channel of another record"),
-        (SENTENCES["none"], "The figures hold for the model, not for the ship."),
-        (SENTENCES["lost"], "a longer record"),
-        ("Not usable, because the data tell no parameter by itself.", "a larger swing of the set point"),
-    ):
-        page = render(replace(found, usable=sentence), [trial], simulated=[found.predict(trial)])
+    for why_not, step in STEPS.items():
+        unusable = replace(found, usable=SENTENCES[why_not], **judged(why_not))
+        page = render(unusable, [trial], simulated=[found.predict(trial)])
         screen = first_screen(page)
-        assert f'<p class="answer bad">{sentence}' in page
+        assert f'<p class="answer bad">{SENTENCES[why_not]}' in page
         assert step in screen
         assert "phase margin" not in screen
         assert "Nothing is left open" not in screen
+
+
+@pytest.mark.parametrize(("which", "tone"), [("all", "good"), ("some", "warn"), ("misfit", "bad")])
+def test_the_colour_goes_by_the_state_and_not_by_words(found, which, tone) -> None:
+    page = render(replace(found, usable="Any sentence.", **judged(which)), [])
+    assert f'<p class="answer {tone}">Any sentence.' in page
 
 
 @pytest.mark.parametrize("which", ["found", "partly"])

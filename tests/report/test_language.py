@@ -60,13 +60,15 @@ def test_every_element_has_a_german_name() -> None:
 
 
 VERDICTS = [
-    "Not usable, because the data tell no parameter by itself.",
+    "Not usable, because the data determine no parameter.",
     "Not usable, because the model misses 12 % of the response that the set point still explains.",
     "Not usable, because the search did not end in a minimum; no figure is an estimate.",
     "Not usable, because the model explains nothing of the torque.",
     "Not usable, because the model explains nothing of the speed and the torque.",
-    "Usable for simulation and comparison, but v is not known alone.",
-    "Usable for simulation and comparison, but tau_n, g and v are not known alone.",
+    "Usable for simulation and comparison, but the data do not determine v: other values fit as well.",
+    "Usable for simulation and comparison, but the data do not determine tau_n, g and v: other values fit as well.",
+    "Usable for simulation and comparison, but the data do not determine g and p, and tau_n and v only roughly: other "
+    "values fit as well.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter, but tau_n and g only roughly.",
     "Known: tau_n = 1.13 (0.6627 to 1.597) s; g = -0.5158 (-1.623 to 0.5905).",

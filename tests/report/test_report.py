@@ -148,8 +148,11 @@ def test_the_verdict_s_first_sentence_comes_first(page, fingerprint) -> None:
     answer = re.search(r'<p class="answer[^"]*">(.*?)</p>', page)
     assert answer.group(1).startswith("Known: tau_n = 1.17 s.")
     assert answer.start() < page.index("<table") < page.index("<h2")
-    usable = replace(fingerprint, usable="Usable for simulation and comparison, but v is not known alone.")
-    assert '<p class="answer warn">Usable for simulation and comparison, but v is' in render(usable, [])
+    sentence = (
+        "Usable for simulation and comparison, but the data do not determine v: other values fit as well."
+    )
+    usable = replace(fingerprint, usable=sentence, usability="usable except")
+    assert f'<p class="answer warn">{sentence}' in render(usable, [])
 
 
 def test_figures_are_rounded_to_two_digits_of_their_uncertainty(page) -> None:

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json, a_path, probability
+from shipfp_rs.cli.options import Json, Replace, a_path, new_file, probability
 from shipfp_rs.cli.output import print_json, print_table, print_text
+from shipfp_rs.errors import InputError
 
 
 def compare(
@@ -26,6 +27,7 @@ def compare(
         Path | None,
         typer.Option(metavar="FILE.png", parser=a_path, help="Picture of both step and frequency responses."),
     ] = None,
+    force: Replace = False,
     json: Json = False,
 ) -> None:
     """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
@@ -33,6 +35,10 @@ def compare(
     from shipfp_rs.identification.estimate import decimals, rounded
     from shipfp_rs.identification.fingerprint import Fingerprint
 
+    if out is not None:
+        if any(out.exists() and path.exists() and out.samefile(path) for path in (before, after)):
+            raise InputError(f"{out}: is a fingerprint that is compared; choose another name")
+        new_file(out, force=force)
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     comparison = compare_fingerprints(first, second, level=level)
     if out is not None:

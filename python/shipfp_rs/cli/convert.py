@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Names, Rate, Time, a_path
+from shipfp_rs.cli.options import Names, Rate, Replace, Time, a_path, new_file
 from shipfp_rs.cli.output import print_text
 from shipfp_rs.errors import InputError
 
@@ -18,15 +18,14 @@ def convert(
     rate_hz: Rate = None,
     time: Time = None,
     names: Names = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace OUT.parquet if it is there.")] = False,
+    force: Replace = False,
 ) -> None:
     """Convert a log to Parquet, each channel with its unit, rate, start and type."""
     from shipfp_rs.logs.log import Log
 
     if out.is_file() and log.exists() and out.samefile(log):
         raise InputError(f"{out}: is the log itself; choose another name")
-    if out.is_file() and not force:
-        raise InputError(f"{out}: exists already; choose another name, or --force to replace it")
+    new_file(out, force=force)
     source = Log.open(log, rate_hz=rate_hz, time=time, names=names)
     source.write(out)
     print_text(f"wrote {out}: {len(source.channels)} channels")

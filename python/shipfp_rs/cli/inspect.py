@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Json, Names, Rate, Time, a_path, positive
+from shipfp_rs.cli.options import Force, Json, Names, Rate, Time, a_path, positive
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
     from shipfp_rs.inspection import Inspection
+
+MARKER = "inspection.json"
+PICTURES = ("windows.png", "static-torque.png", *(f"spectrum-{number}.png" for number in range(1, 1000)))
 
 
 def inspect(
@@ -39,14 +43,17 @@ def inspect(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for pictures.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for inspection.json and pictures."),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Show a log's channels, gaps, faults, windows and spectra; with its trial, calibrated checks as well."""
     from shipfp_rs.inspection import inspect_log
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.trial import Trial
+    from shipfp_rs.support.files import replacing_folder
 
     if log.suffix == ".toml":
         raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
@@ -58,13 +65,18 @@ def inspect(
         time=time or (told.time_column if told else None),
         names=names or (told.names if told else None),
     )
-    with progress() as notify:
+    folder_of_its_own = (
+        nullcontext() if out is None else replacing_folder(out, marker=MARKER, others=PICTURES, force=force)
+    )
+    with folder_of_its_own as folder, progress() as notify:
         notify("reading the log")
         found = inspect_log(recording, description, C_Q=torque_coefficient)
-    if out is not None:
-        from shipfp_rs.inspection.pictures import draw
+        if folder is not None:
+            from shipfp_rs.inspection.pictures import draw  # Matplotlib
+            from shipfp_rs.support.json_files import json_text
 
-        draw(found, recording, out)
+            (folder / MARKER).write_text(json_text(found.to_dict()), encoding="utf-8")
+            draw(found, recording, folder)
     if json:
         print_json(found.to_dict())
         return

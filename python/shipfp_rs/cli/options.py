@@ -67,11 +67,19 @@ def as_typed(options: Mapping[str, str]) -> Iterator[None]:
         raise InputError(message) from error
 
 
+def new_file(path: Path, *, force: bool) -> Path:
+    """Return the name of a file to write; refuse one that is there, but for devices, or with --force."""
+    if path.is_file() and not force:
+        raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
+    return path
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON, and nothing else, on stdout.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=MOST_SEED, help="Seed of everything that is drawn.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Write into a folder that holds other files, too; these stay.")
 ]
+Replace = Annotated[bool, typer.Option("--force", help="Replace files that are there.")]
 OutFolder = Annotated[
     Path,
     typer.Option(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shipfp_rs.cli.options import Json, Seed, a_path, as_typed, not_negative, positive
+from shipfp_rs.cli.options import Json, Replace, Seed, a_path, as_typed, new_file, not_negative, positive
 from shipfp_rs.cli.output import print_json, print_text, progress
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.structures.combinations import true_values
@@ -81,7 +81,7 @@ def simulate(
         "simulation.parquet"
     ),
     seed: Seed = 0,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    force: Replace = False,
     json: Json = False,
 ) -> None:
     """Simulate a trial and write it with the true parameters beside it."""
@@ -97,8 +97,7 @@ def simulate(
     if raw:
         files["trial"] = out.with_suffix(".toml")
     for path in files.values():
-        if path.exists() and not force:
-            raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
+        new_file(path, force=force)
     ship = Vessel.load(vessel)
     with as_typed(TYPED):
         signal = _excitation(

@@ -12,30 +12,25 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, State
 from shipfp_rs.identification.chooser import Chooser, Fitted
-from shipfp_rs.identification.estimate import is_rough
+from shipfp_rs.identification.estimate import KNOWN
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
 from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
 from shipfp_rs.identification.sampling import clock_of
-from shipfp_rs.identification.verdict import NO_MINIMUM, shown
-from shipfp_rs.identification.wording import OUTPUTS
+from shipfp_rs.identification.usability import usability
+from shipfp_rs.identification.verdict import shown
+from shipfp_rs.identification.wording import something_missing
 from shipfp_rs.structures.combinations import slope_of
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
 from shipfp_rs.structures.outputs import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
-LARGE_MISS_PCT = 10.0
-"""Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
 SMALL_MISS_PCT = 1.6
 """Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
 (static torque check of the thesis, eq. 6.3)."""
-LEAST_EXPLAINED_PCT = 2.0
-"""Part of an output's spread that a usable model explains at least: below it the output is not the ship's answer."""
-KNOWN = ("free", "prior")
-"""States of an estimate that has an interval of its own."""
 
 
 def chooser_of(
@@ -121,11 +116,14 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
         for group in (parameters, derived):
             for name, estimate in group.items():
                 lacks = group is parameters and name not in others
-                group[name] = _joined(estimate, others.get(name), words, off=lacks)
+                bounds = _bounds(choice, name) if group is parameters else (-np.inf, np.inf)
+                group[name] = _joined(estimate, others.get(name), words, bounds, off=lacks)
     return replace(fingerprint, parameters=parameters, derived=derived)
 
 
-def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool) -> Estimate:
+def _joined(
+    estimate: Estimate, other: Estimate | None, words: str, bounds: tuple[float, float], *, off: bool
+) -> Estimate:
     if estimate.status not in KNOWN or estimate.ci95 is None:
         return estimate
     if other is None:
@@ -142,7 +140,9 @@ def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool
             status="unidentifiable",
             reason=f"not told by a structure that fits as well ({words}): {other.reason}",
         )
-    low, high = min(estimate.ci95[0], other.ci95[0]), max(estimate.ci95[1], other.ci95[1])
+    # An end that the rival's search did not find is the bound.
+    low = max(min(estimate.ci95[0], other.ci95[0]), bounds[0])
+    high = min(max(estimate.ci95[1], other.ci95[1]), bounds[1])
     widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
     std = None if estimate.std is None else estimate.std * widened
     return replace(estimate, ci95=(low, high), std=std)
@@ -318,35 +318,11 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
 def reworded(fingerprint: Fingerprint) -> Fingerprint:
     """Return the fingerprint with a verdict that opens with what it can be used for, elements and misfit included."""
     known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
-    open_ones = [
-        name for name, estimate in fingerprint.parameters.items() if estimate.status not in (*KNOWN, "fixed")
-    ]
-    adequate = fingerprint.adequate
-    worst = max(adequate["misses_pct"].values(), default=0.0)
-    unexplained = [
-        f"the {OUTPUTS.get(name, name)}"
-        for name, row in fingerprint.fit.items()
-        if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
-    ]
-    if any(line.startswith(NO_MINIMUM) for line in fingerprint.verdict):
-        usable = "Not usable, because the search did not end in a minimum; no figure is an estimate."
-    elif unexplained:
-        usable = f"Not usable, because the model explains nothing of {_listed(unexplained)}."
-    elif not known:
-        usable = "Not usable, because the data tell no parameter by itself."
-    elif not adequate["stands"] and worst > LARGE_MISS_PCT:
-        usable = f"Not usable, because the model misses {worst:.2g} % of the response that the set point still explains."
-    elif open_ones:
-        verb = "is" if len(open_ones) == 1 else "are"
-        usable = f"Usable for simulation and comparison, but {_listed(open_ones)} {verb} not known alone."
-    else:
-        usable = "Usable for simulation, control tuning and comparison: the data tell every parameter"
-        roughly = [name for name in known if is_rough(fingerprint.parameters[name])]
-        usable += f", but {_listed(roughly)} only roughly." if roughly else "."
+    found = usability(fingerprint)
     rest = [
         line for line in fingerprint.verdict if not line.startswith(("Known:", "The residuals contradict"))
     ]
-    lines = [usable]
+    lines = [found.sentence]
     if known:
         lines.append("Known: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + ".")
     acting = [row["words"] for row in fingerprint.elements.values() if row["state"] == "on"]
@@ -367,16 +343,12 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
             + ", ".join(undecided)
             + "; the intervals hold for both."
         )
-    if adequate["dispersion"] > 1.0:
-        missed = ", ".join(
-            f"{value:.2g} % of the {OUTPUTS.get(name, name)}"
-            for name, value in adequate["misses_pct"].items()
-        )
-        lines.append(
-            f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."
-        )
-    return replace(fingerprint, usable=usable, verdict=(*lines, *rest))
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+    if little := something_missing(fingerprint.adequate):
+        lines.append(little)
+    return replace(
+        fingerprint,
+        usable=found.sentence,
+        usability=found.state,
+        why_not=found.why_not,
+        verdict=(*lines, *rest),
+    )

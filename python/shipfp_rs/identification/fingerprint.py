@@ -11,7 +11,7 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
-from shipfp_rs.identification.estimate import estimate_of
+from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
 from shipfp_rs.identification.fingerprint_file import require_layout
 from shipfp_rs.identification.modelled import Modelled
 from shipfp_rs.identification.told import Told
@@ -60,6 +60,12 @@ class Fingerprint(Told, Modelled):
         per cent of its spread; "bias": how far that can move each parameter.
     usable
         The verdict's first sentence: what the fingerprint can be used for.
+    usability
+        The same in a word: "usable", "usable except" (of the parameters that the sentence names) or "not usable"; empty
+        where the structure was given.
+    why_not
+        Of one that is not usable: "no minimum", "nothing explained" of an output, "nothing told" of any parameter, or
+        "misfit" of the model.
     si
         Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
     """
@@ -80,6 +86,8 @@ class Fingerprint(Told, Modelled):
     elements: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     adequate: Mapping[str, Any] = field(default_factory=dict)
     usable: str = ""
+    usability: Usable = ""
+    why_not: WhyNot = ""
     si: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -111,6 +119,8 @@ class Fingerprint(Told, Modelled):
             "elements": {name: dict(row) for name, row in self.elements.items()},
             "adequate": dict(self.adequate),
             "usable": self.usable,
+            "usability": self.usability,
+            "why_not": self.why_not,
             "si": {name: dict(row) for name, row in self.si.items()},
         }
 
@@ -169,5 +179,7 @@ class Fingerprint(Told, Modelled):
             elements=content.get("elements", {}),
             adequate=content.get("adequate", {}),
             usable=content.get("usable", ""),
+            usability=content.get("usability", ""),
+            why_not=content.get("why_not", ""),
             si=content.get("si", {}),
         )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
+
+from shipfp_rs.identification.estimate import Usable, WhyNot
 
 TABLES = (
     "parameters",
@@ -40,6 +42,9 @@ def require_layout(content: Mapping[str, Any]) -> None:
     outputs = structure.get("outputs", [])
     texts = isinstance(outputs, list) and all(isinstance(output, str) for output in outputs)
     _require(texts, "structure.outputs", outputs, "a list of texts")
+    for key, words in (("usability", Usable), ("why_not", WhyNot)):
+        found = content.get(key, "")
+        _require(found in get_args(words), key, found, "one of " + ", ".join(map(repr, get_args(words))))
     for key, kind in (("verdict", str), ("data", dict)):
         entries = content[key]
         _require(

@@ -7,9 +7,6 @@ from collections.abc import Iterator, Mapping
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.structures.structure import Structure
 
-NO_MINIMUM = "The search did not end in a minimum"
-"""How the line about a search that failed begins."""
-
 
 def verdict(
     parameters: Mapping[str, Estimate],
@@ -26,7 +23,11 @@ def verdict(
     `trouble` says why the search's end is no minimum; with `any_colour` the intervals hold for noise of any colour.
     """
     lines = [
-        *([f"{NO_MINIMUM}, so take no figure for an estimate: {trouble}."] if trouble else []),
+        *(
+            [f"The search did not end in a minimum, so take no figure for an estimate: {trouble}."]
+            if trouble
+            else []
+        ),
         *_known(parameters, derived, structure),
         *_unknown(parameters),
         *_gaps(identifiability),

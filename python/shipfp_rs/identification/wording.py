@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.logs.faults.record import KINDS
@@ -29,3 +30,13 @@ def rank(found: Identifiability) -> str:
             f"sensitivities {found.condition:.3g})."
         )
     return f"The data tell {found.rank} of {found.free} free parameters apart."
+
+
+def something_missing(adequate: Mapping[str, Any]) -> str:
+    """Say what a model that is not quite the ship's misses of each output; empty where nothing is missed."""
+    if adequate.get("dispersion", 1.0) <= 1.0:
+        return ""
+    missed = ", ".join(
+        f"{value:.2g} % of the {OUTPUTS.get(name, name)}" for name, value in adequate["misses_pct"].items()
+    )
+    return f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +10,13 @@ from matplotlib.figure import Figure
 from shipfp_rs.inspection import Inspection
 from shipfp_rs.logs.log import Log
 from shipfp_rs.plot.style import envelope
-from shipfp_rs.support.files import replacing
 
 COLOURS = {"steady": "#b8c4ce", "sine": "#2f6db3", "chirp": "#2a9d6f", "steps": "#c9762b", "other": "#a23b72"}
 WIDTH, HEIGHT = 10.0, 4.0
 
 
 def draw(inspection: Inspection, log: Log, folder: Path) -> list[Path]:
-    """Write the pictures that the inspection has something for; return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write the pictures that the inspection has something for into a folder; return their paths."""
     written = []
     if inspection.windows:
         written.append(_saved(_windows(inspection, log), folder / "windows.png"))
@@ -33,10 +30,7 @@ def draw(inspection: Inspection, log: Log, folder: Path) -> list[Path]:
 
 
 def _saved(figure: Figure, path: Path) -> Path:
-    data = io.BytesIO()
-    figure.savefig(data, format="png")
-    with replacing(path) as temporary:
-        temporary.write_bytes(data.getvalue())
+    figure.savefig(path, format="png")
     return path
 
 

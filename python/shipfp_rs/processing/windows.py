@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.coarse import block_means, bridged
+from shipfp_rs.processing.coarse import bridged, mean_pieces
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
@@ -39,6 +40,8 @@ CROSSED = 0.35
 """Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
 JUMPED = 1.5
 """A sample further out than so many amplitudes is a jump of the generator's relay."""
+LONGEST_S = 4.0 * 3600.0
+"""Longest excitation [s]; what goes on for longer without a rest is the ship's own doing."""
 SAME_FREQUENCY = 1.15
 """The excitation has one frequency where the ratio of its last periods to its first is below this."""
 
@@ -139,11 +142,11 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
 
 @dataclass(frozen=True)
 class _Trace:
-    """The set point at a coarse rate, and the medians of its blocks."""
+    """The set point at a coarse rate: medians and spreads of its blocks; its samples stay where they are."""
 
-    start_s: float
-    rate_hz: float
-    samples: Array
+    log: Log
+    channel: Channel
+    ratio: int
     medians: Array
     spreads: Array
     noise: float
@@ -152,25 +155,23 @@ class _Trace:
     def of(cls, log: Log, name: str) -> _Trace:
         channel = log.channel(name)
         ratio = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
-        rate = channel.rate_hz / ratio
-        block = round(BLOCK_S * rate)
+        block = round(BLOCK_S * channel.rate_hz / ratio)
         if block < 8 or channel.samples < LEAST_REST_S * channel.rate_hz:
             raise InputError(
                 f"{log.name}: channel {name!r} has {channel.samples} samples at {channel.rate_hz:g} Hz, expected "
                 f"{LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
             )
-        samples = block_means(log, name, ratio)
-        samples = samples[: len(samples) // block * block]
-        if not np.isfinite(samples).any():
+        medians, spreads, largest = _levels(mean_pieces(log, name, ratio), block)
+        known = np.isfinite(medians)
+        if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        samples = bridged(samples)
-        rows = samples.reshape(-1, block)
-        medians = np.median(rows, axis=1)
-        # Absolute deviations: jumps of the relay are rare among them.
-        spreads = ROBUST_SIGMA * np.median(np.abs(rows - medians[:, None]), axis=1)
-        quiet = float(np.quantile(spreads, 0.1))
-        quantum = float(np.spacing(np.abs(samples).max()))
-        return cls(channel.start_s, rate, samples, medians, spreads, max(quiet, 8.0 * quantum))
+        quiet = float(np.quantile(spreads[known], 0.1))
+        noise = max(quiet, 8.0 * float(np.spacing(largest)))
+        return cls(log, channel, ratio, bridged(medians), spreads, noise)
+
+    @property
+    def rate_hz(self) -> float:
+        return self.channel.rate_hz / self.ratio
 
     @property
     def block(self) -> int:
@@ -182,8 +183,15 @@ class _Trace:
         return 1.2533 * self.noise / math.sqrt(self.block)
 
     def times(self, blocks: tuple[int, int]) -> tuple[float, float]:
-        first, stop = (self.start_s + index * self.block / self.rate_hz for index in blocks)
+        first, stop = (self.channel.start_s + index * self.block / self.rate_hz for index in blocks)
         return first, stop
+
+    def samples(self, blocks: tuple[int, int]) -> Array:
+        """Return a stretch at the coarse rate, gaps bridged; empty where it has no sample."""
+        start_s, stop_s = self.times(blocks)
+        stop_s = min(stop_s, self.channel.stop_s)
+        found = np.concatenate([*mean_pieces(self.log, self.channel.name, self.ratio, start_s, stop_s)])
+        return bridged(found) if np.isfinite(found).any() else np.empty(0)
 
     def level(self, blocks: tuple[int, int]) -> float:
         return float(np.median(self.medians[slice(*blocks)]))
@@ -227,7 +235,9 @@ class _Trace:
     def excitation(self, first: int, stop: int) -> FoundWindow:
         """What lies between two rests."""
         start_s, stop_s = self.times((first, stop))
-        samples = self.samples[first * self.block : stop * self.block]
+        samples = self.samples((first, stop)) if stop_s - start_s <= LONGEST_S else np.empty(0)
+        if not samples.size:
+            return FoundWindow("", "other", start_s, stop_s, self.level((first, stop)))
         level = 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
         crossings = _crossings(samples - level) / self.rate_hz
         halves = np.diff(crossings)
@@ -245,6 +255,28 @@ class _Trace:
         order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
         kind: Kind = "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other"
         return FoundWindow("", kind, start_s, stop_s, level, frequencies)
+
+
+def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
+    """Return each block's median, NaN where all is missing, its robust spread, zero there, and the largest magnitude."""
+    medians, spreads, largest, held = [np.empty(0)], [np.empty(0)], 0.0, np.empty(0)
+    for piece in pieces:
+        held = np.concatenate([held, piece])
+        whole = len(held) // block * block
+        rows = held[:whole].reshape(-1, block)
+        known = np.isfinite(rows)
+        middle = np.full(len(rows), np.nan)
+        spread = np.zeros(len(rows))
+        some, full = known.any(axis=1), known.all(axis=1)
+        for chosen, median in ((full, np.median), (some & ~full, np.nanmedian)):
+            middle[chosen] = median(rows[chosen], axis=1)
+            # Absolute deviations: jumps of the relay are rare among them.
+            spread[chosen] = ROBUST_SIGMA * median(np.abs(rows[chosen] - middle[chosen, None]), axis=1)
+        medians.append(middle)
+        spreads.append(spread)
+        largest = max(largest, float(np.abs(rows[known]).max(initial=0.0)))
+        held = held[whole:]
+    return np.concatenate(medians), np.concatenate(spreads), largest
 
 
 def _crossings(deviation: Array) -> Array:

@@ -6,13 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from markupsafe import Markup
+
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.report.answer import interval, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
+from shipfp_rs.report.markup import Cell, bullets, details, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
 
@@ -26,6 +28,7 @@ def parameters(
     yield _estimates(
         say("parameters with their 95 % intervals"), fingerprint.parameters, truth, say, formula=True
     )
+    yield _meanings(fingerprint, say)
     if fingerprint.derived:
         yield piece("heading", say("Combinations"))
         yield paragraph(say("Told better than their members, or though these are not told one by one."))
@@ -46,6 +49,27 @@ def parameters(
         yield pictures.draw(
             1, lambda axes: plot.intervals(fingerprint, truth, axes[0]), caption, height=height, width=NARROW
         )
+
+
+def _meanings(fingerprint: Fingerprint, say: Say) -> str:
+    """Return a fold that says what each symbol means, and what gains and slopes are normalised to."""
+    told = [f"{name}: {meaning}." for name in fingerprint.parameters if (meaning := say.meaning(name))]
+    if not told:
+        return ""
+    notes = [
+        say(
+            "Gains and slopes are normalised: they count changes in per cent of the value at the operating point."
+        )
+    ]
+    if "vK_p" in fingerprint.parameters:
+        notes.append(
+            say(
+                "Speed and torque show the governor's gains K_p and K_i only times v, the per cent of engine torque that "
+                "1 % more fuel rack brings; a fuel rack channel would tell them apart."
+            )
+        )
+    content = [paragraph(" ".join(notes)), bullets(told)]
+    return details(say("What the symbols mean"), Markup("\n").join(content))
 
 
 def _estimates(

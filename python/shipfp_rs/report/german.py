@@ -26,6 +26,7 @@ SENTENCES: Mapping[str, str] = {
     "Structure, settings and seed": "Struktur, Einstellungen und Startwert des Zufalls",
     "No verdict was given.": "Es gibt kein Urteil.",
     "The ship, with intervals of 95 %": "Das Schiff, mit Intervallen von 95 %",
+    "The model's figures, not the ship's": "Zahlen des Modells, nicht des Schiffs",
     "What it means for the speed loop": "Was das für den Drehzahlregelkreis heißt",
     "{low} to {high}": "{low} bis {high}",
     "none": "keine",
@@ -66,6 +67,15 @@ SENTENCES: Mapping[str, str] = {
     ),
     "parameters with their 95 % intervals": "Parameter mit ihren 95-%-Bereichen",
     "combinations with their 95 % intervals": "Kombinationen mit ihren 95-%-Bereichen",
+    "What the symbols mean": "Was die Zeichen bedeuten",
+    "Gains and slopes are normalised: they count changes in per cent of the value at the operating point.": (
+        "Verstärkungen und Steigungen sind normiert: Sie zählen Änderungen in Prozent des Werts am Betriebspunkt."
+    ),
+    "Speed and torque show the governor's gains K_p and K_i only times v, the per cent of engine torque that 1 % more fuel rack "
+    "brings; a fuel rack channel would tell them apart.": (
+        "Drehzahl und Drehmoment zeigen K_p und K_i des Reglers nur mal v, den Prozent Motormoment, die 1 % mehr Füllung bringt; "
+        "ein Kanal der Füllung würde sie trennen."
+    ),
     "Combinations": "Kombinationen",
     "Told better than their members, or though these are not told one by one.": (
         "Genauer bestimmt als ihre Glieder, oder obwohl diese einzeln nicht bestimmbar sind."
@@ -287,7 +297,7 @@ WORDS: Mapping[str, str] = {
     "bandwidth": "Bandbreite",
     "crossover": "Durchtrittsfrequenz",
     "phase margin": "Phasenreserve",
-    "gain margin": "Amplitudenreserve",
+    "gain margin": "Amplituden\u00adreserve",
     "recovery time": "Ausregelzeit",
     "overshoot": "Überschwingen",
     "pole 1, real": "Pol 1, Realteil",

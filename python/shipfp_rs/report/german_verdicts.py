@@ -6,8 +6,8 @@ from shipfp_rs.report.german import ELEMENTS
 
 PHRASES: tuple[tuple[str, str], ...] = (
     (
-        r"^Not usable, because the data tell no parameter by itself\.",
-        "Nicht brauchbar, weil die Daten keinen Parameter für sich bestimmen.",
+        r"^Not usable, because the data determine no parameter\.",
+        "Nicht brauchbar, weil die Daten keinen Parameter bestimmen.",
     ),
     (
         r"^Not usable, because the model misses (\S+) % of the response that the set point still explains\.",
@@ -22,12 +22,13 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Nicht brauchbar, weil das Modell nichts erklärt von \1.",
     ),
     (
-        r"^Usable for simulation and comparison, but (.+) is not known alone\.",
-        r"Brauchbar für Simulation und Vergleich, aber \1 ist einzeln nicht bekannt.",
+        r"^Usable for simulation and comparison, but the data do not determine (.+), and (.+) only roughly: other values fit "
+        r"as well\.",
+        r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1, und nur grob \2: Andere Werte passen ebenso gut.",
     ),
     (
-        r"^Usable for simulation and comparison, but (.+) are not known alone\.",
-        r"Brauchbar für Simulation und Vergleich, aber \1 sind einzeln nicht bekannt.",
+        r"^Usable for simulation and comparison, but the data do not determine (.+): other values fit as well\.",
+        r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1: Andere Werte passen ebenso gut.",
     ),
     (
         r"^Usable for simulation, control tuning and comparison: the data tell every parameter, but (.+) only roughly\.",
@@ -122,7 +123,7 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"die Anpassung will ihn jenseits von \1, wo kein Schiff ist",
     ),
     *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
-    (r"(?<=\w) and (?=\w+ (aber nur grob|sind einzeln))", " und "),
+    (r"(?<=\w) and (?=\w+( aber nur grob|: Andere|, und nur grob))", " und "),
     (r" and (?=the (speed|torque|fuel rack)\b)", " und "),
     (r" % of the speed\b", " % der Drehzahl"),
     (r" % of the torque\b", " % des Drehmoments"),

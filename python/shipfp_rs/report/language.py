@@ -6,7 +6,9 @@ import re
 from typing import Any
 
 from shipfp_rs.report.german import LABELS, SENTENCES, WORDS
+from shipfp_rs.report.german_meanings import MEANINGS
 from shipfp_rs.report.german_verdicts import PHRASES
+from shipfp_rs.structures import glossary
 from shipfp_rs.structures.names import Language, plain_name
 from shipfp_rs.support.checks import one_of
 
@@ -55,6 +57,11 @@ class Say:
     def name(self, symbol: str) -> str:
         """Return the plain name of a parameter or combination."""
         return plain_name(symbol, self.language)
+
+    def meaning(self, symbol: str) -> str:
+        """Return what a parameter means; empty for a parameter of a user's own."""
+        own = symbol.partition(" (")[0]
+        return MEANINGS.get(own, "") if self.language == "de" else glossary.meaning(own)
 
     def label(self, text: str) -> str:
         """Return the label of an axis or of a legend, its symbols and units as they are."""

@@ -3,6 +3,7 @@
 use multiversion::multiversion;
 use multiversion::target::match_target;
 
+use super::gaps::Gaps;
 use super::sample::{BLOCK, Masks, Sample};
 use super::thresholds::{Edge, Levels};
 use crate::error::{Error, Result};
@@ -32,7 +33,7 @@ struct Cursor {
 pub struct PulseCrossings {
     levels: Levels,
     cursor: Cursor,
-    gaps: Vec<(u64, u64)>,
+    gaps: Gaps,
 }
 
 impl PulseCrossings {
@@ -45,7 +46,7 @@ impl PulseCrossings {
         levels.check()?;
         let cursor =
             Cursor { seen: 0, armed: false, previous: f64::NAN, pending: Edge::NONE, gap_start: None };
-        Ok(Self { levels, cursor, gaps: Vec::new() })
+        Ok(Self { levels, cursor, gaps: Gaps::default() })
     }
 
     /// Go on with other levels, for a train whose levels drift.
@@ -84,9 +85,10 @@ impl PulseCrossings {
     }
 
     /// Stretches of missing samples, each from its first to past its last; one that is still open ends at [`Self::seen`].
+    /// Of more than 65,536 the nearest ones are told as one.
     pub fn gaps(&self) -> impl Iterator<Item = (u64, u64)> {
         let open = self.cursor.gap_start.map(|start| (start, self.cursor.seen));
-        self.gaps.iter().copied().chain(open)
+        self.gaps.spans().chain(open)
     }
 
     /// Times of the rising crossings found in the next chunk, in samples since the very first.
@@ -117,7 +119,7 @@ impl PulseCrossings {
         advance(&mut scan, low, high, stop)?;
         scan.close();
         self.cursor = scan.cursor;
-        self.gaps.append(&mut scan.gaps);
+        scan.gaps.into_iter().for_each(|gap| self.gaps.push(gap));
         Ok(scan.edges)
     }
 }

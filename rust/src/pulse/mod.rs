@@ -3,6 +3,7 @@
 mod crossings;
 #[cfg(test)]
 mod fuzz;
+mod gaps;
 mod levels;
 mod noise;
 mod sample;

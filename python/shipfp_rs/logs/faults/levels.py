@@ -116,7 +116,8 @@ class _Suspects:
         self.block, self.count, self.read = extremes.block, extremes.samples, read
 
     def samples(self, block: int) -> Array:
-        return self.read(block * self.block, min((block + 1) * self.block, self.count))
+        # A copy: a view would keep the whole piece in memory that it was read in.
+        return self.read(block * self.block, min((block + 1) * self.block, self.count)).copy()
 
     def runs_of(
         self, odd: npt.NDArray[np.bool_], flag: Callable[[Array], npt.NDArray[np.bool_]], beside: int = 0

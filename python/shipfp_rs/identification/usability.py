@@ -1,0 +1,72 @@
+"""What a fingerprint can be used for: a state to decide by, why not where it is none, and the sentence about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from shipfp_rs.identification.estimate import KNOWN, OPEN, Usable, WhyNot, is_rough
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.wording import OUTPUTS
+
+LARGE_MISS_PCT = 10.0
+"""Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
+LEAST_EXPLAINED_PCT = 2.0
+"""Part of an output's spread that a usable model explains at least: below it the output is not the ship's answer."""
+
+
+@dataclass(frozen=True)
+class Usability:
+    """What a fingerprint can be used for, in a word, and in a sentence."""
+
+    state: Usable
+    sentence: str
+    why_not: WhyNot = ""
+
+
+def usability(fingerprint: Fingerprint) -> Usability:
+    """Judge a fingerprint whose structure the data chose, `adequate` included."""
+    known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
+    left_open = [
+        name
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status not in (*KNOWN, "fixed") or is_rough(estimate, OPEN)
+    ]
+    worst = max(fingerprint.adequate["misses_pct"].values(), default=0.0)
+    unexplained = [
+        f"the {OUTPUTS.get(name, name)}"
+        for name, row in fingerprint.fit.items()
+        if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
+    ]
+    if not fingerprint.settings.get("converged", True):
+        return _unusable("no minimum", "the search did not end in a minimum; no figure is an estimate")
+    if unexplained:
+        return _unusable("nothing explained", f"the model explains nothing of {listed(unexplained)}")
+    if not known:
+        return _unusable("nothing told", "the data determine no parameter")
+    if not fingerprint.adequate["stands"] and worst > LARGE_MISS_PCT:
+        return _unusable(
+            "misfit", f"the model misses {worst:.2g} % of the response that the set point still explains"
+        )
+    rough = [name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])]
+    if left_open:
+        also = f", and {listed(rough)} only roughly" if rough else ""
+        return Usability(
+            "usable except",
+            f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}{also}: "
+            "other values fit as well.",
+        )
+    but = f", but {listed(rough)} only roughly" if rough else ""
+    return Usability(
+        "usable",
+        f"Usable for simulation, control tuning and comparison: the data tell every parameter{but}.",
+    )
+
+
+def _unusable(why_not: WhyNot, because: str) -> Usability:
+    return Usability("not usable", f"Not usable, because {because}.", why_not)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a sentence lists them."""
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

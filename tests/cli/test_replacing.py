@@ -1,0 +1,56 @@
+"""No command replaces a file that it was not told to replace, and none its own input."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from shipfp_rs import cli
+from tests.gallery.inputs import KEPT, prepare
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("replacing")
+    prepare(made)
+    return made
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("inspect", "log.parquet", "--out", "."),
+        ("inspect", "log.parquet", "--out", "vessel.toml"),
+        ("compare", "fingerprint.json", "fingerprint.json", "--out", "vessel.toml"),
+        ("compare", "fingerprint.json", "fingerprint.json", "--out", "fingerprint.json", "--force"),
+        ("convert", "log.parquet", "records.parquet"),
+        ("convert", "log.parquet", "log.parquet", "--force"),
+        ("simulate", "vessel.toml", "--duration", "5", "--out", "log.parquet"),
+        ("design", "vessel.toml", "--duration", "100", "--out", "."),
+        ("run", "TRIAL.toml", "--out", "."),
+        ("sweep", "SWEEP.toml", "--out", "."),
+        ("init", "."),
+    ],
+    ids=" ".join,
+)
+def test_what_is_there_stays(folder, monkeypatch, capsys, arguments):
+    monkeypatch.chdir(folder)
+    before = {name: (folder / name).read_bytes() for name in KEPT}
+    assert cli.main(list(arguments)) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_an_inspection_replaces_its_own_pictures(folder, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(folder)
+    arguments = ["inspect", "log.parquet", "--out", str(tmp_path / "found")]
+    assert cli.main(arguments) == 0
+    content = json.loads((tmp_path / "found" / "inspection.json").read_text(encoding="utf-8"))
+    assert content["log"] == "log.parquet"
+    assert cli.main(arguments) == 0
+    (tmp_path / "found" / "notes.txt").write_text("mine")
+    assert cli.main(arguments) == 2
+    assert "found notes.txt" in capsys.readouterr().err
+    assert cli.main([*arguments, "--force"]) == 0
+    assert (tmp_path / "found" / "notes.txt").read_text() == "mine"
