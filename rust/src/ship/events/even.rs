@@ -92,6 +92,9 @@ struct Now<T> {
     gauge: T,
 }
 
+/// The end of a step.
+type End<T> = (State<T>, Now<T>);
+
 /// The drive train with what is the same in all steps. Of a [`State`], `sum` is the integral of the speed's deviation here.
 struct Even<'a, T> {
     equations: &'a Equations<T>,
@@ -226,7 +229,7 @@ impl<S: Simd, const N: usize> Even<'_, Dual<S, N>> {
     fn moved(
         &self,
         start: f64,
-        from: &(State<Dual<S, N>>, Now<Dual<S, N>>),
+        from: &End<Dual<S, N>>,
         inputs: &[Option<Dual<S, N>>; 2],
     ) -> State<Dual<S, N>> {
         let (state, now) = from;
@@ -256,7 +259,7 @@ impl<S: Simd, const N: usize> Even<'_, Dual<S, N>> {
 /// The state between two ends of a step: the cubic with their rates.
 #[inline(always)]
 fn between<S: Simd, const N: usize>(
-    [from, to]: [&(State<Dual<S, N>>, Now<Dual<S, N>>); 2],
+    [from, to]: [&End<Dual<S, N>>; 2],
     place: Dual<S, N>,
     h: f64,
 ) -> State<Dual<S, N>> {
@@ -277,6 +280,32 @@ fn between<S: Simd, const N: usize>(
 }
 
 impl<S: Simd, const N: usize> March<'_, S, N> {
+    /// The drive train in steps of so many seconds, so many in all.
+    #[inline(always)]
+    fn even(&self, h: f64, steps: f64) -> Even<'_, Dual<S, N>> {
+        let (equations, run) = (&self.equations, self.run);
+        let t = &equations.terms;
+        let (zero, one) = (t.g.constant(0.0), t.g.constant(1.0));
+        let flexible = equations.elements.flexible;
+        let engine = if flexible { t.tau_n - t.tau_prop } else { t.tau_n };
+        let over = |acts: bool, time: Dual<S, N>| if acts { one / time } else { one };
+        Even {
+            equations,
+            set: Summed::new(run.set, run.dt),
+            load: run.load,
+            dt: run.dt,
+            step: h,
+            per_inertia: one / engine,
+            per_propeller: over(flexible, t.tau_prop),
+            per_twist: over(flexible, t.tau_twist),
+            per_lag: over(equations.elements.lag, t.tau_act),
+            standing: t.initial_fuel / t.v - t.k_p * (t.s_u * run.set[0] - t.initial_speed),
+            before: t.initial_fuel / t.v,
+            past: vec![[zero; 2]; even_places(self.plain.terms.t_d / h, steps)],
+            last: 0,
+        }
+    }
+
     /// Through the record in even steps.
     ///
     /// # Errors
@@ -288,30 +317,11 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         consume: &mut Consume<'_>,
     ) -> Result<()> {
         let (equations, run) = (&self.equations, self.run);
-        let t = &equations.terms;
-        let (zero, one) = (t.g.constant(0.0), t.g.constant(1.0));
+        let (t, flexible) = (&equations.terms, equations.elements.flexible);
         let parts = (run.dt / (LONGER * self.longest)).ceil().max(FEWEST);
         let h = run.dt / parts;
-        let engine = if equations.elements.flexible { t.tau_n - t.tau_prop } else { t.tau_n };
-        let over = |acts: bool, time: Dual<S, N>| if acts { one / time } else { one };
-        let flexible = equations.elements.flexible;
-        let set = Summed::new(run.set, run.dt);
-        let standing = t.initial_fuel / t.v - t.k_p * (t.s_u * run.set[0] - t.initial_speed);
-        let mut even = Even {
-            equations,
-            set,
-            load: run.load,
-            dt: run.dt,
-            step: h,
-            per_inertia: one / engine,
-            per_propeller: over(flexible, t.tau_prop),
-            per_twist: over(flexible, t.tau_twist),
-            per_lag: over(equations.elements.lag, t.tau_act),
-            standing,
-            before: t.initial_fuel / t.v,
-            past: vec![[zero; 2]; even_places(self.plain.terms.t_d / h, run.samples() as f64 * parts)],
-            last: 0,
-        };
+        let zero = t.g.constant(0.0);
+        let mut even = self.even(h, run.samples() as f64 * parts);
         let state = State { sum: zero, ..self.state };
         even.note(0, &state, zero);
         let mut to = (state, even.now(0.0, even.arriving(zero), &state));

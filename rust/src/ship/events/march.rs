@@ -58,7 +58,7 @@ pub struct March<'a, S, const N: usize> {
     pub(super) held: Dual<S, N>,
     pub(super) past: Past<Dual<S, N>>,
     pub(super) arrivals: Arrivals<Dual<S, N>>,
-    /// Number of the governor's next sample, counted from `T_0`; of the next samples of the set point and the load.
+    /// Numbers of the next samples of the governor, counted from `T_0`, of the set point and of the load.
     pub(super) sample: f64,
     pub(super) set_sample: usize,
     pub(super) load_sample: usize,
@@ -197,8 +197,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         if is_even(&self.equations, self.outputs, self.run) {
             return self.through_even(&mut readings, consume);
         }
-        let rack = self.state.rack;
-        self.settle(rack);
+        self.settle(self.state.rack);
         if self.is_simple() {
             self.through_series(simd, &mut readings, consume)?;
         }
@@ -349,8 +348,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         }
         let stretch = self.stretch(length.value());
         let parts = (length.value() / self.longest * (1.0 - SAME)).ceil().max(1.0);
-        let part = length * (1.0 / parts);
-        let start = self.now;
+        let (start, part) = (self.now, length * (1.0 / parts));
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // At most MOST_STEPS.
         for number in 0..parts as usize {
             self.steps += 1;
