@@ -35,10 +35,11 @@ def test_breakage_d_slips_of_any_kind_cost_one_line(folder, seed):
 
 
 def test_the_same_seed_gives_the_same_inputs(folder):
-    assert inputs(folder, 50, 3) == inputs(folder, 50, 3)
+    once, again = ([given.about for given in inputs(folder, 50, 3)] for _ in range(2))
+    assert once == again
 
 
 def test_inputs_without_a_slip_pass(folder):
-    kept = [given for given in inputs(folder, 400, 0) if given.about == "nothing"]
+    kept = [given for given in inputs(folder, 600, 0) if given.about == "nothing"]
     assert kept
     assert all(outcome(given, folder).status == 0 for given in kept[:2])

@@ -69,9 +69,13 @@ def spectral_response(
     rate = given[0].rate_hz
     if any(experiment.rate_hz != rate for experiment in given):
         raise InputError(f"experiments: found rates {sorted({e.rate_hz for e in given})} Hz, expected one")
-    size = round(segment_s * rate) if np.isfinite(segment_s) else 0
+    longest_s = max(experiment.duration for experiment in given)
+    size = round(segment_s * rate) if 0.0 < segment_s <= longest_s else 0
     if size < 8:
-        raise InputError(f"segment_s: found {segment_s}, expected at least 8 samples, {8 / rate:g} s")
+        raise InputError(
+            f"segment_s: found {segment_s}, expected at least 8 samples, {8 / rate:g} s, and no more than a record, "
+            f"{longest_s:g} s"
+        )
     step = round((1.0 - _OVERLAP) * size)
     window = np.hanning(size + 1)[:-1]
 

@@ -54,6 +54,11 @@ def require_layout(content: Mapping[str, Any]) -> None:
             "a list",
         )
     _require_covariance(content["covariance"], content["parameters"])
+    optimum = _table(content["settings"].get("optimum", {}), "settings.optimum")
+    for name, value in optimum.items():
+        _require(_is_number(value), f"settings.optimum.{name}", value, "a number")
+    for name in content["parameters"] if "optimum" in content["settings"] else ():
+        _require(name in optimum, f"settings.optimum.{name}", "nothing", "a number")
 
 
 def _require_interval(key: str, ends: object) -> None:
@@ -73,6 +78,10 @@ def _require_covariance(table: Mapping[str, Any], parameters: Mapping[str, Any])
         and all(_is_row(row, len(names)) for row in matrix)
     )
     _require(square, "covariance.matrix", matrix, f"{len(names)} rows of as many numbers")
+    for place, row in enumerate(matrix):
+        _require(
+            row[place] >= 0.0, f"covariance.matrix[{place}][{place}]", row[place], "a variance, 0 or more"
+        )
 
 
 def _is_row(row: object, size: int) -> bool:

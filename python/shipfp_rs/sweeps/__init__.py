@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
+from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.json_files import json_text
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
@@ -121,6 +122,8 @@ def sweep(
     plan = plan if isinstance(plan, Plan) else Plan.load(plan)
     if draws_per_task is not None and draws_per_task < 1:
         raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
+    if isinstance(executor, str):
+        one_of("executor", executor, get_args(Where))
     part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
     with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
         try:
