@@ -265,6 +265,51 @@ def test_on_the_way_to_a_minimum_sums_are_good_to_a_part_in_a_thousand(more):
     np.testing.assert_allclose(rough / np.outer(size, size), exact / np.outer(size, size), atol=1e-3)
 
 
+# The sum of the error among the outputs, or a derivative gain, makes every piece wait for the one before.
+ORDINARY = {
+    "both dead times": {"T_d": 0.1213, "T_set": 0.0351},
+    "a dead time of two samples": {"T_d": 0.0473, "T_set": 0.0311},
+    "a long dead time": {"T_d": 0.5117, "T_set": 0.0311, "K_p": 1.2, "K_i": 0.5},
+    "a dead time of whole samples": {"T_d": 0.12, "T_set": 0.04},
+    "short time constants": {"tau_n": 0.1, "K_p": 0.4, "K_i": 0.3, "T_d": 0.1213, "tau_prop": 0.05},
+    "late channels": {"T_n": 0.0111, "T_M": 0.0313, "s_M": 1.02, "s_u": 0.99, "damping": 0.3, "T_d": 0.0973},
+    "load": {"load_gain": 0.7, "T_d": 0.0973, "T_set": 0.0311},
+    "not at rest": {"initial_N": 0.9, "initial_F": -0.1, "T_d": 0.0973},
+    "a square": {"p": 2.0, "T_d": 0.0973},
+}
+
+
+@pytest.mark.parametrize("ship", ORDINARY)
+@pytest.mark.parametrize("scale", [0.06, 2.0])
+def test_sample_intervals_side_by_side_are_those_one_after_the_other(ship, scale):
+    samples = 700
+    u, parameters = wander(samples, scale=scale), vector(**ORDINARY[ship])
+    load = wander(samples, 5) - 1.0 if "load" in ship else NO_LOAD
+    wrt = places(*(name for name in SMOOTH if name not in ("K_d", "tau_act")))
+    outputs = FIVE[:4]
+
+    def answer(outputs):
+        return _core.ship_sensitivities(parameters, u, load, DT, 0, "first", outputs, wrt)
+
+    (values, slopes), (expected, expected_slopes) = answer(outputs), answer(FIVE)
+    # They round otherwise: two ways were gone.
+    assert np.any(values != expected[:4])
+    assert by_size(values, expected[:4]) < 1e-9
+    assert by_size(slopes, expected_slopes[:, :4]) < 1e-8
+
+    def sums(outputs):
+        count = len(outputs)
+        measured, offsets, filters = np.zeros((count, samples)), np.zeros(count), np.ones((count, 1))
+        arguments = (parameters, u, load, DT, 0, "first", outputs, measured, offsets, filters, wrt)
+        found, _ = _core.ship_products(*arguments, sharp=False)
+        return found.reshape(count * (len(wrt) + 2), -1)
+
+    found = sums(outputs)
+    expected = sums(FIVE)[: len(found), : len(found)]
+    size = np.maximum(np.sqrt(np.diag(expected)), 1e-9)
+    np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-8)
+
+
 def test_a_batch_has_the_bits_of_its_members_for_any_number_of_threads():
     u, wrt = wander(700), places("tau_n", "T_d")
     ships = np.stack([vector(tau_n=1.0 + 0.1 * member, T_d=0.02 + 0.003 * member) for member in range(7)])

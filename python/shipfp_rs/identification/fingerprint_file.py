@@ -34,6 +34,11 @@ def require_layout(content: Mapping[str, Any]) -> None:
             for text in ("unit", "status", "reason"):
                 _require(isinstance(row[text], str), f"{key}.{name}.{text}", row[text], "a text")
             _require_interval(f"{key}.{name}.ci95", row["ci95"])
+            for figure in ("value", "std"):
+                found = row[figure]
+                _require(
+                    found is None or _is_number(found), f"{key}.{name}.{figure}", found, "null or a number"
+                )
     vessel, structure = content["vessel"], content["structure"]
     _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
     for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():

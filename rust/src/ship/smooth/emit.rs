@@ -42,13 +42,13 @@ pub struct Emit<'a> {
     run: Run<'a>,
     wrt: &'a [usize],
     channels: Vec<Channel>,
-    readings: Vec<Reading>,
+    pub readings: Vec<Reading>,
     points: Vec<Point>,
     /// Samples of room.
     room: usize,
     packs: usize,
-    slopes: Vec<Pack>,
-    values: Vec<f64>,
+    pub slopes: Vec<Pack>,
+    pub values: Vec<f64>,
     sum: Option<Feed<'a>>,
     /// Of the command's constant part.
     base: Vec<f64>,
@@ -74,7 +74,7 @@ impl<'a> Emit<'a> {
         // Those from before the record, as far as it goes.
         let before = |late: f64| (0..samples).take_while(|&k| (k as f64) < late / run.dt - 1e-9).count();
         let ahead = channels.iter().map(|channel| before(channel.late)).max().unwrap_or(0);
-        let room = BLOCK + ahead + 2;
+        let room = BLOCK + ahead + 2 + LANES;
         let set0 = run.set[0];
         let load0 = run.load.first().copied().unwrap_or(0.0);
         let (outputs, packs) = (task.outputs.len(), task.wrt.len().div_ceil(LANES));
@@ -110,6 +110,26 @@ impl<'a> Emit<'a> {
     /// How late each channel is [sample intervals], and how many of its samples lie before the record.
     pub fn channels(&self) -> Vec<(f64, usize)> {
         self.channels.iter().map(|channel| (channel.late / self.run.dt, channel.next)).collect()
+    }
+
+    /// Places of the outputs of each channel.
+    pub fn outputs(&self) -> impl Iterator<Item = &[usize]> {
+        self.channels.iter().map(|channel| channel.outputs.as_slice())
+    }
+
+    /// The slot of an output for the sample that comes so many after the next, if the record reaches as far.
+    #[inline(always)]
+    pub fn slot(&self, output: usize, channel: usize, after: usize) -> Option<usize> {
+        let sample = self.channels[channel].next + after;
+        (sample < self.run.set.len()).then(|| output * self.room + sample - self.block.from)
+    }
+
+    /// So many samples of each output are laid.
+    #[inline(always)]
+    pub fn passed(&mut self, samples: usize) {
+        for channel in &mut self.channels {
+            channel.next = self.run.set.len().min(channel.next + samples);
+        }
     }
 
     /// Whether all outputs have all samples.

@@ -6,6 +6,7 @@
 //! solution to far below a millionth. The same series, differentiated by the parameters, carries the sensitivities. Where a
 //! break's time itself moves with a parameter, a derivative jumps there by what the signal's rate jumps.
 
+mod cruise;
 mod emit;
 mod feed;
 mod flexible;
@@ -29,12 +30,13 @@ use super::march::{Consume, Task};
 use super::parameters::at;
 use super::run::Run;
 
+use cruise::{Aboard, Cruise};
 use emit::Emit;
 use feed::{Feed, Input};
 use flexible::Ends;
 use grid::Grid;
 use history::{History, past_value};
-use model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS, total};
+use model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS, is_flexible, total};
 use slopes::{LANES, On, Pack, Results, Slopes};
 use sources::{Circumstances, Sources};
 use steps::Steps;
@@ -160,7 +162,31 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let opening = grid::Time::new(dead_time);
         let carry = slopes::carry::<S, T>(&model);
         let mut count = 0_usize;
+        let mut ordinary = const { !is_flexible(T) } && cruise::is_ordinary(&model, task, run);
         while !emit.is_done() {
+            if let Some(lap) = steps.lap().filter(|_| ordinary) {
+                let aboard = Aboard {
+                    model: &model,
+                    sources: &sources,
+                    run,
+                    stop,
+                    set_feed,
+                    load_feed,
+                    set0,
+                    state,
+                    slopes: state_slopes,
+                    backs,
+                    slope_backs,
+                    count,
+                    emit,
+                };
+                if let Some(cruise) = Cruise::new(lap, &aboard) {
+                    return cruise.sail::<S, EXPONENT, T>(simd, aboard, consume);
+                }
+                Aboard { set_feed, load_feed, state, slopes: state_slopes, backs, slope_backs, emit, .. } =
+                    aboard;
+                ordinary = false;
+            }
             count += 1;
             if count.is_multiple_of(4096) {
                 stop.check()?;

@@ -77,7 +77,7 @@ pub struct Model {
     pub base: f64,
     /// Coefficients of `(1 + x)^p`, and their derivatives by `p`.
     pub binomial: Series,
-    binomial_by_exponent: Series,
+    pub binomial_by_exponent: Series,
 }
 
 /// The state at the start of a piece, and its power law.

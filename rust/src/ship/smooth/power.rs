@@ -5,7 +5,7 @@ use super::model::{Model, fma};
 /// `N^p`, `1 / N` and `ln N`.
 #[derive(Debug, Clone, Copy)]
 pub struct Power {
-    speed: f64,
+    pub speed: f64,
     pub value: f64,
     pub inverse: f64,
     pub logarithm: f64,
@@ -50,5 +50,6 @@ impl Power {
         self.value * self.logarithm
     }
 
-    const NEAR: f64 = 1.0 / 64.0;
+    /// How far of itself a speed may move.
+    pub const NEAR: f64 = 1.0 / 64.0;
 }

@@ -13,6 +13,7 @@ use super::slopes::{Course, Pack, packs};
 pub const OWN: usize = 6;
 
 /// An output as a combination of signals, and which parameters count by themselves.
+#[derive(Debug, Clone)]
 pub struct Reading {
     pub output: Output,
     /// Of the speed, the rack, the rate of the speed and the integrated speed.

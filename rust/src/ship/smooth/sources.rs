@@ -11,40 +11,40 @@ use super::model::{Jets, Model, Series, for_terms, is_flexible};
 use super::slopes::{LANES, Pack, Slopes, get, packs};
 
 /// Lanes of the parameters in a pack that add the same series: ones, or minus ones.
-type Mark = Option<Pack>;
+pub type Mark = Option<Pack>;
 
 /// What the parameters add of themselves.
 pub struct Sources {
-    marks: Vec<Marks>,
+    pub marks: Vec<Marks>,
     wrt: Vec<usize>,
     /// Whether one moves the dead time in the loop.
     late: bool,
 }
 
 /// Of a pack, by what is added: to the shaft, or a flexible one's engine's end;
-struct Marks {
+pub struct Marks {
     /// the rate of the speed, the speed, the rack, the power by its exponent, the load;
-    rate: Mark,
-    speed: Mark,
-    rack: Mark,
-    by_exponent: Mark,
-    load: Mark,
+    pub rate: Mark,
+    pub speed: Mark,
+    pub rack: Mark,
+    pub by_exponent: Mark,
+    pub load: Mark,
     /// to the lag and to what goes back into the governor;
-    lag: Mark,
-    k_p: Mark,
-    k_i: Mark,
-    k_d: Mark,
+    pub lag: Mark,
+    pub k_p: Mark,
+    pub k_i: Mark,
+    pub k_d: Mark,
     /// to the feed, and at all times, before and after the dead time is over;
-    s_u: Mark,
-    t_set: Mark,
-    late: Mark,
-    before: Pack,
-    after: Pack,
+    pub s_u: Mark,
+    pub t_set: Mark,
+    pub late: Mark,
+    pub before: Pack,
+    pub after: Pack,
     /// to a flexible shaft's ends and spring.
-    damping: Mark,
-    tau_prop: Mark,
-    tau_twist: Mark,
-    zeta: Mark,
+    pub damping: Mark,
+    pub tau_prop: Mark,
+    pub tau_twist: Mark,
+    pub zeta: Mark,
 }
 
 /// What a piece is fed, and its signals.

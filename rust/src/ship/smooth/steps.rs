@@ -18,7 +18,7 @@ pub struct Step {
     /// One over its length [1/s].
     pub inverse: f64,
     /// Its past, in pieces before this one.
-    window: Option<Window>,
+    pub window: Option<Window>,
     /// For each channel the part of the piece at which a sample lies.
     pub samples: [Option<f64>; CHANNELS],
 }
@@ -75,6 +75,12 @@ impl Steps {
             &self.fresh
         };
         (step, step.window.map(|window| window.turned(count, mask)), count & mask)
+    }
+
+    /// The steps of the last sample interval, where those of the next one are the first that repeat them.
+    #[inline(always)]
+    pub fn lap(&self) -> Option<&[Step]> {
+        (self.records && !self.repeats && self.grid.repeats()).then_some(&self.lap)
     }
 
     /// Work out the step of that number, unless it turns out to repeat an earlier one.
