@@ -46,10 +46,6 @@ PLANT_KEYS = (
 """Keys without which the plant can't be simulated; processing a log needs the gear ratio alone."""
 
 
-FAR_OUT = 10.0
-"""Factor beyond its range from which on a value is refused, whether or not a wrong unit explains it."""
-
-
 class _Size(NamedTuple):
     """Range of a number of a vessel file, and the wrong units that are often used for it."""
 
@@ -61,9 +57,9 @@ class _Size(NamedTuple):
     owner: str
 
     def require(self, value: float) -> None:
-        """Refuse a value that no such thing has; where a wrong unit explains it, name that."""
+        """Refuse a value that a wrong unit explains, or ten times beyond its range."""
         hint = hints.likely(value, self.low, self.high, self.slips, self.unit)
-        if hint or not self.low / FAR_OUT < value < self.high * FAR_OUT:
+        if hint or not 0.1 * self.low < value < 10.0 * self.high:
             expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
             raise unexpected(self.key, f"{value:g} {self.unit}", expected)
 
