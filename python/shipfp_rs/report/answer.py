@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from shipfp_rs import plot
 from shipfp_rs.assessment.si import QUANTITIES
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification.estimate import (
     KNOWN,
     OPEN,
@@ -263,7 +263,22 @@ def _picture(
         ),
         width=NARROW,
         height=2.1,
+        table=_stretch_csv(experiment, model, stretch),
     )
+
+
+def _stretch_csv(experiment: Experiment, model: Mapping[str, Any], stretch: tuple[float, float]) -> str:
+    """Return a stretch of an experiment, measured and modelled, as CSV."""
+    rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
+    columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
+    for name, fitted in model.items():
+        columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
+        columns[f"{name}_model"] = experiment.operating_point[name] * (
+            1.0 + np.asarray(fitted, dtype=np.float64)
+        )
+    values = np.column_stack([column[rows] for column in columns.values()])
+    lines = [",".join(f"{value:.7g}" for value in row) for row in values]
+    return "\n".join([",".join(columns), *lines]) + "\n"
 
 
 def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:

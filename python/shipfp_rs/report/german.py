@@ -123,7 +123,6 @@ SENTENCES: Mapping[str, str] = {
     "Answer to a step of the set point by 1 %; the speed stays within 5 % of the step after the dotted line.": (
         "Antwort auf einen Sollwertsprung von 1 %; nach der punktierten Linie bleibt die Drehzahl auf 5 % des Sprungs genau."
     ),
-    "These curves as CSV": "Diese Kurven als CSV",
     "poles, margins and gains of the loop": "Pole, Reserven und Verstärkungen des Kreises",
     "figure": "Größe",
     "why not": "warum nicht",
@@ -161,6 +160,7 @@ SENTENCES: Mapping[str, str] = {
     "previous fault": "voriger Fehler",
     "next fault": "nächster Fehler",
     "save as CSV": "als CSV sichern",
+    "save as PNG": "als PNG sichern",
     "show or hide": "zeigen oder verbergen:",
     "zoomable plot": "Bild mit Ausschnitt",
     "to": "bis",
