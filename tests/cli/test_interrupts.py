@@ -29,7 +29,7 @@ COMMANDS = {
     "init": ("new", "--log", "log.parquet"),
     "check": ("TRIAL.toml",),
     "run": ("TRIAL.toml",),
-    "simulate": ("vessel.toml", "--duration", "300000"),
+    "simulate": ("vessel.toml", "--duration", "200000"),
     "design": ("vessel.toml", "--duration", "20000"),
     "demo": ("--out", "out"),
     "view": ("log.parquet", "--no-browser"),
