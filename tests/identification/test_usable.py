@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -11,6 +11,7 @@ from shipfp_rs.assessment.si import in_si
 from shipfp_rs.identification.automatic import reworded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
+from shipfp_rs.structures.combinations import true_values
 
 LOST = Estimate(None, unit="s", status="unidentifiable")
 
@@ -81,8 +82,28 @@ def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
         "Usable for simulation and comparison, but the data do not determine tau_n: other values fit as well."
     )
     assert (told.usability, told.why_not) == ("usable except", "")
+    wide = {**found.parameters, "tau_n": Estimate(0.24, 4.0, (0.01, 8.2), "s")}
+    assert reworded(replace(found, parameters=wide)).usable == told.usable
+    rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
+    assert (
+        "determine tau_n, and vK_p only roughly: other" in reworded(replace(found, parameters=rough)).usable
+    )
 
 
 def test_a_torque_limit_in_si_is_the_engine_s(found) -> None:
     limit = in_si(found, fp.Vessel.load("stan-launch-804"))["torque_limit"]
     assert limit["value"] == pytest.approx(2.0 * 222.93)
+
+
+def test_a_trial_without_torque_is_usable_but_for_what_only_a_torque_tells() -> None:
+    tug = fp.Vessel.load("stan-tug-1205")
+    chirp = fp.signals.chirp(0.02, 2.0, 120.0, 30.0, rate_hz=25.0, name="chirp")
+    trial = fp.simulate(tug, chirp, noise={"n_e": 0.1}, seed=1)
+    signals = {name: trial.signals[name] for name in ("n_set", "n_e")}
+    found = fp.identify(replace(trial, signals=signals), vessel=tug.name)
+    assert found.settings["converged"]
+    assert found.usability == "usable except"
+    truth = true_values(asdict(fp.linearise(tug)))
+    for name in ("(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n"):
+        low, high = found.derived[name].ci95
+        assert low < truth[name] < high

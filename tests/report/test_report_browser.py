@@ -5,6 +5,7 @@ REPORT_SCREENSHOTS=DIR keeps pictures of it at both widths, light and dark.
 
 from __future__ import annotations
 
+import base64
 import os
 import re
 import time
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import image
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
@@ -307,7 +309,7 @@ def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(visit) -> 
     assert figure.count() == 1
     told = figure.locator("svg[role=img]").get_attribute("aria-label")
     assert "their own past, 1 of 3 lags outside the band" in told
-    assert figure.locator("figcaption").inner_text() == f"{told} PNG"
+    assert figure.locator("figcaption").inner_text() == f"{told} PNG CSV"
     page.keyboard.press("End")
     region = figure.get_by_role("region")
     assert region.evaluate("box => box.scrollWidth > box.clientWidth && box.tabIndex === 0")  # a key moves it
@@ -356,8 +358,37 @@ def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
 
 def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) -> None:
     page = visit().page
-    for name, begins in (("All estimates as CSV", b"symbol,name,value"), ("PNG", b"\x89PNG")):
+    for name, begins in (
+        ("All estimates as CSV", b"symbol,name,value"),
+        ("PNG", b"\x89PNG"),
+        ("CSV", b"time_s,n_e_rpm,n_e_model,M_g_Nm,M_g_model\n"),
+    ):
         with page.expect_download() as waiting:
             page.get_by_role("link", name=name, exact=True).first.click()
         waiting.value.save_as(tmp_path / "saved")
         assert (tmp_path / "saved").read_bytes().startswith(begins)
+
+
+def test_what_the_zoom_shows_is_saved_as_a_picture(visit, tmp_path) -> None:
+    page = visit().page
+    with page.expect_download() as waiting:
+        page.get_by_role("button", name="save as PNG").first.click()
+    waiting.value.save_as(tmp_path / "zoom.png")
+    pixels = image.imread(tmp_path / "zoom.png")[..., :3]
+    wide = page.locator("figure.chart .plot svg").first.bounding_box()["width"]
+    assert pixels.shape[1] == pytest.approx(2 * wide, abs=4)
+    coloured = np.ptp(pixels, axis=2) > 0.2  # curves; axes and text are grey
+    assert 0.005 < coloured.mean() < 0.5
+    assert (pixels[0, 0] == pixels[-1, -1]).all()
+
+
+def test_every_picture_has_what_it_shows_as_csv(visit) -> None:
+    page = visit().page
+    figures = page.locator("figure:not(.chart)")
+    assert figures.count() >= 3
+    for place in range(figures.count()):
+        address = figures.nth(place).locator('a[download$=".csv"]').get_attribute("href")
+        head, *rows = base64.b64decode(address.split(",")[1]).decode().splitlines()
+        assert head.count(",") >= 2
+        assert len(rows) >= 3
+        assert all(row.count(",") == head.count(",") for row in rows if '"' not in row)

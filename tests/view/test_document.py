@@ -1,6 +1,7 @@
 """What the page is told of a log: the faults of `inspect`, windows, spectra, processed signals."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
 from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view.document import Document, stretch_of
+from shipfp_rs.view.series import FINER
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +110,16 @@ def test_a_channel_without_a_number_is_one_gap(tmp_path):
     document.raw.wait()
     full, empty = document.facts()["series"]
     assert (full["gaps"], empty["gaps"]) == ([], [[0.0, 50.0]])
+
+
+def test_the_samples_under_the_finest_stored_tile_are_read_ahead(folder):
+    series = Document(folder / "log.parquet").series()[0]
+    pieces = series.read.__self__
+    series.tile(FINER + 1, 0)
+    assert not pieces._held
+    series.tile(FINER, 0)
+    for _ in range(100):
+        if 0 in pieces._held:
+            break
+        time.sleep(0.05)
+    assert 0 in pieces._held

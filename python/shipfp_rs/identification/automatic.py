@@ -119,11 +119,14 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
         for group in (parameters, derived):
             for name, estimate in group.items():
                 lacks = group is parameters and name not in others
-                group[name] = _joined(estimate, others.get(name), words, off=lacks)
+                bounds = _bounds(choice, name) if group is parameters else (-np.inf, np.inf)
+                group[name] = _joined(estimate, others.get(name), words, bounds, off=lacks)
     return replace(fingerprint, parameters=parameters, derived=derived)
 
 
-def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool) -> Estimate:
+def _joined(
+    estimate: Estimate, other: Estimate | None, words: str, bounds: tuple[float, float], *, off: bool
+) -> Estimate:
     if estimate.status not in KNOWN or estimate.ci95 is None:
         return estimate
     if other is None:
@@ -140,7 +143,9 @@ def _joined(estimate: Estimate, other: Estimate | None, words: str, *, off: bool
             status="unidentifiable",
             reason=f"not told by a structure that fits as well ({words}): {other.reason}",
         )
-    low, high = min(estimate.ci95[0], other.ci95[0]), max(estimate.ci95[1], other.ci95[1])
+    # An end that the rival's search did not find is the bound.
+    low = max(min(estimate.ci95[0], other.ci95[0]), bounds[0])
+    high = min(max(estimate.ci95[1], other.ci95[1]), bounds[1])
     widened = (high - low) / max(estimate.ci95[1] - estimate.ci95[0], 1e-300)
     std = None if estimate.std is None else estimate.std * widened
     return replace(estimate, ci95=(low, high), std=std)

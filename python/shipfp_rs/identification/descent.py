@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,6 +26,10 @@ EASIER, HARDER = 0.1, 5.0
 GOOD, POOR = 0.75, 0.25
 """Parts of the promised fall from which on a step kept its promise, and below which it did not."""
 
+CREPT, CREEPING = 1e-3, 20
+"""Fall of the deviance in that many passes below which a descent creeps, ..."""
+WITHIN_REACH = 0.01
+"""... which ends it where a plain step promises no more: the minimum is within a tenth of a standard deviation."""
 HOPE = 3.0
 """How much farther than promised the deviance may fall."""
 
@@ -39,7 +44,8 @@ class Reached:
     limit: str
     """Which limit stopped it; empty where none did."""
     settled: bool = False
-    """Whether no step promises more than was asked for."""
+    """Whether no step promises more than was asked for, or it crept where none promises much."""
+    crept: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,8 @@ def descend(
 ) -> Reached:
     """Descend to where a step promises less than `enough` of the deviance, or too little to get below `worth`.
 
+    A valley whose floor is flat, such as that of a ship whose torque was not measured, has a minimum that steps creep
+    towards for hundreds of passes: there the descent ends as soon as the fall of the deviance means nothing any more.
     With weights that follow the residuals (`reweighs`) the deviance is N ln det of their scatter, whose Gauss-Newton
     step is that of the sum of squares weighted by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974,
     section 5-10): every step has the weights of the point where it starts, and none is taken that the deviance does
@@ -85,15 +93,19 @@ def descend(
     except (SimulationError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise IdentificationError(f"the start vector can't be evaluated: {error}; choose another") from None
     damping = NEAR_DAMPING if near else FAR_DAMPING
+    fallen = deque([np.inf], maxlen=CREEPING)
     while True:
         promise = gauss_newton_step(place.point, walk.bounds).promise
         hopeless = HOPE * promise < place.objective - worth
-        if promise < enough or hopeless or damping > MOST_DAMPING:
-            return Reached(place.point.vector, place.noise, walk.passes, "", promise < enough)
+        creeps = promise < WITHIN_REACH and fallen[0] - place.objective < CREPT
+        if promise < enough or hopeless or creeps or damping > MOST_DAMPING:
+            settled = promise < enough or creeps
+            return Reached(place.point.vector, place.noise, walk.passes, "", settled, creeps)
         if walk.passes >= max_evaluations:
             return Reached(place.point.vector, place.noise, walk.passes, f"{walk.passes} evaluations")
         if time.monotonic() > until:
             return Reached(place.point.vector, place.noise, walk.passes, f"{time_limit_s:.3g} s")
+        fallen.append(place.objective)
         trial, kept_promise = walk.tried(place, damped_step(place.point, walk.bounds, damping))
         damping = next_damping(damping, kept_promise)
         place = trial or place

@@ -52,18 +52,18 @@ class Estimate:
         }
 
 
-ROUGH = 0.25
-"""Half of an interval over its value above which a parameter is told only roughly."""
+ROUGH, OPEN = 0.25, 2.0
+"""Half of an interval over its value above which a parameter is told only roughly, and above which not at all."""
 SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
 """What is small for a ship's parameter of that unit: an interval is not measured by less."""
 
 
-def is_rough(estimate: Estimate) -> bool:
-    """Whether the data tell an estimate only roughly, measured by its value or by what is small for a ship."""
+def is_rough(estimate: Estimate, most: float = ROUGH) -> bool:
+    """Whether an interval's half is more than this part of the value, or of what is small for a ship."""
     if estimate.value is None or estimate.ci95 is None:
         return False
     size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0))
-    return estimate.ci95[1] - estimate.ci95[0] > 2.0 * ROUGH * size
+    return estimate.ci95[1] - estimate.ci95[0] > 2.0 * most * size
 
 
 @dataclass(frozen=True)

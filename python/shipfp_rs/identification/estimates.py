@@ -140,7 +140,10 @@ class _Spread:
         unscaled = inner.covariance()
         covariance = covariance_of(inner, optimum.own[:, ~held], variance)
         if search.covariance == "sandwich" and np.isfinite(covariance).all():
-            covariance = unscaled @ score_spread(search, optimum.best)[np.ix_(~held, ~held)] @ unscaled
+            # By the root of the middle: no combination gets a variance below zero where the data leave much open.
+            sizes, turned = np.linalg.eigh(score_spread(search, optimum.best)[np.ix_(~held, ~held)])
+            half = unscaled @ (turned * np.sqrt(np.maximum(sizes, 0.0)))
+            covariance = half @ half.T
         return cls(held, inner, unscaled, covariance, quantile, freedom, float(np.mean(variance)))
 
     def thresholds(self, names: Sequence[str]) -> dict[str, float]:
@@ -327,7 +330,7 @@ def _derived(parameters: Mapping[str, Estimate], optimum: _Optimum, spread: _Spr
         part = np.array([gradient[everything.names.index(n)] for n in spread.inner.names])
         if not np.any(part) or not spread.inner.tells(part):
             continue
-        std = float(np.sqrt(part @ spread.covariance @ part))
+        std = float(np.sqrt(max(part @ spread.covariance @ part, 0.0)))
         if not np.isfinite(std) or std > abs(value):
             continue
         widest = max((_relative(parameters[member]) for member in members), default=0.0)

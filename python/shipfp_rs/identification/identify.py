@@ -208,7 +208,7 @@ def _chosen(
         "set_point": "band-limited" if chooser.band_limited else "straight lines",
     }
     found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
-    fingerprint = with_limits(fingerprint_of(found, vessel=vessel))
+    fingerprint = within_bounds(with_limits(fingerprint_of(found, vessel=vessel)), choice)
     adequate = adequacy(fingerprint, choice.best)
     fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)

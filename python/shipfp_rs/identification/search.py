@@ -116,7 +116,9 @@ class Search(WeightedProblem):
                 tick=tick,
             )
             kept, noise, used, limit = reached.kept, reached.noise, reached.passes, reached.limit
-        if limit or (self._descends and (tolerance >= ROUGH or self.enough is not None)):
+        # Where a descent crept, steps towards the floor's lowest point would do no better.
+        done = self._descends and (reached.crept or tolerance >= ROUGH or self.enough is not None)
+        if limit or done:
             vector, sums = problem.complete(kept, noise)
             message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
             criterion = self._criterion(vector, noise, sums)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from shipfp_rs.identification.estimate import KNOWN, Usable, WhyNot, is_rough
+from shipfp_rs.identification.estimate import KNOWN, OPEN, Usable, WhyNot, is_rough
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.wording import OUTPUTS
 
@@ -28,7 +28,9 @@ def usability(fingerprint: Fingerprint) -> Usability:
     """Judge a fingerprint whose structure the data chose, `adequate` included."""
     known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
     left_open = [
-        name for name, estimate in fingerprint.parameters.items() if estimate.status not in (*KNOWN, "fixed")
+        name
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status not in (*KNOWN, "fixed") or is_rough(estimate, OPEN)
     ]
     worst = max(fingerprint.adequate["misses_pct"].values(), default=0.0)
     unexplained = [
@@ -46,13 +48,14 @@ def usability(fingerprint: Fingerprint) -> Usability:
         return _unusable(
             "misfit", f"the model misses {worst:.2g} % of the response that the set point still explains"
         )
+    rough = [name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])]
     if left_open:
+        also = f", and {listed(rough)} only roughly" if rough else ""
         return Usability(
             "usable except",
-            f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}: "
+            f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}{also}: "
             "other values fit as well.",
         )
-    rough = [name for name in known if is_rough(fingerprint.parameters[name])]
     but = f", but {listed(rough)} only roughly" if rough else ""
     return Usability(
         "usable",

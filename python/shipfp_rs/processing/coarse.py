@@ -29,5 +29,10 @@ def mean_pieces(
 
 def bridged(values: Array) -> Array:
     """Return values (N,) with straight lines over the gaps between those that are finite."""
-    known = np.isfinite(values)
-    return np.asarray(np.interp(np.arange(len(values)), np.flatnonzero(known), values[known]))
+    missing = np.flatnonzero(~np.isfinite(values))
+    if not missing.size:
+        return values
+    known = np.flatnonzero(np.isfinite(values))
+    filled = values.copy()
+    filled[missing] = np.interp(missing, known, values[known])
+    return filled

@@ -11,8 +11,17 @@ from markupsafe import Markup
 
 from shipfp_rs import plot
 from shipfp_rs.assessment.si import QUANTITIES
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.estimate import Estimate, Row, decimals, is_rough, rounded, rounded_rows
+from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.identification.estimate import (
+    KNOWN,
+    OPEN,
+    Estimate,
+    Row,
+    decimals,
+    is_rough,
+    rounded,
+    rounded_rows,
+)
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.wording import something_missing
 from shipfp_rs.report.language import Say
@@ -44,7 +53,10 @@ def answer(
     failed = fingerprint.usability == "not usable"
     tone = TONES.get(fingerprint.usability, "")
     yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone)
-    tables = [piece("facts", say("The ship, with intervals of 95 %"), ship_rows(fingerprint, say))]
+    heading = (
+        say("The model's figures, not the ship's") if failed else say("The ship, with intervals of 95 %")
+    )
+    tables = [piece("facts", heading, ship_rows(fingerprint, say))]
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
@@ -74,7 +86,12 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Return which elements act, which may, which were not found, and whether something small is missing."""
+    """Return which elements act, which may, which were not found, and whether something small is missing.
+
+    Of a fingerprint that can't be used nothing: what its model says of the elements says nothing of the ship.
+    """
+    if fingerprint.why_not:
+        return []
     named: dict[str, list[str]] = {"on": [], "open": [], "off": []}
     for row in fingerprint.elements.values():
         named[row["state"]].append(say.word(row["words"]))
@@ -105,7 +122,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
     """Return plain name, symbol, value with unit, interval, and the same in SI units, of each parameter of the ship."""
     rows = []
     known = dict(fingerprint.parameters)
-    if any(estimate.value is None for estimate in known.values()):
+    if any(estimate.value is None or is_rough(estimate, OPEN) for estimate in known.values()):
         known |= fingerprint.derived
     for row in rounded_rows(known):
         if row.name in CHANNELS:
@@ -170,16 +187,20 @@ def _damped(margin: float | None, say: Say) -> str:
 
 
 def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Return a line for what can't be told, or only roughly, and what would settle it."""
+    """Return a line for what can't be told, or only roughly, and what would settle it; nothing of a model that is not so."""
+    if fingerprint.why_not not in ("", "nothing told"):
+        return []
+    estimates = fingerprint.parameters
     unknown = [
         name
-        for name, estimate in fingerprint.parameters.items()
-        if estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None
+        for name, estimate in estimates.items()
+        if (estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None)
+        or is_rough(estimate, OPEN)
     ]
     rough = [
         name
-        for name, estimate in fingerprint.parameters.items()
-        if estimate.status in ("free", "prior") and is_rough(estimate)
+        for name, estimate in estimates.items()
+        if estimate.status in KNOWN and is_rough(estimate) and name not in unknown
     ]
     lines = []
     if unknown:
@@ -190,28 +211,33 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
         told = (
             settled.format(names=_listed(closing, say))
             if closing
-            else say("More excitation or another signal may.")
+            else _sharpened(fingerprint, [*unknown, *rough], say)
+            or say("More excitation or another signal may.")
         )
         lines.append(say("Cannot be told: {names}.", names=_listed(unknown, say)) + " " + told)
     if rough:
-        related = fingerprint.correlations
-        linked = [
-            name
-            for name in rough
-            if any(abs(related.get(name, {}).get(other, 0.0)) > RELATED for other in rough if other != name)
-        ]
-        line = say("Told only roughly: {names}.", names=_listed(rough, say))
-        if linked:
-            names = ", ".join(linked)
-            line += " " + say(
-                "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.",
-                names=names,
-            )
-        lines.append(line)
+        sharpened = "" if unknown else _sharpened(fingerprint, rough, say)
+        lines.append(f"{say('Told only roughly: {names}.', names=_listed(rough, say))} {sharpened}".strip())
     decided = not any(row["state"] == "open" for row in fingerprint.elements.values())
     if not lines and fingerprint.parameters and decided and not fingerprint.why_not:
         lines.append(say("Nothing is left open: the data tell every parameter that was asked for."))
     return lines
+
+
+def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
+    """Say which of the parameters, known from elsewhere, would sharpen the others; nothing where none goes with another."""
+    related = fingerprint.correlations
+    linked = [
+        name
+        for name in names
+        if any(abs(related.get(name, {}).get(other, 0.0)) > RELATED for other in names if other != name)
+    ]
+    if not linked:
+        return ""
+    return say(
+        "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.",
+        names=", ".join(linked),
+    )
 
 
 def _listed(symbols: Iterable[str], say: Say) -> str:
@@ -237,7 +263,22 @@ def _picture(
         ),
         width=NARROW,
         height=2.1,
+        table=_stretch_csv(experiment, model, stretch),
     )
+
+
+def _stretch_csv(experiment: Experiment, model: Mapping[str, Any], stretch: tuple[float, float]) -> str:
+    """Return a stretch of an experiment, measured and modelled, as CSV."""
+    rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
+    columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
+    for name, fitted in model.items():
+        columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
+        columns[f"{name}_model"] = experiment.operating_point[name] * (
+            1.0 + np.asarray(fitted, dtype=np.float64)
+        )
+    values = np.column_stack([column[rows] for column in columns.values()])
+    lines = [",".join(f"{value:.7g}" for value in row) for row in values]
+    return "\n".join([",".join(columns), *lines]) + "\n"
 
 
 def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:

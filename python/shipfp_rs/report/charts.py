@@ -43,6 +43,7 @@ BUTTONS = (
     "previous fault",
     "next fault",
     "save as CSV",
+    "save as PNG",
     "show or hide",
     "zoomable plot",
     "to",

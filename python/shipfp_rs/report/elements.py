@@ -40,6 +40,8 @@ def choice(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[s
         say("What each element buys, as the change of the deviance; right of the line chance is unlikely."),
         height=0.2 + 0.36 * len(rows),
         width=NARROW,
+        table="element,state,change_of_deviance\n"
+        + "".join(f"{row['words']},{row['state']},{row['evidence']}\n" for row in rows),
     )
     head = [say(text) for text in ("element", "found", "change of the deviance", "limit at 95 %")]
     yield table(

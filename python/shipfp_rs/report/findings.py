@@ -47,7 +47,12 @@ def parameters(
     if drawn:
         height = 0.3 + 0.3 * len(drawn)
         yield pictures.draw(
-            1, lambda axes: plot.intervals(fingerprint, truth, axes[0]), caption, height=height, width=NARROW
+            1,
+            lambda axes: plot.intervals(fingerprint, truth, axes[0]),
+            caption,
+            height=height,
+            width=NARROW,
+            table=text,
         )
 
 

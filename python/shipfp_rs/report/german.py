@@ -26,6 +26,7 @@ SENTENCES: Mapping[str, str] = {
     "Structure, settings and seed": "Struktur, Einstellungen und Startwert des Zufalls",
     "No verdict was given.": "Es gibt kein Urteil.",
     "The ship, with intervals of 95 %": "Das Schiff, mit Intervallen von 95 %",
+    "The model's figures, not the ship's": "Zahlen des Modells, nicht des Schiffs",
     "What it means for the speed loop": "Was das für den Drehzahlregelkreis heißt",
     "{low} to {high}": "{low} bis {high}",
     "none": "keine",
@@ -122,7 +123,6 @@ SENTENCES: Mapping[str, str] = {
     "Answer to a step of the set point by 1 %; the speed stays within 5 % of the step after the dotted line.": (
         "Antwort auf einen Sollwertsprung von 1 %; nach der punktierten Linie bleibt die Drehzahl auf 5 % des Sprungs genau."
     ),
-    "These curves as CSV": "Diese Kurven als CSV",
     "poles, margins and gains of the loop": "Pole, Reserven und Verstärkungen des Kreises",
     "figure": "Größe",
     "why not": "warum nicht",
@@ -160,6 +160,7 @@ SENTENCES: Mapping[str, str] = {
     "previous fault": "voriger Fehler",
     "next fault": "nächster Fehler",
     "save as CSV": "als CSV sichern",
+    "save as PNG": "als PNG sichern",
     "show or hide": "zeigen oder verbergen:",
     "zoomable plot": "Bild mit Ausschnitt",
     "to": "bis",
@@ -296,7 +297,7 @@ WORDS: Mapping[str, str] = {
     "bandwidth": "Bandbreite",
     "crossover": "Durchtrittsfrequenz",
     "phase margin": "Phasenreserve",
-    "gain margin": "Amplitudenreserve",
+    "gain margin": "Amplituden\u00adreserve",
     "recovery time": "Ausregelzeit",
     "overshoot": "Überschwingen",
     "pole 1, real": "Pol 1, Realteil",

@@ -22,6 +22,11 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Nicht brauchbar, weil das Modell nichts erklärt von \1.",
     ),
     (
+        r"^Usable for simulation and comparison, but the data do not determine (.+), and (.+) only roughly: other values fit "
+        r"as well\.",
+        r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1, und nur grob \2: Andere Werte passen ebenso gut.",
+    ),
+    (
         r"^Usable for simulation and comparison, but the data do not determine (.+): other values fit as well\.",
         r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1: Andere Werte passen ebenso gut.",
     ),
@@ -118,7 +123,7 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"die Anpassung will ihn jenseits von \1, wo kein Schiff ist",
     ),
     *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
-    (r"(?<=\w) and (?=\w+( aber nur grob|: Andere))", " und "),
+    (r"(?<=\w) and (?=\w+( aber nur grob|: Andere|, und nur grob))", " und "),
     (r" and (?=the (speed|torque|fuel rack)\b)", " und "),
     (r" % of the speed\b", " % der Drehzahl"),
     (r" % of the torque\b", " % des Drehmoments"),

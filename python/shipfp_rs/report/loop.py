@@ -15,7 +15,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import interval, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, link, number, paragraph, table
+from shipfp_rs.report.markup import Cell, number, paragraph, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.linearised import StateSpace, state_space
 from shipfp_rs.structures.structure import Structure
@@ -56,6 +56,8 @@ def section(
         space = state_space(model, fingerprint.settings["optimum"], 5)
         times = np.linspace(0.0, LONGER * recovery, INSTANTS)
         rows = space.step(times)
+        text = "time_s," + ",".join(f"{output}_pct" for output in space.outputs) + "\n"
+        text += "\n".join(",".join(f"{value:.9g}" for value in line) for line in np.vstack([times, rows]).T)
         yield pictures.draw(
             len(space.outputs),
             lambda axes: _draw(axes, space, times, rows, say),
@@ -64,10 +66,8 @@ def section(
             ),
             height=1.6,
             width=NARROW,
+            table=text,
         )
-        text = "time_s," + ",".join(f"{output}_pct" for output in space.outputs) + "\n"
-        text += "\n".join(",".join(f"{value:.9g}" for value in line) for line in np.vstack([times, rows]).T)
-        yield link(say("These curves as CSV"), "step-response.csv", "text/csv", text.encode())
     yield table(
         say("poles, margins and gains of the loop"),
         [say(text) for text in ("figure", "estimate", "95 % interval", "unit", "why not")],

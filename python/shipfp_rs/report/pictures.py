@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
+from shipfp_rs.report.curves import curves_csv
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import link_to, piece
 
@@ -42,10 +43,12 @@ class Pictures:
         width: float = 9.0,
         sharex: bool = True,
         saved: bool = True,
+        table: str = "",
     ) -> str:
         """Return a figure element with `panels` axes above each other, painted by `paint`, each that high [in].
 
-        Below it stands a link to the same picture as PNG, ink on white, if it is to be `saved`.
+        Below it stand links to the same picture as PNG, ink on white, and to what it shows as CSV, the `table` where one
+        is given, if it is to be `saved`.
         """
         from matplotlib import rc_context
         from matplotlib.figure import Figure
@@ -67,8 +70,9 @@ class Pictures:
             figure.savefig(buffer, format="svg", metadata={"Date": None})
             figure.set_layout_engine("none")  # it is laid out
             picture = link_to("image/png", _png(figure)) if saved else ""
+            shown = link_to("text/csv", (table or curves_csv([*axes])).encode()) if saved else ""
         svg = Markup(self._inline(buffer.getvalue(), caption))
-        return piece("figure", svg, caption, width < WIDE, picture, f"picture-{self._count}.png")
+        return piece("figure", svg, caption, width < WIDE, picture, shown, f"picture-{self._count}")
 
     def _translate(self, axes: Sequence[Axes]) -> None:
         """Put labels and legends into the report's language; titles are names that a user gave."""

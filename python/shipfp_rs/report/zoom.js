@@ -97,6 +97,7 @@
         button(`${this.say("fault")} ›`, this.say("next fault"), () => this.fault(1));
       }
       button("CSV", this.say("save as CSV"), () => this.save(about));
+      button("PNG", this.say("save as PNG"), () => this.picture(about));
       this.status = make(bar, "span", { role: "status", class: "status" });
       this.plot = document.createElement("div");
       this.plot.className = "plot";
@@ -329,11 +330,39 @@
         }));
         lines.push([(row * this.step).toPrecision(9), ...cells].join(","));
       }
+      this.offer(`${about.split(":")[0]}.csv`, new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
+    }
+
+    offer(name, blob) {
       const link = document.createElement("a");
-      link.download = `${about.split(":")[0]}.csv`;
-      link.href = URL.createObjectURL(new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
+      link.download = name;
+      link.href = URL.createObjectURL(blob);
       link.click();
       URL.revokeObjectURL(link.href);
+    }
+
+    // What the zoom shows as a picture, twice as fine, in the page's present light.
+    picture(about) {
+      const shown = this.plot.firstChild, copy = shown.cloneNode(true);
+      const originals = shown.querySelectorAll("*");
+      copy.querySelectorAll("*").forEach((element, place) => {
+        const style = getComputedStyle(originals[place]);
+        for (const name of ["fill", "stroke", "stroke-width", "opacity", "font", "paint-order", "visibility"]) element.style.setProperty(name, style.getPropertyValue(name));
+      });
+      const [, , width, height] = shown.getAttribute("viewBox").split(" ").map(Number);
+      copy.setAttribute("width", 2 * width);
+      copy.setAttribute("height", 2 * height);
+      const image = new Image();
+      image.onload = () => {
+        const canvas = document.createElement("canvas");
+        [canvas.width, canvas.height] = [2 * width, 2 * height];
+        const context = canvas.getContext("2d");
+        context.fillStyle = getComputedStyle(document.body).backgroundColor;
+        context.fillRect(0, 0, canvas.width, canvas.height);
+        context.drawImage(image, 0, 0);
+        canvas.toBlob((blob) => this.offer(`${about.split(":")[0]}.png`, blob));
+      };
+      image.src = `data:image/svg+xml,${encodeURIComponent(new XMLSerializer().serializeToString(copy))}`;
     }
 
     select(x, width) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -46,6 +47,8 @@ class Series:
         The first stretches without samples, shape (G, 2), and how many there are.
     layer
         "raw" or "processed".
+    ahead
+        Begins to read samples by first and stop; None where they are in memory.
     """
 
     channel: Channel
@@ -54,12 +57,15 @@ class Series:
     gaps: npt.NDArray[np.int64]
     gap_count: int
     layer: str = "raw"
+    ahead: Callable[[int, int], None] | None = None
 
     @classmethod
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
         """Return a channel of a log that is opened when its samples are asked for."""
-        channel = stored.channel
-        return cls(channel, _Pieces(log, channel).read, stored.levels, stored.gaps, stored.gap_count)
+        channel, pieces = stored.channel, _Pieces(log, stored.channel)
+        return cls(
+            channel, pieces.read, stored.levels, stored.gaps, stored.gap_count, ahead=pieces.begin_to_read
+        )
 
     @classmethod
     def of_array(cls, channel: Channel, samples: Array, layer: str) -> Series:
@@ -103,6 +109,9 @@ class Series:
             self.channel.samples, 1
         ):
             raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
+        if self.ahead is not None and level == FINER:  # whoever zooms in further will want its samples
+            size = TILE * FACTOR**level
+            self.ahead(index * size, min((index + 1) * size, self.channel.samples))
         return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
 
 
@@ -121,6 +130,15 @@ class _Pieces:
             start = index * PIECE
             parts.append(self._piece(index)[max(first - start, 0) : stop - start])
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def begin_to_read(self, first: int, stop: int) -> None:
+        """Read the pieces that hold these samples while something else is done."""
+        if any(index not in self._held for index in range(first // PIECE, -(-stop // PIECE))):
+            threading.Thread(target=self._read_quietly, args=(first, stop), daemon=True).start()
+
+    def _read_quietly(self, first: int, stop: int) -> None:
+        with contextlib.suppress(InputError, OSError):  # told when the samples are asked for
+            self.read(first, stop)
 
     def _piece(self, index: int) -> Samples:
         channel = self._channel

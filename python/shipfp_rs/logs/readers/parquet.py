@@ -43,7 +43,8 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
         group = int(np.searchsorted(starts, first, side="right")) - 1
         skip = first - int(starts[group])
         # pre_buffer would load whole row groups; a logger may have written a file of only one.
-        for batch in pa.parquet.ParquetFile(path, pre_buffer=False).iter_batches(
+        # The footer of a long log takes as long to read as a stretch of it: it is read once.
+        for batch in pa.parquet.ParquetFile(path, metadata=file.metadata, pre_buffer=False).iter_batches(
             batch_size=size, row_groups=list(range(group, len(groups))), columns=[column]
         ):
             if skip < len(batch):
