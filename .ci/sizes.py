@@ -25,8 +25,6 @@ STILL = frozenset(
     {
         "rust/src/ship/smooth/flexible.rs bent",
         "rust/src/ship/smooth/mod.rs with_simd",
-        "rust/src/ship/smooth/model.rs jets_of",
-        "rust/src/ship/smooth/slopes.rs terms",
     }
 )
 

@@ -113,6 +113,33 @@ def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object
     }
 
 
+def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
+    tau_n, k_p, k_i = POLES[poles]
+    names = _core.SHIP_PARAMETERS
+    told = {
+        "tau_n": tau_n,
+        "g": -0.583,
+        "v": 1.583,
+        "K_p": k_p,
+        "K_i": k_i,
+        "p": 2.17,
+        "tau_prop": 0.4 * tau_n,
+    }
+    values = dict(zip(names, _core.SHIP_OFF, strict=True)) | told | {"initial_N": 1.001}
+    wrt = [names.index(name) for name in ("tau_n", "g", "K_p", "K_i", "p", "initial_N")]
+    common = (1.0 + dn_set, np.empty(0), 1.0 / RATE_HZ, 0, "first", [0, 2])
+    measured = np.random.default_rng(1).normal(size=(2, len(dn_set)))
+
+    def products(**changes: float) -> Callable[[], object]:
+        vector = np.array([float((values | changes)[name]) for name in names])
+        return lambda: _core.ship_products(vector, *common, measured, np.zeros(2), np.ones((2, 1)), wrt)
+
+    return {
+        "ship_products": products(),
+        "ship_products, lag and dead time": products(tau_act=0.005, T_d=0.004),
+    }
+
+
 def other_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
     tau_n, k_p, k_i = POLES[poles]
     A = np.array([[-(2.583 + 1.583 * k_p) / tau_n, 1.583 * k_i / tau_n], [-1.0, 0.0]])
@@ -141,6 +168,7 @@ def calls(poles: str, moves: bool, duration_s: float) -> dict[str, Callable[[], 
         **linear_calls(poles, dn_set, 0.0),
         **linear_calls(poles, dn_set, 0.05 if poles == "slow" else 0.004),
         **plant_calls(poles, dn_set),
+        **ship_calls(poles, dn_set),
         **other_calls(poles, dn_set),
     }
 

@@ -1,8 +1,22 @@
 """The exceptions of the package: one line each that says what was found, what was expected, what to do."""
 
+LONGEST_WORD = 300
+"""Longest name that a line shows whole, in characters."""
+
+LONGEST_LINE = 1500
+
 
 class ShipfpError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base of every error that this package raises on purpose; its message is one line, whatever names it tells."""
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(_line(one) if isinstance(one, str) else one for one in arguments))
+
+
+def _line(text: str) -> str:
+    words = " ".join(text.splitlines()).split(" ")
+    line = " ".join(word if len(word) <= LONGEST_WORD else f"{word[:60]}...{word[-20:]}" for word in words)
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 200]} ... {line[-190:]}"
 
 
 class InputError(ShipfpError, ValueError):

@@ -139,10 +139,11 @@ impl StateSpace {
     ///
     /// # Errors
     /// [`Error::Invalid`] for a frequency that is negative or not finite, or at which the response is infinite.
-    pub fn response(&self, frequency_hz: &[f64]) -> Result<Vec<Complex<f64>>> {
+    pub fn response(&self, frequency_hz: &[f64], stop: &Stop) -> Result<Vec<Complex<f64>>> {
         let (a, b, c) = (self.a.map(Complex::from), self.b.map(Complex::from), self.c.map(Complex::from));
         let mut values = vec![Complex::ZERO; self.outputs() * frequency_hz.len()];
         for (column, &frequency) in frequency_hz.iter().enumerate() {
+            stop.check()?;
             require(frequency.is_finite() && frequency >= 0.0, || {
                 format!(
                     "frequency_hz[{column}]: found {frequency}, expected a finite frequency of 0 Hz or more"

@@ -54,3 +54,15 @@ def test_an_inspection_replaces_its_own_pictures(folder, monkeypatch, capsys, tm
     assert "found notes.txt" in capsys.readouterr().err
     assert cli.main([*arguments, "--force"]) == 0
     assert (tmp_path / "found" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["12:30", "file:x", "a b", "%20", "#1", "[x]"])
+def test_names_of_any_kind_are_names(folder, monkeypatch, tmp_path, name):
+    monkeypatch.chdir(tmp_path)
+    for wanted in ("log.parquet", "SWEEP.toml"):
+        (tmp_path / wanted).write_bytes((folder / wanted).read_bytes())
+    assert cli.main(["convert", "log.parquet", f"{name}.parquet"]) == 0
+    assert cli.main(["inspect", f"{name}.parquet"]) == 0
+    options = ("--executor", "threads", "--no-figures", "--workers", "1")
+    assert cli.main(["sweep", "SWEEP.toml", "--out", name, *options]) == 0
+    assert cli.main(["convert", "log.parquet", f"{name}/again.parquet"]) == 0

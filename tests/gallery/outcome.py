@@ -66,7 +66,10 @@ class Outcome:
         # A sweep keeps the draws that are done, so that the next one goes on from them.
         if self.status != 0 and set(self.left) - {"out/manifest.json"} and "draws" not in self.line:
             found.append("half written")
-        if self.changed or any("/." in f"/{name}" for name in self.left):
+        # Who calls `save` with the name of a file wants it replaced.
+        if (self.changed and not self.python) or any(
+            "/." in f"/{name}" and not name.endswith("/.lock") for name in self.left
+        ):
             found.append("input changed" if self.changed else "temporary file")
         if self.status == 2:
             errors = [line for line in self.line.splitlines() if "warning:" not in line]

@@ -10,7 +10,7 @@ import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
 from shipfp_rs.identification.automatic import reworded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
-from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
+from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
 from shipfp_rs.structures.combinations import true_values
 
 LOST = Estimate(None, unit="s", status="unidentifiable")
@@ -107,3 +107,21 @@ def test_a_trial_without_torque_is_usable_but_for_what_only_a_torque_tells() -> 
     for name in ("(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n"):
         low, high = found.derived[name].ci95
         assert low < truth[name] < high
+
+
+def test_a_given_structure_is_judged_too(found) -> None:
+    tested = {"input_correlation_p": 1e-9, "input_explained_pct": 20.0, "nrmse_pct": 90.0}
+    fit = {"dn": tested, "dM": tested, "overall": {"structure_p": 1e-9}}
+    told = judged(replace(found, fit=fit, adequate={}), 5000)
+    assert told.usable.startswith(
+        "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model "
+        "misses 4.4 %"
+    )
+    assert (told.usability, told.adequate["stands"]) == ("usable except", False)
+    assert told.verdict == found.verdict
+    good = {**fit, "overall": {"structure_p": 0.3}}
+    assert judged(replace(found, fit=good, adequate={}), 5000).usability == "usable"
+    worse = {**fit, "dn": {**tested, "nrmse_pct": 60.0}}
+    assert judged(replace(found, fit=worse, adequate={}), 5000).why_not == "misfit"
+    untested = {"dn": {"nrmse_pct": 97.0}, "overall": {}}
+    assert judged(replace(found, fit=untested, adequate={}), 5000).usability == ""

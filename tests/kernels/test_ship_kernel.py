@@ -265,6 +265,23 @@ def test_on_the_way_to_a_minimum_sums_are_good_to_a_part_in_a_thousand(more):
     np.testing.assert_allclose(rough / np.outer(size, size), exact / np.outer(size, size), atol=1e-3)
 
 
+@pytest.mark.parametrize("part", [1e-9, 1e-6, 1e-3, 0.015, 0.3, 0.5, 0.7, 0.985, 0.999, 1.0 - 1e-6])
+@pytest.mark.parametrize("T_set", [0.0, 0.0173])
+def test_a_past_piece_however_short_leads_nothing_astray(part, T_set):
+    u, load = wander(800), wander(800, 5) - 1.0
+    # A generating set, whose load breaks at the samples themselves, and a ship.
+    genset = vector(
+        tau_n=0.9, g=-0.3, K_p=4.0, K_i=6.0, p=0.4, T_d=(2.0 + part) * DT, T_set=T_set, load_gain=1.0
+    )
+    ship = vector(T_d=(3.0 + part) * DT, T_set=T_set)
+    for parameters, of_load in [(genset, load), (ship, NO_LOAD)]:
+        found, finer = (
+            _core.simulate_ship(parameters, u, of_load, DT, substeps, "first", SPEED_AND_GAUGE)
+            for substeps in (0, 4)
+        )
+        assert by_size(found, finer) < 1e-6
+
+
 # The sum of the error among the outputs, or a derivative gain, makes every piece wait for the one before.
 ORDINARY = {
     "both dead times": {"T_d": 0.1213, "T_set": 0.0351},

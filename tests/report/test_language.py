@@ -69,6 +69,8 @@ VERDICTS = [
     "Usable for simulation and comparison, but the data do not determine tau_n, g and v: other values fit as well.",
     "Usable for simulation and comparison, but the data do not determine g and p, and tau_n and v only roughly: other "
     "values fit as well.",
+    "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
+    "4.2 % of the response that the set point still explains.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter, but tau_n and g only roughly.",
     "Known: tau_n = 1.13 (0.6627 to 1.597) s; g = -0.5158 (-1.623 to 0.5905).",

@@ -168,7 +168,7 @@ def test_a_tie_is_given_up_for_a_value_a_prior_or_bounds():
         ),
         ({"vK_i": ("vK_p", 0.0)}, "not 0"),
         ({"vK_i": ("vK_p", float("nan"))}, "finite"),
-        ({"vK_i": ("vK_p",)}, r"\(name, factor\)"),
+        ({"vK_i": ("vK_p",)}, r"expected \(a text, a number\)"),
         ({"vK_i": ("vK_p", 1e6)}, "starts at 5e.06, outside its bounds 0.0001 to 1000"),
     ],
 )

@@ -26,7 +26,7 @@ def decimated(samples: np.ndarray, taps: np.ndarray, up: int, down: int, total: 
 def spikes(
     samples: np.ndarray, longest: int, stride: int, scale_window: int, threshold: float, least: float
 ) -> np.ndarray:
-    """Hampel's rule sample by sample, then a look at every run of suspects."""
+    """Hampel's rule sample by sample, then a look at every run of suspects, and at its ends from the levels beside it."""
     baseline = running_median(samples, 2 * longest + 1)
     distance = np.abs(samples - baseline)
     spread = 1.4826 * np.repeat(running_median(distance[::stride], scale_window), stride)[: len(samples)]
@@ -44,5 +44,20 @@ def spikes(
         left = np.median(before)
         return bool(abs(np.median(after) - left) < 0.3 * abs(samples[peak] - left))
 
+    def trimmed(start: int, stop: int) -> tuple[int, int]:
+        before, after = samples[max(start - nearby, 0) : start], samples[stop : stop + nearby]
+        if not (before.size or after.size):
+            return start, stop
+        left, right = (
+            np.median(one if one.size else other) for one, other in ((before, after), (after, before))
+        )
+        way = (np.arange(stop - start) + 0.5 * len(before)) / (
+            stop - start + 0.5 * (len(before) + len(after))
+        )
+        level = left + (right - left) * way
+        beyond = np.flatnonzero(np.abs(samples[start:stop] - level) > 0.5 * limit[start:stop])
+        return (start + int(beyond[0]), start + int(beyond[-1]) + 1) if beyond.size else (start, stop)
+
     suspects = joined([runs(distance > 0.5 * limit)], gap=max(longest // 10, 1))
-    return np.array([span for span in suspects.tolist() if is_spike(*span)], dtype=np.int64).reshape(-1, 2)
+    found = [trimmed(*span) for span in suspects.tolist() if is_spike(*span)]
+    return np.array(found, dtype=np.int64).reshape(-1, 2)

@@ -18,6 +18,7 @@ from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array, Mask
 
 FEWEST_DRAWS = 20
+MOST_DRAWS = 1_000_000
 FEWEST_BLOCKS = 10
 """In the shortest experiment: with fewer, draws hardly differ."""
 QUIET_LAGS = 5
@@ -159,8 +160,8 @@ def bootstrap(
     for record in records:
         if not isinstance(record, Experiment):
             raise InputError(f"bootstrap: data of type {type(record).__name__}, expected experiments")
-    if draws < FEWEST_DRAWS:
-        raise InputError(f"draws is {draws}, expected {FEWEST_DRAWS} or more")
+    if not FEWEST_DRAWS <= draws <= MOST_DRAWS:
+        raise InputError(f"draws is {draws}, expected {FEWEST_DRAWS} to {MOST_DRAWS}")
     fingerprint = identify(records, structure, **options)
     optimum = fingerprint.settings["optimum"]
     parts = [_Residuals.of(record, structure, optimum, block_s) for record in records]
@@ -235,6 +236,10 @@ class _Residuals:
         residual = structure.measured(record) - model
         valid = np.isfinite(residual).all(axis=0)
         kept = residual[:, valid]
+        if block_s is not None and not 0.0 < block_s <= record.duration:
+            raise InputError(
+                f"block_s is {block_s:g}, expected more than 0 and at most {record.duration:g} s"
+            )
         block = max(map(block_length, kept)) if block_s is None else round(block_s * record.rate_hz)
         if not 1 <= block <= kept.shape[1] // FEWEST_BLOCKS:
             raise InputError(

@@ -248,20 +248,28 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
     InputError
         For a quantity that the fingerprint does not know.
     """
-    known, matrix = fingerprint.covariance["names"], np.array(fingerprint.covariance["matrix"])
+    known, matrix = (
+        fingerprint.covariance["names"],
+        np.array(fingerprint.covariance["matrix"], dtype=np.float64),
+    )
     values = fingerprint.settings["optimum"]
     rows = []
     for name in names:
-        if fingerprint[name].std is None:
-            raise InputError(
-                f"{name!r} has no standard deviation in the fingerprint: {fingerprint[name].reason}"
-            )
+        std = fingerprint[name].std
+        if std is None or not std > 0.0:
+            reason = fingerprint[name].reason or f"found {std}, expected a positive one"
+            raise InputError(f"{name!r} has no standard deviation in the fingerprint: {reason}")
         if name in known:
             rows.append((np.array(known) == name).astype(float))
         else:
             rows.append(gradient_of(COMBINATIONS[name][1], values, known, declared(fingerprint.structure)))
     linear = np.array(rows) @ matrix @ np.array(rows).T
-    scale = np.array([fingerprint[name].std for name in names], dtype=float) / np.sqrt(np.diag(linear))
+    variances = np.diag(linear)
+    if not (linear**2 <= (1.0 + 1e-6) * np.outer(variances, variances)).all() or not (variances > 0.0).all():
+        raise InputError(
+            "covariance.matrix of the fingerprint: expected positive variances, correlations within 1"
+        )
+    scale = np.array([fingerprint[name].std for name in names], dtype=float) / np.sqrt(variances)
     return np.asarray(linear * np.outer(scale, scale))
 
 

@@ -103,9 +103,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             status = app(arguments, prog_name="shipfp", standalone_mode=False)
             sys.stdout.flush()
-        except BrokenPipeError:
+        except (
+            BrokenPipeError,
+            SystemExit,
+        ):  # whoever reads has seen enough; click's own answer to that is an exit
             _leave_output()
-            return FAILED
+            return DONE
         except (KeyboardInterrupt, typer.Abort):
             status = INTERRUPTED
         except Exception as error:  # the last line of defence: no traceback reaches the user

@@ -35,6 +35,9 @@ def init(
     """Write a commented TRIAL.toml to fill in; with --log that log's channels, excitations and steady stretch are in it."""
     from shipfp_rs.support.toml import template
 
+    given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}
+    if log is None and (idle := [option for option, value in given.items() if value is not None]):
+        raise InputError(f"{idle[0]}: expected --log with it, the log that it is about")
     if sweep:
         if log is not None:
             raise InputError("--sweep: expected it without --log; a sweep has no log")

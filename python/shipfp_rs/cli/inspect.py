@@ -57,6 +57,8 @@ def inspect(
 
     if log.suffix == ".toml":
         raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
+    if torque_coefficient is not None and trial is None:
+        raise InputError("--cq: expected a TRIAL.toml beside it, whose torque is checked against it")
     description = Trial.load(trial) if trial is not None else None
     told = description.trial if description else None
     recording = Log.open(

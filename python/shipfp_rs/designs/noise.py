@@ -12,6 +12,9 @@ from scipy.signal import lfilter
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 
+LEAST_LEVEL = 1e-9
+"""Least level of noise; the weights of less are beyond what numbers hold."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -29,8 +32,10 @@ class Noise:
     corner_hz: float | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.level) and self.level > 0.0):
-            raise InputError(f"noise level is {self.level}, expected a positive share of the operating point")
+        if not (math.isfinite(self.level) and self.level >= LEAST_LEVEL):
+            raise InputError(
+                f"noise level is {self.level}, expected a share of the operating point from {LEAST_LEVEL:g} on"
+            )
         if self.corner_hz is not None and not self.corner_hz > 0.0:
             raise InputError(f"noise corner_hz is {self.corner_hz}, expected a positive frequency or None")
 

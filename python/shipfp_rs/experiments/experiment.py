@@ -235,7 +235,8 @@ class Experiment(Tabular):
         InputError
             Where the window is empty or reaches outside the experiment.
         """
-        first, last = round(start_s * self.rate_hz), round(stop_s * self.rate_hz)
+        known = -1.0 < start_s < stop_s < self.duration + 1.0  # NaN is not
+        first, last = (round(time * self.rate_hz) if known else 0 for time in (start_s, stop_s))
         if not 0 <= first < last <= len(self):
             raise InputError(
                 f"experiment {self.name!r}: window {start_s:g} to {stop_s:g} s is empty or outside 0 to "

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.files import replacing
+from shipfp_rs.support.files import local, replacing
 
 METADATA_KEY = b"shipfp_experiments"
 
@@ -52,7 +52,10 @@ def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Pa
         ],
         metadata={METADATA_KEY: json.dumps([_attributes(experiment) for experiment in experiments])},
     )
-    with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+    with (
+        replacing(path) as temporary,
+        pq.ParquetWriter(local(temporary), schema, compression="zstd") as writer,
+    ):
         for experiment in experiments:
             length = len(experiment)
             columns = [
@@ -80,7 +83,7 @@ def read_experiments(path: str | Path) -> tuple[Experiment, ...]:
     """
     path = Path(path)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(local(path)) as file:
             attributes = json.loads((file.schema_arrow.metadata or {})[METADATA_KEY])
             return tuple(
                 _experiment(file.read_row_group(index), facts) for index, facts in enumerate(attributes)

@@ -16,6 +16,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.checks import positive
 
 _ROUNDS = 30
+MOST_HARMONICS = 1000
 """Gauss-Newton steps for a frequency; from within half a bin six are usual."""
 
 
@@ -136,6 +137,8 @@ def fit_sine(
         Where there is less than one period, or no sine within a bin of `near_hz`.
     """
     given = _checked(samples, rate_hz)
+    if not 0 <= harmonics <= MOST_HARMONICS:
+        raise InputError(f"harmonics is {harmonics}, expected 0 to {MOST_HARMONICS}")
     start = _highest_peak(given, rate_hz) if near_hz is None else float(near_hz)
     multiples = np.arange(1, harmonics + 2)
     multiples = multiples[(multiples == 1) | (multiples * start < 0.48 * rate_hz)]

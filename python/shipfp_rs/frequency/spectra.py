@@ -69,9 +69,7 @@ def spectral_response(
     rate = given[0].rate_hz
     if any(experiment.rate_hz != rate for experiment in given):
         raise InputError(f"experiments: found rates {sorted({e.rate_hz for e in given})} Hz, expected one")
-    size = round(segment_s * rate) if np.isfinite(segment_s) else 0
-    if size < 8:
-        raise InputError(f"segment_s: found {segment_s}, expected at least 8 samples, {8 / rate:g} s")
+    size = _samples_of(segment_s, given)
     step = round((1.0 - _OVERLAP) * size)
     window = np.hanning(size + 1)[:-1]
 
@@ -121,3 +119,14 @@ def spectral_response(
         "independent_windows": independent,
     }
     return to_response(given[0].name, frequency[bins], points, given[0].operating_point, provenance)
+
+
+def _samples_of(segment_s: float, experiments: list[Experiment]) -> int:
+    rate = experiments[0].rate_hz
+    longest_s = max(experiment.duration for experiment in experiments)
+    size = round(segment_s * rate) if 0.0 < segment_s <= longest_s else 0
+    if size < 8:
+        raise InputError(
+            f"segment_s: found {segment_s}, expected 8 samples, {8 / rate:g} s, to {longest_s:g} s"
+        )
+    return size

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.channels import chosen_signals, to_response
-from shipfp_rs.frequency.lines import Lines, fit_lines, fit_sine
+from shipfp_rs.frequency.lines import MOST_HARMONICS, Lines, fit_lines, fit_sine
 from shipfp_rs.frequency.response import FrequencyResponse
 from shipfp_rs.signals.excitation import Segment
 from shipfp_rs.support.arguments import checked
@@ -190,6 +190,8 @@ def _fitted(
         )
     settled = window.window(settle_periods / near_hz, window.duration)
     bin_hz = rate / len(settled)
+    if not 0 <= harmonics <= MOST_HARMONICS:
+        raise InputError(f"harmonics is {harmonics}, expected 0 to {MOST_HARMONICS}")
     multiples = near_hz * np.arange(1, harmonics + 2)
     apart = [
         line

@@ -19,7 +19,7 @@ from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
 from shipfp_rs.identification.sampling import clock_of
-from shipfp_rs.identification.usability import usability
+from shipfp_rs.identification.usability import SMALL_MISS_PCT, misses_of, usability
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.identification.wording import something_missing
 from shipfp_rs.structures.combinations import slope_of
@@ -28,9 +28,6 @@ from shipfp_rs.structures.outputs import Torque
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
-SMALL_MISS_PCT = 1.6
-"""Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
-(static torque check of the thesis, eq. 6.3)."""
 
 
 def chooser_of(
@@ -269,21 +266,14 @@ def _limit(choice: Choice, name: str, state: State) -> dict[str, Any] | None:
 def adequacy(fingerprint: Fingerprint, choice: Fitted) -> dict[str, Any]:
     """Return whether the model stands, what it misses of each output, and what that can do to each parameter.
 
-    What the set point still explains of an output's whitened residual, less what chance explains, is its miss: the root
-    of that share of the residual, in per cent of the output's spread. The test's statistic over its degrees of freedom
-    is the residual's power along what the set point drives over that of noise, and estimates follow the residual along
-    nothing else: a dispersion, by whose root their deviations grow (McCullagh and Nelder 1989, section 4.5).
+    The test's statistic over its degrees of freedom is the residual's power along what the set point drives over that of
+    noise, and estimates follow the residual along nothing else: a dispersion, by whose root their deviations grow
+    (McCullagh and Nelder 1989, section 4.5).
     """
     freedom = float(INPUT_LAGS + 1)
     samples = sum(block.count for block in choice.search.blocks)
-    misses, dispersion = {}, 1.0
-    for name, row in fingerprint.fit.items():
-        if name == "overall":
-            continue
-        share = float(row.get("input_explained_pct") or 0.0) / 100.0
-        rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
-        misses[name] = 100.0 * float(np.sqrt(max(share - freedom / samples, 0.0))) * rest
-        dispersion = max(dispersion, input_dispersion(row, samples))
+    misses = misses_of(fingerprint.fit, samples)
+    dispersion = max([1.0, *(input_dispersion(fingerprint.fit[name], samples) for name in misses)])
     p = fingerprint.fit.get("overall", {}).get("structure_p")
     unchallenged = p is None or p >= ALARM
     dispersion = 1.0 if unchallenged else dispersion

@@ -61,8 +61,8 @@ class Fingerprint(Told, Modelled):
     usable
         The verdict's first sentence: what the fingerprint can be used for.
     usability
-        The same in a word: "usable", "usable except" (of the parameters that the sentence names) or "not usable"; empty
-        where the structure was given.
+        The same in a word: "usable", "usable except" (of the parameters or intervals that the sentence names) or "not
+        usable"; empty where nothing tells, as of a structure fitted to frequency responses.
     why_not
         Of one that is not usable: "no minimum", "nothing explained" of an output, "nothing told" of any parameter, or
         "misfit" of the model.

@@ -34,6 +34,11 @@ def require_layout(content: Mapping[str, Any]) -> None:
             for text in ("unit", "status", "reason"):
                 _require(isinstance(row[text], str), f"{key}.{name}.{text}", row[text], "a text")
             _require_interval(f"{key}.{name}.ci95", row["ci95"])
+            for figure in ("value", "std"):
+                found = row[figure]
+                _require(
+                    found is None or _is_number(found), f"{key}.{name}.{figure}", found, "null or a number"
+                )
     vessel, structure = content["vessel"], content["structure"]
     _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
     for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
@@ -54,6 +59,11 @@ def require_layout(content: Mapping[str, Any]) -> None:
             "a list",
         )
     _require_covariance(content["covariance"], content["parameters"])
+    optimum = _table(content["settings"].get("optimum", {}), "settings.optimum")
+    for name, value in optimum.items():
+        _require(_is_number(value), f"settings.optimum.{name}", value, "a number")
+    for name in content["parameters"] if "optimum" in content["settings"] else ():
+        _require(name in optimum, f"settings.optimum.{name}", "nothing", "a number")
 
 
 def _require_interval(key: str, ends: object) -> None:
@@ -73,6 +83,10 @@ def _require_covariance(table: Mapping[str, Any], parameters: Mapping[str, Any])
         and all(_is_row(row, len(names)) for row in matrix)
     )
     _require(square, "covariance.matrix", matrix, f"{len(names)} rows of as many numbers")
+    for place, row in enumerate(matrix):
+        _require(
+            row[place] >= 0.0, f"covariance.matrix[{place}][{place}]", row[place], "a variance, 0 or more"
+        )
 
 
 def _is_row(row: object, size: int) -> bool:

@@ -28,6 +28,7 @@ from shipfp_rs.identification.minima import Found, search_minima
 from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
 from shipfp_rs.identification.sampling import with_clock
+from shipfp_rs.identification.usability import judged
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
@@ -166,7 +167,8 @@ def identify(
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
-    return fingerprint_of(search_minima(data, structure, options), vessel=vessel)
+    found = search_minima(data, structure, options)
+    return judged(fingerprint_of(found, vessel=vessel), sum(block.count for block in found.search.blocks))
 
 
 def _chosen(

@@ -15,6 +15,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.identification.estimate import Estimate, Identifiability, Row, rounded_rows
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import package
@@ -124,6 +125,7 @@ class Told:
     def _rows(self) -> Iterator[Row]:
         return rounded_rows({**self.parameters, **self.derived})
 
+    @checked
     def fit_report(self, min_correl: float = 0.1) -> str:
         """Return values, deviations and correlations as text, laid out as lmfit's `fit_report`.
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Usable, WhyNot, is_rough
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.wording import OUTPUTS
 
+SMALL_MISS_PCT = 1.6
+"""Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
+(static torque check of the thesis, eq. 6.3)."""
 LARGE_MISS_PCT = 10.0
 """Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
 LEAST_EXPLAINED_PCT = 2.0
@@ -24,8 +28,41 @@ class Usability:
     why_not: WhyNot = ""
 
 
+def judged(fingerprint: Fingerprint, samples: int) -> Fingerprint:
+    """Return the fingerprint of a given structure with what it can be used for; as it is where no residuals test it."""
+    if "structure_p" not in fingerprint.fit.get("overall", {}):
+        return fingerprint
+    misses = misses_of(fingerprint.fit, samples)
+    stands = bool(fingerprint.model_adequate) or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
+    adequate = {"stands": stands, "misses_pct": misses, "bias": {}, "dispersion": 1.0}
+    found = usability(replace(fingerprint, adequate=adequate))
+    return replace(
+        fingerprint,
+        adequate=adequate,
+        usable=found.sentence,
+        usability=found.state,
+        why_not=found.why_not,
+    )
+
+
+def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:
+    """Return what a model misses of each output, in per cent of its spread.
+
+    What the set point still explains of an output's whitened residual, less what chance explains, is its miss: the root
+    of that share of the residual.
+    """
+    misses = {}
+    for name, row in fit.items():
+        if name == "overall":
+            continue
+        share = float(row.get("input_explained_pct") or 0.0) / 100.0
+        rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
+        misses[name] = 100.0 * max(share - float(INPUT_LAGS + 1) / samples, 0.0) ** 0.5 * rest
+    return misses
+
+
 def usability(fingerprint: Fingerprint) -> Usability:
-    """Judge a fingerprint whose structure the data chose, `adequate` included."""
+    """Judge a fingerprint, `adequate` included."""
     known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
     left_open = [
         name
@@ -47,6 +84,12 @@ def usability(fingerprint: Fingerprint) -> Usability:
     if not fingerprint.adequate["stands"] and worst > LARGE_MISS_PCT:
         return _unusable(
             "misfit", f"the model misses {worst:.2g} % of the response that the set point still explains"
+        )
+    if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
+        return Usability(
+            "usable except",
+            "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model "
+            f"misses {worst:.2g} % of the response that the set point still explains.",
         )
     rough = [name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])]
     if left_open:

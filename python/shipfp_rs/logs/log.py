@@ -206,6 +206,7 @@ class Log:
             raise InputError(f"{self.name}: no channel {name!r}, found {', '.join(known)}{hint}")
         return self.channels[name]
 
+    @checked
     def rows(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> tuple[int, int]:
         """Return the indices of the first sample of a stretch and of the first one after it.
 

@@ -14,6 +14,7 @@ from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.processing.pulse_train import MARGIN_S, PulseTrain
 from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.files import local
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.support.units import TO_REV, TO_RPM, told
@@ -122,7 +123,7 @@ def read_edges(path: Path, tacho: Tacho) -> Array:
         raise InputError(f"{path}: no such file, expected a list of edges")
     try:
         table = (
-            pa.parquet.read_table(path)
+            pa.parquet.ParquetFile(local(path)).read()
             if path.suffix.lower() in (".parquet", ".pq")
             else _table_of_text(path)
         )
@@ -158,7 +159,7 @@ def _table_of_text(path: Path) -> pa.Table:
     first = path.read_text(encoding="utf-8-sig", errors="replace").split("\n", 1)[0]
     bare = all(_is_float(cell) for cell in first.replace(";", ",").split(","))
     return pa.csv.read_csv(
-        path,
+        local(path),
         read_options=pa.csv.ReadOptions(autogenerate_column_names=bare),
         parse_options=pa.csv.ParseOptions(delimiter=";" if ";" in first else "\t" if "\t" in first else ","),
     )

@@ -31,6 +31,12 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1: Andere Werte passen ebenso gut.",
     ),
     (
+        r"^Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
+        r"(\S+) % of the response that the set point still explains\.",
+        r"Brauchbar für Simulation und Vergleich, aber die Bereiche gelten für die Struktur, nicht für das Schiff: Dem Modell "
+        r"fehlen \1 % der Antwort, die der Sollwert noch erklärt.",
+    ),
+    (
         r"^Usable for simulation, control tuning and comparison: the data tell every parameter, but (.+) only roughly\.",
         r"Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter, \1 aber nur grob.",
     ),

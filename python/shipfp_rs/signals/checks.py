@@ -10,11 +10,9 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.checks import positive
+from shipfp_rs.support.checks import MOST_SAMPLES, positive
 
 Bands = Sequence[tuple[float, float]]
-
-_LARGEST_SAMPLES = 200_000_000
 
 
 def sample_times(duration_s: float, rate_hz: float) -> Array:
@@ -26,9 +24,9 @@ def _sample_count(name: str, duration_s: float, rate_hz: float) -> int:
     positive(name, duration_s)
     positive("rate_hz", rate_hz)
     samples = duration_s * rate_hz
-    if not 1.0 <= samples + 0.5 <= _LARGEST_SAMPLES:
+    if not 1.0 <= samples + 0.5 <= MOST_SAMPLES:
         raise InputError(
-            f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples, expected 1 to {_LARGEST_SAMPLES}"
+            f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples, expected 1 to {MOST_SAMPLES}"
         )
     return round(samples)
 

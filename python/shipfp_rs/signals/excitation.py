@@ -15,7 +15,7 @@ from shipfp_rs.experiments.experiment import Hold
 from shipfp_rs.signals.checks import zero_or_more
 from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array, same
-from shipfp_rs.support.checks import positive
+from shipfp_rs.support.checks import at_most, positive
 from shipfp_rs.support.files import write_text_atomically
 
 
@@ -175,7 +175,10 @@ class Excitation:
         """
         for name, value in (("before_s", before_s), ("after_s", after_s)):
             zero_or_more(name, value)
-        lead, tail = round(before_s * self.rate_hz), round(after_s * self.rate_hz)
+        lead, tail = (
+            at_most(name, value * self.rate_hz)
+            for name, value in (("before_s", before_s), ("after_s", after_s))
+        )
         shift = lead / self.rate_hz
         moved = tuple(replace(s, start_s=s.start_s + shift, stop_s=s.stop_s + shift) for s in self.segments)
         return replace(self, samples=np.pad(self.samples, (lead, tail)), segments=moved)
@@ -189,6 +192,9 @@ class Excitation:
         return write_text_atomically(Path(path), text.getvalue())
 
 
+MOST_PERIODS = 100_000
+
+
 def repeated(
     name: str, kind: str, rate_hz: float, one_period: Array, periods: int, hold: Hold = "first"
 ) -> Excitation:
@@ -199,8 +205,9 @@ def repeated(
     InputError
         For less than one period.
     """
-    if periods < 1:
-        raise InputError(f"periods is {periods}, expected 1 or more")
+    if not 1 <= periods <= MOST_PERIODS:
+        raise InputError(f"periods is {periods}, expected 1 to {MOST_PERIODS}")
+    at_most("periods", periods * len(one_period))
     length = len(one_period) / rate_hz
     segments = tuple(Segment(f"period {k + 1}", k * length, (k + 1) * length) for k in range(periods))
     return Excitation(name, kind, rate_hz, np.tile(one_period, periods), hold, segments)
@@ -239,7 +246,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
                 f"excitation {part.name!r} has {part.rate_hz:g} Hz and hold {part.hold!r}, expected "
                 f"{first.rate_hz:g} Hz and {first.hold!r} as {first.name!r} has"
             )
-    pause = np.zeros(round(pause_s * first.rate_hz))
+    pause = np.zeros(at_most("pause_s", pause_s * first.rate_hz))
     pieces: list[Array] = []
     segments: list[Segment] = []
     length = 0

@@ -9,7 +9,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times, whole_samples
 from shipfp_rs.signals.excitation import Excitation, repeated
 from shipfp_rs.support.arguments import Whole, checked
-from shipfp_rs.support.checks import positive
+from shipfp_rs.support.checks import at_most, positive
 
 
 @checked
@@ -56,6 +56,7 @@ def prbs(
         raise InputError(f"order is {order}, expected 2 to 20")
     positive("amplitude_rpm", amplitude_rpm)
     bit = whole_samples("bit_s", bit_s, rate_hz)
+    at_most("bit_s", bit * 2**order)
     sequence, _ = signal.max_len_seq(order)
     start = int(np.random.default_rng(seed).integers(len(sequence)))
     one_period = np.repeat(amplitude_rpm * (2.0 * np.roll(sequence, -start) - 1.0), bit)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from shipfp_rs.signals.checks import numbers, sample_times, zero_or_more
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.checks import at_most
 
 
 @checked
@@ -46,6 +47,6 @@ def steps(
     """
     sizes = numbers("sizes_rpm", sizes_rpm)
     zero_or_more("lead_s", lead_s)
-    hold, lead = len(sample_times(hold_s, rate_hz)), round(lead_s * rate_hz)
+    hold, lead = len(sample_times(hold_s, rate_hz)), at_most("lead_s", lead_s * rate_hz)
     levels = np.repeat(np.cumsum(sizes), hold)
     return Excitation(name, "steps", rate_hz, np.concatenate([np.zeros(lead), levels]), hold="zero")

@@ -20,6 +20,7 @@ from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.checks import at_most
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -225,7 +226,8 @@ def _joined(
         raise InputError(
             "excitations are too short for a raw log, expected 10 s or more with the steady stretch"
         )
-    pieces, windows = [np.zeros(round(steady_s * rate_hz))], []
+    pause = np.zeros(at_most("pause_s", pause_s * rate_hz))
+    pieces, windows = [np.zeros(at_most("steady_s", steady_s * rate_hz))], []
     length = len(pieces[0])
     for part in parts:
         count = round(part.duration * rate_hz)
@@ -235,7 +237,7 @@ def _joined(
         if even and part.kind == "chirp":
             samples = np.max(np.abs(samples)) * np.sin(2.0 * np.pi * EVEN_CYCLES / count * np.arange(count))
         windows.append(TrueWindow(part.name, part.kind, length / rate_hz, (length + count) / rate_hz))
-        pieces += [samples, np.zeros(round(pause_s * rate_hz))]
+        pieces += [samples, pause]
         length += len(samples) + len(pieces[-1])
     return Excitation("simulated log", "joined", rate_hz, np.concatenate(pieces)), tuple(windows)
 

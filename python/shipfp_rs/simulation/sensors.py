@@ -12,8 +12,10 @@ import numpy as np
 from scipy import signal
 
 from shipfp_rs.logs.faults import simulated
+from shipfp_rs.support.arguments import check_fields
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.checks import positive
 from shipfp_rs.vessel.vessel import Vessel
 
 Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]
@@ -87,6 +89,10 @@ class Sensors:
     )
     hum_V: float = 0.05
     clipped_share: float = 0.002
+
+    def __post_init__(self) -> None:
+        check_fields(self, "sensors")
+        positive("sensors: rate_hz", self.rate_hz)
 
 
 @dataclass(frozen=True)

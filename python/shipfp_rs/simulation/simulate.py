@@ -31,6 +31,7 @@ LOGGER = logging.getLogger("shipfp_rs")
 LARGEST_SHARE = 0.9
 """Largest deviation of the set point, relative; with more an engine would stall."""
 _LARGEST_STEP = 0.025
+_MOST_SUBSTEPS = 20_000
 """Largest step of RK4 times the fastest pole; its error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
 
 
@@ -201,9 +202,14 @@ def _substeps(vessel: Vessel, train: DriveTrain, point: OperatingPoint, rate_hz:
     model = dataclasses.replace(linearise(vessel, point.n_e_rpm), T_d=0.0, T_set=0.0)
     fastest = float(np.abs(model.poles).max())
     steps = max(1, math.ceil(fastest / (rate_hz * _LARGEST_STEP)))
-    return (
-        max(steps, math.ceil(1.0 / (rate_hz * train.step_s(point.n_s)))) if train.extends_the_plant else steps
-    )
+    if train.extends_the_plant:
+        steps = max(steps, math.ceil(1.0 / (rate_hz * train.step_s(point.n_s))))
+    if steps > _MOST_SUBSTEPS:
+        raise InputError(
+            f"vessel {vessel.name!r}: its fastest part answers within {1.0 / fastest:.2g} s, which takes {steps:.3g} "
+            f"steps a sample, expected at most {_MOST_SUBSTEPS:g}; check inertia and gains, or name substeps"
+        )
+    return steps
 
 
 def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, float], seed: int) -> Array:

@@ -48,5 +48,5 @@ def require_outputs(outputs: Sequence[str], torque: Torque) -> None:
     for output in outputs:
         if output not in OUTPUTS:
             raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
-    if not outputs or len(set(outputs)) != len(outputs):
+    if not len(outputs) or len(set(outputs)) != len(outputs):
         raise InputError(f"outputs {list(outputs)}, expected at least one and each once")

@@ -9,6 +9,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.ties import Tie
+from shipfp_rs.support.arguments import check_fields
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Parameter:
     tied: Tie | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, f"parameter {self.name}")
         if not np.isfinite(self.start):
             raise InputError(f"parameter {self.name}: start is {self.start}, expected a finite number")
         if self.fixed or self.tied is not None:

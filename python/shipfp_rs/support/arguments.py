@@ -9,7 +9,7 @@ import math
 import numbers
 import sys
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -185,12 +185,15 @@ def fits(value: Any, hint: Any) -> bool:
     origin, inner = get_origin(hint), get_args(hint)
     if hint is Any:
         return True
-    if hint == npt.ArrayLike or origin is np.ndarray:
-        return _is_array(value, "biufc" if "complex" in str(hint) and origin is np.ndarray else "biuf")
+    if origin is np.ndarray:
+        numbers_of = "biufc" if "complex" in str(hint) else "biuf"
+        return not isinstance(value, numbers.Number) and _is_array(value, numbers_of)
+    if hint == npt.ArrayLike:
+        return _is_array(value, "biuf")
     if origin is Annotated:
         return fits(value, inner[0]) and all(rule(value) for rule in inner[1:] if callable(rule))
     if origin in (Union, types.UnionType):
-        return any(fits(value, one) for one in inner)
+        return any(fits(value, one) for one in _options(hint))
     if origin is Literal:
         return type(value) in {type(one) for one in inner}
     if origin is tuple:
@@ -201,9 +204,21 @@ def fits(value: Any, hint: Any) -> bool:
         )
     if inspect.isclass(origin) and issubclass(origin, Sequence):
         return _fits_sequence(value, inner[0])
+    if origin is Iterable:
+        # What can be gone through only once is not looked at.
+        once = isinstance(value, Iterator)
+        return once or isinstance(value, Set) or _fits_sequence(value, inner[0])
     if origin is Callable or hint is Callable:
         return callable(value)
     return _fits_plain(value, hint)
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    """Return what a union is one of; `ArrayLike`, itself a union with texts, stays whole."""
+    inner, of_arrays = get_args(hint), get_args(npt.ArrayLike)
+    if set(of_arrays) <= set(inner):
+        return (npt.ArrayLike, *(one for one in inner if one not in of_arrays))
+    return inner
 
 
 def _fits_plain(value: Any, hint: Any) -> bool:
@@ -212,7 +227,9 @@ def _fits_plain(value: Any, hint: Any) -> bool:
     if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
         value = value[()]
     if hint is float:
-        return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+        # NumPy does not take whole numbers of any size for numbers.
+        beyond = isinstance(value, int) and abs(value) >= 2**63
+        return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_) and not beyond
     if hint is int:
         return isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_)
     if hint is bool:
@@ -224,7 +241,11 @@ def _fits_plain(value: Any, hint: Any) -> bool:
 
 def _fits_sequence(value: Any, inner: Any) -> bool:
     if isinstance(value, np.ndarray):
-        return value.ndim > 0 and (inner not in (float, int) or value.dtype.kind in "iuf")
+        return value.ndim > 0 and (
+            value.dtype.kind in "iuf"
+            if inner in (float, int)
+            else all(fits(one, inner) for one in value[:LOOKED_AT])
+        )
     if (
         isinstance(value, str | bytes | Mapping)
         or not hasattr(value, "__len__")
@@ -239,8 +260,7 @@ def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
         return False
     if len(inner) == 2 and inner[1] is Ellipsis:
         return all(fits(one, inner[0]) for one in value)
-    # A wrong length is left to the function, which can name the parts.
-    return all(map(fits, value, inner))
+    return len(value) == len(inner) and all(map(fits, value, inner))
 
 
 def words(hint: Any) -> str:
@@ -253,14 +273,14 @@ def words(hint: Any) -> str:
     if origin is Annotated:
         return next((rule.words for rule in inner[1:] if hasattr(rule, "words")), words(inner[0]))
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(words(one) for one in inner))
+        return " or ".join(dict.fromkeys(words(one) for one in _options(hint)))
     if origin is Literal:
         return " or ".join(repr(one) for one in inner)
     if inspect.isclass(origin) and issubclass(origin, Mapping):
         return f"a mapping from {words(inner[0])} to {words(inner[1])}"
     if origin is tuple and Ellipsis not in inner:
         return f"({', '.join(words(one) for one in inner)})"
-    if origin is tuple or (inspect.isclass(origin) and issubclass(origin, Sequence)):
+    if origin in (tuple, Iterable) or (inspect.isclass(origin) and issubclass(origin, Sequence)):
         return f"a list, each {words(inner[0])}"
     if origin is Callable or hint is Callable:
         return "a function"

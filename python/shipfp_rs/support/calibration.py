@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
 
@@ -41,6 +41,7 @@ class Calibration:
     covariance: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, "calibration")
         if not (np.isfinite(self.scale) and np.isfinite(self.offset) and self.scale != 0.0):
             raise InputError(
                 f"calibration: scale {self.scale}, offset {self.offset}; expected finite ones, scale not 0"
@@ -64,6 +65,7 @@ class Calibration:
         return np.sqrt(np.maximum(scale * x**2 + 2.0 * both * x + offset, 0.0))
 
     @classmethod
+    @checked
     def from_table(cls, recorded: npt.ArrayLike, values: npt.ArrayLike, unit: str = "") -> Calibration:
         """Fit the line to a table by least squares.
 

@@ -7,6 +7,16 @@ from collections.abc import Iterable
 
 from shipfp_rs.errors import InputError
 
+MOST_SAMPLES = 200_000_000
+"""Most samples of a signal that is made."""
+
+
+def at_most(name: str, samples: float) -> int:
+    """Return a number of samples as a whole one; refuse more than a signal can have."""
+    if not 0.0 <= samples <= MOST_SAMPLES:
+        raise InputError(f"{name}: {samples:.3g} samples, expected 0 to {MOST_SAMPLES}")
+    return round(samples)
+
 
 def positive(name: str, value: float) -> None:
     """Refuse a value that is not a finite positive number."""

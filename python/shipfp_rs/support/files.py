@@ -50,6 +50,11 @@ def read_text(path: Path, expected: str) -> str:
         raise InputError(f"{path}: {error.strerror or error}; expected {expected}") from error
 
 
+def local(path: Path) -> Path:
+    """Return a path that Arrow takes for one: a relative name with a colon, as of a time, it takes for an address."""
+    return path.absolute()
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary name beside `path`; left without an error it becomes `path`, else it is removed.

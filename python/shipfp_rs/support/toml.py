@@ -112,7 +112,11 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
     if not name or any(ord(letter) < 32 for letter in name):
         raise InputError(f"{key} {name[:60]!r}: expected a {what} by its name or by the path of its file")
     path = known.get(name, Path(name_or_path))
-    if name not in known and path.suffix != ".toml" and not path.exists():
+    try:
+        there = path.exists()
+    except OSError:  # a name longer than any file's
+        there = False
+    if name not in known and path.suffix != ".toml" and not there:
         raise InputError(
             f"{key} {name!r}: found no built-in {what} of this name, {suggestion(name, [*known])} "
             f"(a {what} of your own is given by the path of its .toml file)"

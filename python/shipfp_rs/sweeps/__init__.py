@@ -6,19 +6,20 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
+from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.json_files import json_text
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of
 from shipfp_rs.sweeps.plan import Plan
-from shipfp_rs.sweeps.pools import Where, pool_of
+from shipfp_rs.sweeps.pools import MOST_WORKERS, Where, pool_of
 from shipfp_rs.sweeps.store import SUMMARY, Store, opened
 from shipfp_rs.sweeps.worker import one_thread_for_linear_algebra
 
@@ -121,6 +122,10 @@ def sweep(
     plan = plan if isinstance(plan, Plan) else Plan.load(plan)
     if draws_per_task is not None and draws_per_task < 1:
         raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
+    if isinstance(executor, str):
+        one_of("executor", executor, get_args(Where))
     part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
     with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
         try:

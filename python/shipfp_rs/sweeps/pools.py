@@ -145,8 +145,6 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
     InputError
         Where there is no such pool, or the packages for it are missing.
     """
-    if workers is not None and not 1 <= workers <= MOST_WORKERS:
-        raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
     if address is not None and executor != "dask":
         raise InputError(f"address {address!r}: expected executor 'dask' with it")
     count = workers or available_workers()

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.files import replacing, write_text_atomically
+from shipfp_rs.support.files import local, replacing, write_text_atomically
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
 FORMAT = 1
@@ -87,7 +87,7 @@ class Store:
             )
             with (
                 replacing(path) as temporary,
-                pq.ParquetWriter(temporary, schema, compression="zstd") as writer,
+                pq.ParquetWriter(local(temporary), schema, compression="zstd") as writer,
             ):
                 for table in self._groups():
                     writer.write_table(table.cast(schema), row_group_size=ROWS_PER_GROUP)
@@ -99,11 +99,12 @@ class Store:
     def batches(self) -> Iterator[pa.RecordBatch]:
         """Give the rows that there are, in the order of their draws."""
         if self.finished:
-            with pq.ParquetFile(self.folder / RESULTS) as file:
+            with pq.ParquetFile(local(self.folder) / RESULTS) as file:
                 yield from file.iter_batches(batch_size=ROWS_PER_GROUP)
             return
         for part in (*range(self.below), *sorted(self.beyond)):
-            yield from pq.read_table(self._path(part)).to_batches()
+            with pq.ParquetFile(self._path(part)) as file:
+                yield from file.read().to_batches()
 
     def _groups(self) -> Iterator[pa.Table]:
         waiting, rows = [], 0
@@ -118,7 +119,7 @@ class Store:
             yield pa.Table.from_batches(waiting).combine_chunks()
 
     def _path(self, part: int) -> Path:
-        return self.folder / PARTS / f"{part // PARTS_PER_FOLDER:06d}" / f"{part:09d}.parquet"
+        return local(self.folder) / PARTS / f"{part // PARTS_PER_FOLDER:06d}" / f"{part:09d}.parquet"
 
     def _write_manifest(self) -> None:
         content = {

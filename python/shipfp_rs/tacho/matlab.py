@@ -16,6 +16,7 @@ from scipy.interpolate import make_lsq_spline
 from shipfp_rs._core import PulseCrossings
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.checks import at_most
 from shipfp_rs.tacho.tracks import require_positive
 
 Array = npt.NDArray[np.float64]
@@ -228,6 +229,7 @@ def tachorpm(
     if len(centres) < least:
         raise InputError(f"x: found {len(centres)} pulses, expected {least} or more for fittype {fittype!r}")
     speeds, middles = 60.0 / (pulsesperrev * np.diff(centres)), 0.5 * (centres[1:] + centres[:-1])
+    at_most("outputfs", (len(values) - 1) / fs * rate)
     time = np.arange(int((len(values) - 1) / fs * rate + 1e-9) + 1) / rate
     if fittype == "smooth":
         breaks = np.linspace(middles[0], middles[-1], fitpoints)

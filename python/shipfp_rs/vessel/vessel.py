@@ -57,8 +57,9 @@ class _Size(NamedTuple):
     owner: str
 
     def require(self, value: float) -> None:
-        """Refuse a value that a wrong unit explains."""
-        if hint := hints.likely(value, self.low, self.high, self.slips, self.unit):
+        """Refuse a value that a wrong unit explains, or ten times beyond its range."""
+        hint = hints.likely(value, self.low, self.high, self.slips, self.unit)
+        if hint or not 0.1 * self.low < value < 10.0 * self.high:
             expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
             raise unexpected(self.key, f"{value:g} {self.unit}", expected)
 

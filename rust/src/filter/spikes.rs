@@ -87,7 +87,35 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
                 &samples[end..samples.len().min(end + nearby)],
             )
     });
-    Ok(suspects)
+    Ok(suspects
+        .into_iter()
+        .map(|suspect| trimmed(samples, suspect, nearby, |at| SHOULDER * limit(at)))
+        .collect())
+}
+
+/// A spike without what is suspect at its ends only because the median, half of whose window a long spike fills, is shifted
+/// towards it: the line from the level before to the level after is not.
+fn trimmed(
+    samples: &[f64],
+    (start, end): (usize, usize),
+    nearby: usize,
+    shoulder: impl Fn(usize) -> f64,
+) -> (usize, usize) {
+    let before = &samples[start.saturating_sub(nearby)..start];
+    let after = &samples[end..samples.len().min(end + nearby)];
+    let (left, right) = match (before.is_empty(), after.is_empty()) {
+        (true, true) => return (start, end),
+        (true, false) => (median(&mut after.to_vec()), median(&mut after.to_vec())),
+        (false, true) => (median(&mut before.to_vec()), median(&mut before.to_vec())),
+        (false, false) => (median(&mut before.to_vec()), median(&mut after.to_vec())),
+    };
+    let span = (end - start) as f64 + 0.5 * (before.len() + after.len()) as f64;
+    let level = |at: usize| left + (right - left) * ((at - start) as f64 + 0.5 * before.len() as f64) / span;
+    let beyond = |at: &usize| (samples[*at] - level(*at)).abs() > shoulder(*at);
+    (start..end)
+        .find(beyond)
+        .zip((start..end).rfind(beyond))
+        .map_or((start, end), |(first, last)| (first, last + 1))
 }
 
 /// False where no sample is as far from another one within the median's reach as a suspect is from the median.

@@ -6,6 +6,7 @@ use nalgebra::Complex;
 
 use super::parameters::{By, OUTPUTS, Output, PARAMETERS, Parameters};
 use crate::error::{Error, Result, require};
+use crate::stop::{CHECK_EVERY, Stop};
 
 type C = Complex<f64>;
 
@@ -101,7 +102,7 @@ fn transfer(parameters: &Parameters, s: C) -> [Jet; OUTPUTS.len()] {
 ///
 /// # Errors
 /// [`Error::Invalid`] for a frequency that is negative or not finite, one at which the response is infinite
-/// (0 Hz without integral action).
+/// (0 Hz without integral action), and on a stop.
 ///
 /// # Panics
 /// Where `wrt` names an initial value.
@@ -110,11 +111,15 @@ pub fn response(
     frequency_hz: &[f64],
     outputs: &[Output],
     wrt: &[By],
+    stop: &Stop,
 ) -> Result<Response> {
     let (count, rows) = (frequency_hz.len(), outputs.len());
     let mut values = vec![C::ZERO; rows * count];
     let mut derivatives = vec![C::ZERO; wrt.len() * rows * count];
     for (column, &frequency) in frequency_hz.iter().enumerate() {
+        if column % CHECK_EVERY == 0 {
+            stop.check()?;
+        }
         require(frequency.is_finite() && frequency >= 0.0, || {
             format!("frequency_hz[{column}]: found {frequency}, expected a finite frequency of 0 Hz or more")
         })?;

@@ -13,6 +13,9 @@ use crate::cost::{Cost, Objective, Record};
 use crate::integrate::Hold;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
+/// State updates that a response at one frequency is worth, in time.
+const RESPONSE: usize = 16;
+
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
 type Rows<'py> = Bound<'py, PyArray2<f64>>;
 type RowsByParameter<'py> = Bound<'py, PyArray3<f64>>;
@@ -67,9 +70,9 @@ fn run_response(
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
     let frequency_hz: Vector<'_> = borrow("frequency_hz", frequency_hz)?;
     let (parameters, frequency_hz) = (parameters.as_slice()?, frequency_hz.as_slice()?);
-    let result = guard::run(py, frequency_hz.len(), |_| {
+    let result = guard::run(py, frequency_hz.len() * (1 + wrt.len()) * RESPONSE, |stop| {
         let (outputs, wrt) = (Output::from_indices(outputs)?, By::parameters_from_indices(wrt)?);
-        response(&Parameters::new(parameters, "parameters")?, frequency_hz, &outputs, &wrt)
+        response(&Parameters::new(parameters, "parameters")?, frequency_hz, &outputs, &wrt, stop)
     })?;
     Ok((result, frequency_hz.len()))
 }

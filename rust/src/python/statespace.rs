@@ -73,8 +73,8 @@ fn statespace_response<'py>(
     let model = model(A, B, C, D)?;
     let frequency_hz: Vector<'_> = borrow("frequency_hz", frequency_hz)?;
     let frequencies = frequency_hz.as_slice()?;
-    // No watcher: a response is soon had, and looks at no stop flag.
-    let values = guard::run(py, 0, |_| model.response(frequencies))?;
+    let work = frequencies.len().saturating_mul(model.states().saturating_pow(3).max(16));
+    let values = guard::run(py, work, |stop| model.response(frequencies, stop))?;
     hand_back(py, values, [model.outputs(), frequencies.len()])
 }
 

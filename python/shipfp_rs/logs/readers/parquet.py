@@ -16,7 +16,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader, register_writer
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
-from shipfp_rs.support.files import replacing
+from shipfp_rs.support.files import local, replacing
 
 
 @register_reader(".parquet", ".pq", takes=("time",))
@@ -33,7 +33,7 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
             f"{path}: the Parquet file has no footer, without which nothing of it can be read: it was cut short or "
             "never closed; fetch it again"
         )
-    file = pa.parquet.ParquetFile(path)
+    file = pa.parquet.ParquetFile(local(path))
     groups = [file.metadata.row_group(index).num_rows for index in range(file.metadata.num_row_groups)]
     if min(groups, default=0) < 0 or sum(groups) != file.metadata.num_rows:
         raise InputError(f"{path}: row groups of {groups} rows; is the file damaged?")
@@ -44,9 +44,9 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
         skip = first - int(starts[group])
         # pre_buffer would load whole row groups; a logger may have written a file of only one.
         # The footer of a long log takes as long to read as a stretch of it: it is read once.
-        for batch in pa.parquet.ParquetFile(path, metadata=file.metadata, pre_buffer=False).iter_batches(
-            batch_size=size, row_groups=list(range(group, len(groups))), columns=[column]
-        ):
+        for batch in pa.parquet.ParquetFile(
+            local(path), metadata=file.metadata, pre_buffer=False
+        ).iter_batches(batch_size=size, row_groups=list(range(group, len(groups))), columns=[column]):
             if skip < len(batch):
                 yield batch.column(0)[skip:]
             skip = max(skip - len(batch), 0)
@@ -68,7 +68,9 @@ def write_parquet(log: Log, path: Path) -> Path:
     length = max(channel.samples for channel in log.channels.values())
     with (
         replacing(path) as temporary,
-        pa.parquet.ParquetWriter(temporary, schema, compression="zstd", use_dictionary=False) as writer,
+        pa.parquet.ParquetWriter(
+            local(temporary), schema, compression="zstd", use_dictionary=False
+        ) as writer,
     ):
         for first in range(0, length, BLOCK):
             rows = min(BLOCK, length - first)

@@ -227,13 +227,13 @@ impl Model {
         load: [f64; 2],
         jets: &mut Jets,
     ) -> State {
-        let Power { value, inverse: per_speed, logarithm, .. } = state.power;
+        let Power { value, inverse: per_speed, .. } = state.power;
         // Coefficients of the power about the piece's start.
         let (per_2, value_1) = (per_speed * per_speed, value * per_speed);
         let value_3 = value_1 * per_2;
-        let [_, b1, b2, b3, b4, b5, ..] = self.binomial;
+        let [_, b1, b2, b3, b4, ..] = self.binomial;
         let (b1, b2) = (b1 * value_1, b2 * (value * per_2));
-        let (b3, b4, b5) = (b3 * value_3, b4 * (value_3 * per_speed), b5 * (value_3 * per_2));
+        let (b3, b4) = (b3 * value_3, b4 * (value_3 * per_speed));
         let (mut n, mut q, mut rack) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         (n[0], q[0], rack[0]) = (state.n, state.q, state.rack);
         let pace = length * self.per_inertia;
@@ -243,14 +243,14 @@ impl Model {
         let outside = self.g - self.damping - at_once;
         let linear = pace * (outside - b1);
         let drawn = if DELAYED { 0.0 } else { self.k_i };
-        let (mut square, mut cube) = (0.0, 0.0);
         for_terms!(K => {
             let fed = fma(-drawn, q[K], feed[K]);
             let torque = if LAG { rack[K] } else { fed };
             // What the terms before the last one add to the power's.
+            let square = n[1] * n[1];
             let bent = match K {
                 2 => b2 * square,
-                3 => fma(b3, cube, (2.0 * b2) * (n[1] * n[2])),
+                3 => fma(b3, square * n[1], (2.0 * b2) * (n[1] * n[2])),
                 4 => fma(3.0 * b3, square * n[2], fma(b4, square * square, b2 * fma(2.0 * n[1], n[3], n[2] * n[2]))),
                 _ => 0.0,
             };
@@ -263,10 +263,6 @@ impl Model {
             } else {
                 fma(linear * PER_ORDER[K], n[K], pace * PER_ORDER[K] * known)
             };
-            if K == 0 {
-                square = n[1] * n[1];
-                cube = square * n[1];
-            }
             let mut fed = fed;
             if !DELAYED {
                 fed -= fma(self.near_p, n[K], self.near_d * (K + 1) as f64 * n[K + 1] * inverse);
@@ -279,9 +275,30 @@ impl Model {
             q[K + 1] = length * PER_ORDER[K] * n[K];
         });
         let ends = [sum(&n), sum(&q), if LAG { sum(&rack) } else { 0.0 }];
+        self.bend::<EXPONENT>(&state.power, &n, jets);
+        (jets.length, jets.inverse) = (length, inverse);
+        (jets.n, jets.q, jets.rack) = (n, q, rack);
+        for_terms!(K => {
+            jets.rates[K] = (K + 1) as f64 * inverse * n[K + 1];
+        });
+        let power = state.power.moved(1.0 + ends[0], self);
+        State { n: ends[0], q: ends[1], rack: ends[2], power, ..*state }
+    }
+
+    /// The series of the power's slopes by the speed and by the exponent, about the speed's.
+    #[inline(always)]
+    fn bend<const EXPONENT: bool>(&self, power: &Power, n: &Series, jets: &mut Jets) {
+        let Power { value, inverse: per_speed, logarithm, .. } = *power;
+        let (per_2, value_1) = (per_speed * per_speed, value * per_speed);
+        let value_3 = value_1 * per_2;
+        let [_, b1, b2, b3, b4, b5, ..] = self.binomial;
+        let (b1, b2) = (b1 * value_1, b2 * (value * per_2));
+        let (b3, b4, b5) = (b3 * value_3, b4 * (value_3 * per_speed), b5 * (value_3 * per_2));
+        let square = n[1] * n[1];
+        let cube = square * n[1];
         let (cross, fourth) = (n[1] * n[2], square * square);
         let bend = fma(2.0 * n[1], n[3], n[2] * n[2]);
-        let mut slope = [0.0; 8];
+        let slope = &mut jets.slope;
         slope[0] = b1;
         slope[1] = 2.0 * b2 * n[1];
         slope[2] = fma(2.0 * b2, n[2], 3.0 * b3 * square);
@@ -300,13 +317,6 @@ impl Model {
             jets.by_exponent[3] = fma(c1, n[3], fma(2.0 * c2, cross, c3 * cube));
             jets.by_exponent[4] = fma(c1, n[4], fma(c2, bend, fma(3.0 * c3, square * n[2], c4 * fourth)));
         }
-        (jets.length, jets.inverse) = (length, inverse);
-        (jets.n, jets.q, jets.rack, jets.slope) = (n, q, rack, slope);
-        for_terms!(K => {
-            jets.rates[K] = (K + 1) as f64 * inverse * n[K + 1];
-        });
-        let power = state.power.moved(1.0 + ends[0], self);
-        State { n: ends[0], q: ends[1], rack: ends[2], power, ..*state }
     }
 
     /// The state behind a jump of what the rack is fed, by so much less, which comes [`Self::ahead`] later than it is reckoned.

@@ -179,11 +179,9 @@ impl Sources {
         part: usize,
         to: &mut Results<'_, '_, T>,
     ) {
-        let On { model, given, pack, .. } = on;
-        let jets = given.jets;
+        let (On { model, given, pack, .. }, jets) = (on, on.given.jets);
         let lag = MORE && model.tau_act > 0.0;
         let splat = |value: f64| simd.splat_f64s(value);
-        let pace = jets.length * model.per_inertia;
         let acts = if lag { jets.length / model.tau_act } else { 0.0 };
         // A dead time keeps its own gains; without one they are those that act at once.
         let [k_p, k_d] = if DELAYED { [model.k_p, model.k_d] } else { model.near() };
@@ -215,7 +213,7 @@ impl Sources {
             for j in (0..=K).rev() {
                 torque = simd.mul_add_e_f64s(own[j], n[K - j], torque);
             }
-            n[K + 1] = simd.mul_f64s(splat(pace * PER_ORDER[K]), torque);
+            n[K + 1] = simd.mul_f64s(splat(jets.length * model.per_inertia * PER_ORDER[K]), torque);
             if MORE && k_d != 0.0 {
                 let rate = simd.mul_f64s(splat(k_d * (K + 1) as f64 * jets.inverse), n[K + 1]);
                 goes_back = simd.add_f64s(goes_back, rate);

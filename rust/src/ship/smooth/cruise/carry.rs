@@ -1,6 +1,6 @@
 //! The derivatives over the sample intervals that were passed side by side, piece after piece.
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 use crate::ship::smooth::model::{TERMS, for_terms};
 use crate::ship::smooth::slopes::{LANES, Pack, get, put};
@@ -27,10 +27,30 @@ fn add<S: Simd, const COUNT: usize>(
     }
 }
 
+/// Carry all derivatives, apart from what calls it: registers are scarce.
+#[inline(never)]
+pub fn apart<S: Simd, const T: usize>(simd: S, cruise: &Cruise, aboard: &mut Aboard<'_, '_, T>) {
+    simd.vectorize(Carry { cruise, aboard });
+}
+
+struct Carry<'s, 'a, 'o, const T: usize> {
+    cruise: &'s Cruise,
+    aboard: &'s mut Aboard<'o, 'a, T>,
+}
+
+impl<const T: usize> WithSimd for Carry<'_, '_, '_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.cruise.carry::<S, T>(simd, self.aboard);
+    }
+}
+
 impl Cruise {
     /// Carry all derivatives over the sample intervals.
     #[inline(always)]
-    pub(super) fn carry<S: Simd, const T: usize>(&mut self, simd: S, aboard: &mut Aboard<'_, '_, T>) {
+    fn carry<S: Simd, const T: usize>(&self, simd: S, aboard: &mut Aboard<'_, '_, T>) {
         for pack in 0..aboard.slopes.len() {
             for part in 0..LANES / S::F64_LANES {
                 let slopes = &aboard.slopes[pack];

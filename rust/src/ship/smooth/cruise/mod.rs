@@ -8,7 +8,7 @@ mod carry;
 mod fed;
 mod passage;
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 use crate::error::Result;
 use crate::integrate::Hold;
@@ -112,6 +112,21 @@ pub struct Aboard<'s, 'a, const T: usize> {
     pub emit: Emit<'a>,
 }
 
+struct Sail<'s, 'a, 'c, 'f, const EXPONENT: bool, const T: usize> {
+    cruise: Cruise,
+    aboard: Aboard<'s, 'a, T>,
+    consume: &'c mut Consume<'f>,
+}
+
+impl<const EXPONENT: bool, const T: usize> WithSimd for Sail<'_, '_, '_, '_, EXPONENT, T> {
+    type Output = Result<()>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
+        self.cruise.through::<S, EXPONENT, T>(simd, self.aboard, self.consume)
+    }
+}
+
 impl Cruise {
     /// For a sample interval whose pieces repeat; None where its past is not a few of them, or samples don't repeat.
     pub fn new<const T: usize>(lap: &[Step], aboard: &Aboard<'_, '_, T>) -> Option<Self> {
@@ -132,9 +147,19 @@ impl Cruise {
         Some(Self { legs, points, width, passages, past })
     }
 
-    /// To the end of the record.
-    #[inline(always)]
+    /// To the end of the record. Apart from what calls it, whose numbers would stand in the way of those here.
+    #[inline(never)]
     pub fn sail<S: Simd, const EXPONENT: bool, const T: usize>(
+        self,
+        simd: S,
+        aboard: Aboard<'_, '_, T>,
+        consume: &mut Consume<'_>,
+    ) -> Result<()> {
+        simd.vectorize(Sail::<EXPONENT, T> { cruise: self, aboard, consume })
+    }
+
+    #[inline(always)]
+    fn through<S: Simd, const EXPONENT: bool, const T: usize>(
         mut self,
         simd: S,
         mut aboard: Aboard<'_, '_, T>,
@@ -149,7 +174,7 @@ impl Cruise {
             self.feed::<S, T>(simd, &mut aboard);
             self.pass::<S, EXPONENT, T>(simd, &mut aboard);
             self.read::<S, T>(simd, &mut aboard);
-            self.carry::<S, T>(simd, &mut aboard);
+            carry::apart::<S, T>(simd, &self, &mut aboard);
             aboard.count += self.width * self.legs.len();
             aboard.emit.passed(self.width);
             aboard.emit.flush(consume)?;

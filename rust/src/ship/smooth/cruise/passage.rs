@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use crate::ship::smooth::model::{Model, PER_ORDER, Series, TERMS, for_terms};
+use crate::ship::smooth::model::{Model, PER_ORDER, Series, TERMS, fma, for_terms};
 use crate::ship::smooth::power::Power;
 use crate::ship::smooth::slopes::{LANES, Pack, get, put};
 
@@ -290,7 +290,7 @@ impl Cruise {
             let risen = starts.0[lap];
             starts.0[lap] = start;
             if lap + 1 < self.width {
-                start = gain * start + risen;
+                start = fma(gain, start, risen);
             }
         }
         starts
@@ -323,7 +323,7 @@ impl Cruise {
             }
             let (mut moved, mut most) = (0.0, 0.0_f64);
             for lap in 1..width {
-                moved = ends.0[lap - 1] - starts.0[lap] + gains.0[lap - 1] * moved;
+                moved = fma(gains.0[lap - 1], moved, ends.0[lap - 1] - starts.0[lap]);
                 starts.0[lap] += moved;
                 most = most.max(f64::abs(moved));
             }

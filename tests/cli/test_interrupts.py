@@ -1,0 +1,103 @@
+"""Ctrl-C and SIGTERM end every command within a second and leave nothing behind, whatever it is at.
+
+`pytest tests/cli/test_interrupts.py -s` prints how long each end took; the limit is that of a machine with much else to do.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.logs.log import Log
+from tests.cli.small_trial import SMALL
+from tests.gallery.inputs import LAUNCH
+from tests.sweeps.test_sweep_ends import ENDS, ended, started
+
+BUSY_S = 1.3
+"""Processor seconds after which the signal comes: half a second or so are those of imports."""
+ENDS_WITHIN_S = 1.0
+"""Processor seconds of the end."""
+SAMPLES = 24_000_000
+TICKS = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+COMMANDS = {
+    "inspect": ("log.parquet",),
+    "convert": ("log.parquet", "new.parquet"),
+    "init": ("new", "--log", "log.parquet"),
+    "check": ("TRIAL.toml",),
+    "run": ("TRIAL.toml",),
+    "simulate": ("vessel.toml", "--duration", "200000"),
+    "design": ("vessel.toml", "--duration", "20000"),
+    "demo": ("--out", "out"),
+    "view": ("log.parquet", "--no-browser"),
+    "reproduce fullscale": ("--out", "out"),
+    "reproduce virtual": ("--out", "out"),
+    "reproduce twin": ("--draws", "50", "--out", "out"),
+}
+"""Commands with enough to do; a sweep has tests of its own, a comparison is done at once."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Write a log of three channels that takes seconds to read, its trial, and a ship."""
+    made = tmp_path_factory.mktemp("interrupted")
+    time_s = np.arange(SAMPLES, dtype=np.float32) / np.float32(50.0)
+    noise = np.random.default_rng(0).standard_normal(SAMPLES, dtype=np.float32)
+    swing = np.sin(np.float32(0.3) * time_s) + np.float32(0.01) * noise
+    log = Log.from_arrays(
+        {"set point": 1183.8 + 40.0 * swing, "speed": 1183.8 + 39.0 * swing, "torque": 1725.0 + 80.0 * swing},
+        rate_hz=50.0,
+        units={"set point": "rpm", "speed": "rpm", "torque": "Nm"},
+    )
+    log.write(made / "log.parquet")
+    last = f"stop_s = {SAMPLES / 50.0 - 1.0:g}"
+    (made / "TRIAL.toml").write_text(SMALL.replace("stop_s = 39.0", last), encoding="utf-8")
+    (made / "vessel.toml").write_text(LAUNCH, encoding="utf-8")
+    return made
+
+
+def busy_s(number: int) -> float:
+    """Return the processor seconds of a process so far."""
+    fields = Path(f"/proc/{number}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def children_s() -> float:
+    """Return the processor seconds of all processes that have been waited for."""
+    import resource  # not on Windows
+
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/stat").exists(), reason="no processor seconds of another process are told"
+)
+@pytest.mark.parametrize(("number", "status"), ENDS)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_ends_at_once_and_leaves_nothing(folder, command, number, status):
+    before = {path.name for path in folder.iterdir()}
+    shared = set(Path("/dev/shm").iterdir()) if Path("/dev/shm").is_dir() else set()
+    process = started(folder, *command.split(), *COMMANDS[command])
+    while busy_s(process.pid) < BUSY_S and process.poll() is None and command != "view":
+        time.sleep(0.02)
+    if command == "view":
+        assert "127.0.0.1" in process.stdout.readline() + process.stdout.readline()
+    assert process.poll() is None, process.communicate()
+    before_s = children_s() + busy_s(process.pid)
+    took, told = ended(process, number)
+    spent_s = children_s() - before_s
+    print(f"{command}, {number.name}: {took:.2f} s, {spent_s:.2f} s of a processor")
+    expected = {0, status} if command == "view" else {status}
+    assert process.returncode in expected
+    assert "Traceback" not in told
+    assert "leaked" not in told
+    left = {path.name for path in folder.iterdir()} - before - {"log.parquet.shipfp-pyramid"}
+    assert left == set()
+    if shared:
+        assert not {path for path in Path("/dev/shm").iterdir() if path.name.startswith("sem.")} - shared
+    assert spent_s < ENDS_WITHIN_S
+    assert took < 10.0

@@ -1,0 +1,150 @@
+"""`python -m tests.kernels.long_kernels NAME` runs a kernel that would take far longer than a second, in little memory."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+from shipfp_rs import _core
+from tests.twins import drive_train, plant, ship
+
+NO_TABLE, NO_QUADRANTS = np.empty(0), np.empty((3, 0))
+STEPS = 1_000_000
+"""Steps within a sample: Ctrl-C is obeyed inside one, too."""
+
+
+def _train(call: str, **more: object) -> Callable[[], object]:
+    def run() -> object:
+        parameters = drive_train.vector(fuel_lag=0.05)
+        n_set = np.full(1000, 1300.0 / 60.0)
+        common = (parameters, NO_TABLE, NO_TABLE, np.ones(6), NO_QUADRANTS, n_set, 0.01, STEPS, "first")
+        return getattr(_core, call)(*common, **more)
+
+    return run
+
+
+def _ship(call: str, vectors: int = 0, samples: int = 2_000_000, **more: object) -> Callable[[], object]:
+    def run() -> object:
+        parameters = ship.vector(T_d=0.05, tau_act=0.05, p=2.17)
+        parameters = np.tile(parameters, (vectors, 1)) if vectors else parameters
+        u = 1.0 + 0.02 * np.sin(np.arange(samples) * 0.01)
+        records = {
+            "measured": np.zeros((2, samples)),
+            "offsets": np.zeros(2),
+            "filters": np.ones((2, 1)),
+        }
+        given = {key: value for key, value in records.items() if more.get(key)}
+        rest = {key: value for key, value in more.items() if key not in records}
+        return getattr(_core, call)(parameters, u, np.zeros(0), 0.01, 20, "first", [0, 2], **given, **rest)
+
+    return run
+
+
+def _linear(call: str, *given: object, vectors: int = 0, samples: int = 8_000_000) -> Callable[[], object]:
+    def run() -> object:
+        parameters = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01])
+        parameters = np.tile(parameters, (vectors, 1)) if vectors else parameters
+        dn_set = np.sin(np.arange(samples) * 0.01)
+        rows = [np.zeros((2, samples)) if one is ... else one for one in given]
+        return getattr(_core, call)(parameters, dn_set, 0.01, "first", np.zeros(2), [0, 2], *rows)
+
+    return run
+
+
+PRODUCTS = {"measured": True, "offsets": True, "filters": True}
+WRT = [0, 1, 3, 4, 7]
+KERNELS: dict[str, Callable[[], object]] = {
+    "spin": lambda: _core._spin_for_test(),
+    "simulate_plant": lambda: _core.simulate_plant(
+        plant.vector(),
+        *plant.UNLIMITED,
+        np.full(1000, 1300.0 / 60.0),
+        0.01,
+        STEPS,
+        "rk4",
+        "first",
+        np.array([7.0, 0.0]),
+    ),
+    "simulate_plant_batch": lambda: _core.simulate_plant_batch(
+        np.tile(plant.vector(torque_exponent=2.17), (64, 1)),
+        *plant.UNLIMITED,
+        np.full((1, 1000), 1300.0 / 60.0),
+        0.01,
+        STEPS,
+        "rk4",
+        "first",
+        np.tile([7.0, 0.0], (64, 1)),
+        0,
+    ),
+    "simulate_drive_train": _train("simulate_drive_train"),
+    "drive_train_sensitivities": _train(
+        "drive_train_sensitivities", outputs=[0, 2], directions=np.eye(len(_core.DRIVE_TRAIN_PARAMETERS))[:1]
+    ),
+    "drive_train_products": _train(
+        "drive_train_products",
+        outputs=[0, 2],
+        directions=np.eye(len(_core.DRIVE_TRAIN_PARAMETERS))[:1],
+        scale=np.ones(2),
+        measured=np.zeros((2, 1000)),
+        offsets=np.zeros(2),
+        filters=np.ones((2, 1)),
+    ),
+    "simulate_ship": _ship("simulate_ship", samples=10_000_000),
+    "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
+    "ship_products": _ship("ship_products", wrt=WRT, **PRODUCTS),
+    "ship_products_batch": _ship("ship_products_batch", 64, 200_000, wrt=WRT, threads=0, **PRODUCTS),
+    "ship_scatter_batch": _ship("ship_scatter_batch", 512, 200_000, threads=0, **PRODUCTS),
+    "linear_sensitivities": _linear("linear_sensitivities", WRT, samples=5_000_000),
+    "linear_products": _linear("linear_products", ..., np.zeros(2), np.ones((2, 32)), WRT, samples=5_000_000),
+    "linear_cost_batch": _linear(
+        "linear_cost_batch", ..., np.eye(2), WRT, 0, vectors=20_000, samples=100_000
+    ),
+    "linear_response_sensitivities": lambda: _core.linear_response_sensitivities(
+        np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01]),
+        np.linspace(0.01, 9.0, 3_000_000),
+        [0],
+        WRT,
+    ),
+    "simulate_statespace": lambda: _core.simulate_statespace(
+        -np.eye(200),
+        np.ones(200),
+        np.ones((1, 200)),
+        np.zeros(1),
+        np.ones(5_000_000),
+        0.01,
+        "first",
+        np.zeros(200),
+    ),
+    "statespace_response": lambda: _core.statespace_response(
+        -np.eye(200), np.ones(200), np.ones((1, 200)), np.zeros(1), np.linspace(0.01, 9.0, 100_000)
+    ),
+    "running_median": lambda: _core.running_median(
+        np.random.default_rng(0).standard_normal(20_000_000), 2_000_001
+    ),
+    "find_spikes": lambda: _core.find_spikes(
+        np.random.default_rng(0).standard_normal(20_000_000), 100_000, 4, 501, 6.0, 0.05
+    ),
+    "leftover_sums": lambda: _core.leftover_sums(
+        np.ones((8, 2_000_000)),
+        list(range(1000)),
+        np.ones((3, 2_000_000)),
+        np.ones((2, 4, 4)),
+        np.ones((2, 2_000_000)),
+        np.ones(2_000_000, dtype=np.bool_),
+        np.zeros((2, 8)),
+    ),
+    "Decimator": lambda: _core.Decimator(np.ones(100_001) / 100_001.0, 1, 2).feed(np.zeros(5_000_000)),
+}
+
+
+def main() -> None:
+    """Run the kernel that is named; say when it begins and, if it is let, when it ends."""
+    print("ready", flush=True)
+    KERNELS[sys.argv[1]]()
+    print("ended", flush=True)
+
+
+if __name__ == "__main__":
+    main()
