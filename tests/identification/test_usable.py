@@ -77,7 +77,7 @@ def test_the_state_is_written_and_read_and_no_other_word_is_taken_for_one(found,
 def test_a_deviation_without_a_value_is_refused(found, tmp_path) -> None:
     path = found.save(tmp_path / "fingerprint.json")
     path.write_text(path.read_text().replace('"value": 1.5', '"value": null'))
-    with pytest.raises(fp.InputError, match="parameters.tau_n.value: found None, expected a number"):
+    with pytest.raises(fp.InputError, match=r"parameters\.tau_n\.value: found None, expected a number"):
         Fingerprint.load(path)
 
 
