@@ -220,6 +220,7 @@ def simulate_ship(
     substeps: int,
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
+    sharp: bool = True,
 ) -> NDArray[np.float64]: ...
 def ship_sensitivities(
     parameters: NDArray[np.float64],
@@ -230,6 +231,7 @@ def ship_sensitivities(
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
     wrt: Sequence[int],
+    sharp: bool = True,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def ship_products(
     parameters: NDArray[np.float64],

@@ -223,7 +223,7 @@ class _Run:
             raise RuntimeError(f"solve_ivp at {t} s: {found.message}")
         hit = found.status == 1
         # Where it ends before the first wanted instant, solve_ivp returns an empty list.
-        kept = np.reshape(found.y, (5, -1)) if hit else found.y[:, :-1]
+        kept = np.reshape(found.y, (5, -1))[:, : len(wanted)]
         times = wanted[: kept.shape[1]]
         rows = slice(self.done, self.done + len(times))
         self.states[:, rows] = kept

@@ -93,6 +93,10 @@ def test_a_measured_load_drives_the_fingerprint_of_a_trial(folder: Path) -> None
     assert fingerprint.adequate["stands"]
     truth = {**TRUTH, "k_L": 1.0}
     assert normalised(PLANT)["tau_n"] == pytest.approx(TRUTH["tau_n"])
+    # What straight ramps leave over looks like a lag of ten milliseconds: its sum with the dead time is told.
+    late = truth.pop("T_d")
+    lag = fingerprint["tau_act"].value if "tau_act" in fingerprint.parameters else 0.0
+    assert fingerprint["T_d"].value + lag == pytest.approx(late, rel=0.1)
     for name, value in truth.items():
         estimate = fingerprint[name]
         assert estimate.value == pytest.approx(value, rel=0.1), name

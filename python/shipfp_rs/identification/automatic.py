@@ -11,7 +11,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, State
-from shipfp_rs.identification.chooser import SLOW, Chooser, Fitted
+from shipfp_rs.identification.chooser import Chooser, Fitted
 from shipfp_rs.identification.estimate import KNOWN
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
@@ -107,10 +107,7 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     for rival in choice.rivals:
-        slow = set(rival.elements) & set(SLOW)
-        # Where a pass takes long, a rival's own profile would cost as much as the choice's, to move an end by little.
-        search = replace(rival.search, intervals="symmetric") if slow else rival.search
-        found = estimates(search, rival.minimum)
+        found = estimates(rival.search, rival.minimum)
         others = {**found.parameters, **found.derived}
         words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
         for group in (parameters, derived):
@@ -235,10 +232,16 @@ def _bounds(choice: Choice, name: str) -> tuple[float, float]:
     return 0.0 if parameter.lower == SHORTEST_S else parameter.lower, parameter.upper
 
 
-def element_rows(choice: Choice) -> dict[str, dict[str, Any]]:
-    """Return each element's state, its evidence (change of the deviance), and the limit of one that is off."""
+def element_rows(choice: Choice, fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
+    """Return each element's state, its evidence (change of the deviance), and the limit of one that is off.
+
+    An element that is on is open where the interval of its time, all that may act beside it included, begins at none.
+    """
     rows: dict[str, dict[str, Any]] = {}
-    for name, state in choice.states.items():
+    for name, found in choice.states.items():
+        estimate = fingerprint.parameters.get(ELEMENTS[name].parameters[0].name)
+        told = None if estimate is None else estimate.ci95
+        state = "open" if found == "on" and told is not None and told[0] <= 0.0 else found
         evidence = choice.evidence.get(name)
         rows[name] = {
             "state": state,

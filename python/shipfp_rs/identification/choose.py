@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, SLOW, Chooser, Fitted, cost
+from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, Chooser, Fitted, cost
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
 from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
 from shipfp_rs.structures.elements import ELEMENTS
@@ -26,6 +26,9 @@ ROUNDS = 3
 """Turns of taking elements on and dropping them, at most."""
 HOPELESS = 0.5
 """Part of the deviance that takes an element on below which what it promises is not worth a fit."""
+
+CONTRADICTED = 3.0
+"""Dispersion above which the set point explains more of the residuals than chance does in one record of a thousand."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +88,7 @@ def choose(chooser: Chooser) -> Choice:
         seen = name in UNSEEN and evidence.get(name, 0.0) > level
         # An element that is let act although the data do not ask for it keeps the others' intervals honest.
         asked = name in current.elements and rises.get(name, np.inf) <= level
-        # Limits and a twisting shaft at once are not tried: a pass takes a thousand times as long.
-        untried = name not in current.elements and name not in gains
-        states[name] = (
-            "open" if len(held) == 2 or seen or asked or untried else "on" if True in held else "off"
-        )
+        states[name] = "open" if len(held) == 2 or seen or asked else "on" if True in held else "off"
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
     neglected = {name: gain.neglect for name, gain in gains.items()}
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
@@ -174,12 +173,14 @@ def _gains(
     """Return the best structure with one element more if it is worth it, and each element's fall of the deviance."""
     gains: Gains = {}
     still = current.base
+    # What a large misfit asks for need not show in the small: then each is tried.
+    contradicted = dispersion(current) > CONTRADICTED
     for name in chooser.candidates:
-        if name in current.elements or (name == "twist" and set(SLOW) & set(current.elements)):
+        if name in current.elements:
             continue
         promise = chooser.promise(still, name)
         gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
-        if name in UNSEEN or promise.fall < HOPELESS * level:
+        if name in UNSEEN or (promise.fall < HOPELESS * level and not contradicted):
             ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
             continue
         trial = chooser.with_elements(current, (*current.elements, name), promise.start)

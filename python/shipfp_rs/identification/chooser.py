@@ -38,7 +38,7 @@ CANDIDATES = (
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 SLOW = ("torque_limit", "rack_rate")
-"""Elements whose passes over a record go from event to event and take twenty times as long."""
+"""Elements whose passes over a record take several times as long."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0
@@ -51,10 +51,12 @@ TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 SLOW_FALL = 1e-3
 """The same for the last step of a fit with an element whose passes take long."""
-TRIAL_EVALUATIONS = 25
+TRIAL_EVALUATIONS = 40
 """Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
+LIGHTEST_PROPELLER = 0.05
+"""Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
 DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
@@ -170,6 +172,10 @@ class Chooser:
         ends.sort(key=lambda end: end.criterion)
         self.elsewhere = _apart(search, ends)
         best = ends[0]
+        if "tau_prop" not in search.names:
+            whole = search.values(best.vector)["tau_n"]
+            limits = {"tau_prop": (LIGHTEST_PROPELLER * whole, PROPELLER_PART * whole, whole)}
+            self.narrow = {**self.narrow, "bounds": {**self.narrow.get("bounds", {}), **limits}}
         if self.clock is not None:
             search = self._less_held(search, best)
             best = search.minimise(best.vector)
@@ -260,14 +266,10 @@ class Chooser:
     def refined(self, fitted: Fitted) -> Fitted:
         """Fit weights and noise models of its own to a structure."""
         slow = set(fitted.elements) & set(SLOW)
-        enough, intervals = (
-            (SLOW_FALL, "symmetric") if slow else (None, str(self.options.get("intervals", "profile")))
-        )
         search = replace(
             fitted.search,
             weights=None,
-            enough=enough,
-            intervals=intervals,
+            enough=SLOW_FALL if slow else None,
             worth=np.inf,
             max_evaluations=MOST_EVALUATIONS,
         )

@@ -215,7 +215,7 @@ def _chosen(
     fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
     fingerprint = within_bounds(with_clock(fingerprint, chooser.clock), choice)
-    fingerprint = replace(fingerprint, elements=element_rows(choice), adequate=adequate)
+    fingerprint = replace(fingerprint, elements=element_rows(choice, fingerprint), adequate=adequate)
     return reworded(fingerprint)
 
 

@@ -16,7 +16,7 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.ship import TORQUE_SCALE, ShipEquations
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.ties import bare
+from shipfp_rs.structures.ties import bare, tied
 from shipfp_rs.support.arrays import Array
 
 FALSE_ALARM = 0.01
@@ -44,6 +44,10 @@ LEVELS = (0.98, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5)
 """Torque limits that are tried, as parts of the largest deviation of the engine's torque without one."""
 PHASES = 4
 """Times within a sampling period at which the governor may sample, over which its effect is averaged."""
+DELAYED: Mapping[str, float] = {"sampling": 0.5, "actuator_lag": 1.0}
+"""Part of an element's time that a dead time in the loop makes up for: beside one only the rest shows, to second order."""
+SHORTEST_TAKEN_S = 1e-3
+"""Dead time below which nothing is taken from it to make up for another element [s]."""
 PROPELLER_PART = 0.3
 """Part of the inertia that is taken to be the propeller's where no torque between the two tells it."""
 
@@ -84,15 +88,25 @@ def threshold(candidates: int, probability: float = FALSE_ALARM) -> float:
 def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structure) -> Promise:
     """Return what an element promises beside a fit; `made` is the structure with it.
 
-    Rao's score test, with the change of the outputs that a start makes in place of the derivative, which a torque
-    limit does not have: of the change D, cleared of what the fit's own unknowns explain, the residual e explains
-    (D'e)^2 / D'D. Elements that would have to act the other way promise nothing.
+    Rao's score test: of the change D of the outputs that a little of the element makes, cleared of what the fit's own
+    unknowns explain, the residual e explains (D'e)^2 / D'D. Elements that would have to act the other way promise
+    nothing. D is the change that a whole start makes where a little of it tells nothing: of a torque limit, and of an
+    element for which a dead time makes up.
     """
+    structure, made = _roughly(search.structure), _roughly(made)
+    blocks = tuple(replace(block, structure=structure) for block in search.blocks)
+    search = replace(search, structure=structure, blocks=blocks)
     main = ELEMENTS[name].parameters[0]
     firsts = _levels(search, minimum) if name == "torque_limit" else STARTS.get(main.name, (main.start,))
     begins = [{main.name: start, **beside} for beside in BESIDE.get(name, ({},)) for start in firsts]
+    found = search.values(minimum.vector)
+    dead, share = found.get("T_d", 0.0), DELAYED.get(name, 0.0)
+    taken = share > 0.0 and "T_d" in search.names and dead > SHORTEST_TAKEN_S
+    if taken:
+        begins[0][main.name] = min(firsts[0], dead / share)
+        begins = [{**begin, "T_d": max(dead - share * begin[main.name], 0.0)} for begin in begins]
     others = {parameter.name: parameter.start for parameter in made.parameters}
-    others["tau_prop"] = PROPELLER_PART * search.values(minimum.vector)["tau_n"]
+    others["tau_prop"] = PROPELLER_PART * found["tau_n"]
     gram = np.zeros((search.size + 1 + len(begins),) * 2)
     parts = search.parts(search.filtered(minimum.vector, minimum.noise), minimum.noise)
     for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
@@ -102,10 +116,10 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
         changes = np.zeros((len(begins), *still.shape))
         for change, begin in zip(changes, begins, strict=True):
             try:
-                if name == "torque_limit":
-                    change[:] = _limited(search.structure, values, experiment, begin[main.name]) - still
-                elif name == "sampling":
+                if name == "sampling":
                     change[:] = _sampled(made.equations, values, experiment, begin) - still
+                elif taken or name == "torque_limit":
+                    change[:] = made.equations.simulate({**others, **values, **begin}, experiment) - still
                 else:
                     # A small step: what the others take over of a large one, they don't to first order.
                     full = {**others, **values, **begin, main.name: SMALL * begin[main.name]}
@@ -118,19 +132,27 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
         rows = np.concatenate([part, minimum.noise.root @ changed.jacobian])
         flat = rows.reshape(len(rows), -1)
         gram += flat @ flat.T
-    # With a dead time beside it, which takes over half its period, a sampling governor shows to second order only.
-    power = 2 if name == "sampling" and "T_d" in search.names else 1
     starts = tuple(begin[main.name] for begin in begins)
-    return _best_promise(gram, search.unknowns, begins, starts, falling=name == "torque_limit", power=power)
+    made_up = share if taken else None
+    return _best_promise(
+        gram, search.unknowns, begins, starts, falling=name == "torque_limit", made_up=made_up
+    )
 
 
 def _levels(search: WeightedProblem, minimum: Minimum) -> tuple[float, ...]:
-    """Levels of a torque limit near the top of what the engine gives in the fit without one."""
+    """Levels of a torque limit below the top of what the engine gives in the fit without one."""
     top = -np.inf
     for block, values in search.each(minimum.vector):
         assert isinstance(block.data, Experiment)
         top = max(top, float(np.max(_engine_torque(search.structure, values, block.data))))
     return tuple(1.0 + share * top for share in LEVELS)
+
+
+def _roughly(structure: Structure) -> Structure:
+    """Return a structure whose outputs have an error far below the noise, in less time."""
+    equations = bare(structure.equations)
+    assert isinstance(equations, ShipEquations)
+    return replace(structure, equations=tied(replace(equations, sharp=False), structure.ties))
 
 
 def _engine_torque(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> Array:
@@ -141,19 +163,6 @@ def _engine_torque(structure: Structure, values: Mapping[str, float], experiment
     return np.asarray(engine.simulate({**values, TORQUE_SCALE: 0.0}, experiment)[0])
 
 
-def _limited(
-    structure: Structure, values: Mapping[str, float], experiment: Experiment, level: float
-) -> Array:
-    """Outputs with the torque limited, to first order: what is above the level is a load that slows the shaft down."""
-    equations = bare(structure.equations)
-    assert isinstance(equations, ShipEquations)
-    above = np.maximum(1.0 + _engine_torque(structure, values, experiment) - level, 0.0)
-    outputs = equations.simulate_loaded(values, experiment, above)
-    if "dM" in equations.outputs:
-        outputs[equations.outputs.index("dM")] -= (1.0 + values[TORQUE_SCALE]) * above
-    return outputs
-
-
 def _best_promise(
     gram: Array,
     names: Sequence[str],
@@ -161,9 +170,9 @@ def _best_promise(
     starts: Sequence[float],
     *,
     falling: bool,
-    power: int = 1,
+    made_up: float | None = None,
 ) -> Promise:
-    """Judge each start from the products of [-J, e, D1, D2, ...].
+    """Judge each start from the products of [-J, e, D1, D2, ...]; of `made_up` times its time a dead time makes up.
 
     A limit of an effect in proportion to its parameter follows from its estimate and deviation; of one that acts the
     more, the lower it is, it is the highest level that the residual contradicts.
@@ -173,7 +182,8 @@ def _best_promise(
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
     inverse = np.linalg.pinv(unit[own, own], rcond=1e-12, hermitian=True)
-    best, begin, limit = 0.0, begins[0], None
+    power = 1 if made_up is None else 2
+    best, begin, limit = -np.inf, begins[0], None
     neglects: list[Neglect] = []
     for place, start in enumerate(starts, start=unknowns + 1):
         along = unit[own, place]
@@ -198,22 +208,19 @@ def _best_promise(
             top = float(start * (max(share, 0.0) + 1.645 * deviation) ** (1.0 / power))
             limit = top if limit is None else max(top, limit)
             shift = dict(zip(names, map(float, taken / start), strict=True))
-            if "T_s" in begins[0] and "T_d" in shift:
-                shift["T_d"] -= 0.5
+            shift["T_d"] = shift.get("T_d", 0.0) - (made_up or 0.0)
             seen = float(share * start**power), float(deviation * start**power)
             neglects.append(Neglect(*seen, shift, power))
         if fall > best:
             best, begin = float(fall), begins[place - unknowns - 1]
-    return Promise(best, begin, limit, tuple(neglects))
+    return Promise(max(best, 0.0), begin, limit, tuple(neglects))
 
 
 def _sampled(
     equations: Equations, values: dict[str, float], experiment: Experiment, begin: Mapping[str, float]
 ) -> Array:
-    """Outputs with a governor that samples, averaged over when it does; half its period is taken off a dead time."""
+    """Outputs with a governor that samples, averaged over when it does."""
     period = begin["T_s"]
-    if "T_d" in values:
-        values = {**values, "T_d": max(values["T_d"] - 0.5 * period, 0.0)}
     phases = [
         equations.simulate({**values, **begin, "T_0": period * phase / PHASES}, experiment)
         for phase in range(PHASES)

@@ -37,6 +37,7 @@ def held(equations: Equations, values: Mapping[str, float], experiment: Experime
     """What a governor that samples gives beyond one that is half its period late, a mean over its phases, shape (O, N)."""
     mean = bare(equations)
     assert isinstance(mean, ShipEquations)
+    mean = replace(mean, sharp=False)
     exact = replace(mean, mean_sampling=False)
     # The kernel's governor uses its sum before it adds to it, and so acts as one with less proportional gain.
     more = {name: values[name] + extra for name, extra in _of_the_sum(values, values["T_s"]).items()}

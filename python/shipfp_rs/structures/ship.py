@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class ShipEquations(Equations):
     propeller_speed: bool = False
     loaded: bool = False
     """Whether the experiment's load torque drives the model, too."""
+    sharp: bool = field(default=True, compare=False)
+    """Whether outputs are exact; otherwise an error far below the noise buys time."""
     mean_sampling: bool = False
     """Whether a governor that samples acts as one that is half a period late."""
     states: tuple[str, ...] = STATES
@@ -128,21 +130,19 @@ class ShipEquations(Equations):
 
     def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
-        return _core.simulate_ship(self.vector(values), *self._inputs(experiment), self._kernel_outputs)
-
-    def simulate_loaded(self, values: Mapping[str, float], experiment: Experiment, load: Array) -> Array:
-        """Return the outputs (O, N) with one more load torque on the shaft, over the operating point's, shape (N,)."""
-        set_point, measured, dt, substeps, hold = self._inputs(experiment)
-        whole = load + values["k_L"] * measured if self.loaded else load
-        vector = self.vector({**values, "k_L": 1.0})
-        return _core.simulate_ship(vector, set_point, whole, dt, substeps, hold, self._kernel_outputs)
+        inputs = self._inputs(experiment)
+        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self.sharp)
 
     def sensitivities(
         self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
     ) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         return _core.ship_sensitivities(
-            self.vector(values), *self._inputs(experiment), self._kernel_outputs, self._columns(names)
+            self.vector(values),
+            *self._inputs(experiment),
+            self._kernel_outputs,
+            self._columns(names),
+            self.sharp,
         )
 
     def products(
@@ -155,7 +155,7 @@ class ShipEquations(Equations):
             self._kernel_outputs,
             *against[:3],
             self._columns(names),
-            against.sharp,
+            against.sharp and self.sharp,
         )
 
     def response(

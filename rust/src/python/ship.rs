@@ -12,6 +12,7 @@ use crate::ship::{OFF, OUTPUTS, Output, PARAMETERS, Parameters, Record, Run, Tas
 
 /// Simulate the ship; [O, N].
 #[pyfunction]
+#[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, sharp = true))]
 #[allow(clippy::too_many_arguments)]
 fn simulate_ship<'py>(
     py: Python<'py>,
@@ -22,12 +23,14 @@ fn simulate_ship<'py>(
     substeps: usize,
     hold: &str,
     outputs: Vec<usize>,
+    sharp: bool,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![])?.0)
+    Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![], sharp)?.0)
 }
 
 /// Simulated outputs [O, N] and their derivatives [W, O, N] by the parameters of index `wrt`.
 #[pyfunction]
+#[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, wrt, sharp = true))]
 #[allow(clippy::too_many_arguments)]
 fn ship_sensitivities<'py>(
     py: Python<'py>,
@@ -39,9 +42,10 @@ fn ship_sensitivities<'py>(
     hold: &str,
     outputs: Vec<usize>,
     wrt: Vec<usize>,
+    sharp: bool,
 ) -> PyResult<Sensitivities<'py>> {
     let inputs = Inputs::borrow(u, load)?;
-    let run = inputs.run(dt, substeps, hold)?;
+    let run = Run { sharp, ..inputs.run(dt, substeps, hold)? };
     let outputs = Output::from_indices(&outputs)?;
     let task = Task { parameters: vector(parameters)?, outputs: &outputs, wrt: &wrt };
     let shape = [wrt.len(), outputs.len(), run.samples()];

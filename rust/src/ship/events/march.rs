@@ -14,6 +14,7 @@ use crate::ship::run::Run;
 use crate::stop::Stop;
 
 use super::command::{Arrival, Arrivals, Past};
+use super::even::is_even;
 use super::flow::{Equations, Flow, Input, State};
 use super::happen::Stretch;
 use super::held::Held;
@@ -49,7 +50,7 @@ pub struct March<'a, S, const N: usize> {
     pub(super) stop: &'a Stop,
     pub(super) set: Held<'a>,
     pub(super) load: Held<'a>,
-    longest: f64,
+    pub(super) longest: f64,
     pub(super) now: Dual<S, N>,
     pub(super) state: State<Dual<S, N>>,
     pub(super) mode: Mode,
@@ -57,7 +58,7 @@ pub struct March<'a, S, const N: usize> {
     pub(super) held: Dual<S, N>,
     pub(super) past: Past<Dual<S, N>>,
     pub(super) arrivals: Arrivals<Dual<S, N>>,
-    /// Number of the governor's next sample, counted from `T_0`; of the next samples of the set point and the load.
+    /// Numbers of the next samples of the governor, counted from `T_0`, of the set point and of the load.
     pub(super) sample: f64,
     pub(super) set_sample: usize,
     pub(super) load_sample: usize,
@@ -193,8 +194,10 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         let delays = [t.g.constant(0.0), t.t_n, t.t_m];
         let sizes = [self.run.samples(), directions];
         let mut readings = Readings::<Dual<S, N>, N>::new(self.outputs, delays, before, sizes, self.run.dt);
-        let rack = self.state.rack;
-        self.settle(rack);
+        if is_even(&self.equations, self.outputs, self.run) {
+            return self.through_even(&mut readings, consume);
+        }
+        self.settle(self.state.rack);
         if self.is_simple() {
             self.through_series(simd, &mut readings, consume)?;
         }
@@ -345,8 +348,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         }
         let stretch = self.stretch(length.value());
         let parts = (length.value() / self.longest * (1.0 - SAME)).ceil().max(1.0);
-        let part = length * (1.0 / parts);
-        let start = self.now;
+        let (start, part) = (self.now, length * (1.0 / parts));
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // At most MOST_STEPS.
         for number in 0..parts as usize {
             self.steps += 1;

@@ -8,6 +8,7 @@
 //! - a shaft with a spring and a damper between the engine's inertia `tau_n - tau_prop` and the propeller's.
 
 mod command;
+mod even;
 mod flow;
 mod happen;
 mod held;
@@ -119,7 +120,7 @@ fn equations(task: &Task<'_>, run: &Run<'_>) -> Equations<f64> {
     // A gain of zero by which is differentiated acts on the derivatives.
     let derivative = of(at::K_D) != 0.0 || task.wrt.contains(&at::K_D);
     let switches = [of(at::ANTI_WINDUP) > 0.0, of(at::UPDATE) > 0.0, !run.load.is_empty(), derivative];
-    let elements = Elements::of(&terms, switches, run.dt);
+    let elements = Elements::of(&terms, switches, run.dt, run.sharp);
     let mut plain = Equations::new(terms, elements, first, first_load);
     if !elements.lag {
         plain.terms.t_d += terms.tau_act;

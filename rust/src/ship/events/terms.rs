@@ -101,17 +101,26 @@ pub struct Elements {
 /// A lag shorter than this share of the record's sample time acts as a dead time of that length: the two are the same to first
 /// order, and steps as fine as such a lag asks for would take longer than anyone waits.
 const SHORTEST_LAG: f64 = 1e-3;
+/// The same where a millionth of a step does not count.
+const SHORTEST_ROUGH_LAG: f64 = 0.125;
 
 impl Elements {
-    /// By the parameters' values, the switches, whether there are a load and a derivative gain, and the record's sample time [s].
-    pub fn of(terms: &Terms<f64>, [anti_windup, before_use, loaded, derivative]: [bool; 4], dt: f64) -> Self {
+    /// By the parameters' values, the switches, whether there are a load and a derivative gain, the record's sample time [s], and
+    /// whether a millionth of a step counts.
+    pub fn of(
+        terms: &Terms<f64>,
+        [anti_windup, before_use, loaded, derivative]: [bool; 4],
+        dt: f64,
+        sharp: bool,
+    ) -> Self {
         let sampled = terms.t_s > 0.0;
+        let shortest = if sharp { SHORTEST_LAG } else { SHORTEST_ROUGH_LAG };
         Self {
             sampled,
             before_use,
             delayed: !sampled && terms.t_d > 0.0,
             derivative,
-            lag: terms.tau_act > SHORTEST_LAG * dt,
+            lag: terms.tau_act > shortest * dt,
             rate_limit: terms.rate_up.min(terms.rate_down) < f64::INFINITY,
             rack_limit: terms.x_max < f64::INFINITY || terms.x_min > f64::NEG_INFINITY,
             torque_limit: terms.m_max < f64::INFINITY || terms.m_min > f64::NEG_INFINITY,
