@@ -74,6 +74,13 @@ def test_the_state_is_written_and_read_and_no_other_word_is_taken_for_one(found,
         Fingerprint.load(path)
 
 
+def test_a_deviation_without_a_value_is_refused(found, tmp_path) -> None:
+    path = found.save(tmp_path / "fingerprint.json")
+    path.write_text(path.read_text().replace('"value": 1.5', '"value": null'))
+    with pytest.raises(fp.InputError, match=r"parameters\.tau_n\.value: found None, expected a number"):
+        Fingerprint.load(path)
+
+
 def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     rough = {**found.parameters, "tau_n": Estimate(1.5, 0.2, (1.1, 1.9), "s")}
     assert reworded(replace(found, parameters=rough)).usable.endswith("but tau_n only roughly.")

@@ -39,6 +39,8 @@ def require_layout(content: Mapping[str, Any]) -> None:
                 _require(
                     found is None or _is_number(found), f"{key}.{name}.{figure}", found, "null or a number"
                 )
+            told = row["std"] is None or row["value"] is not None
+            _require(told, f"{key}.{name}.value", None, "a number, since there is a standard deviation")
     vessel, structure = content["vessel"], content["structure"]
     _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
     for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
