@@ -40,7 +40,7 @@ class Outcome:
     line: str
     took_s: float
     peak_mib: float
-    """Most memory of the whole process meanwhile; 0 where the system does not tell."""
+    """Most memory that the process took meanwhile beyond what it had; 0 where the system does not tell."""
     left: tuple[str, ...]
     """Files that were not there before."""
     changed: tuple[str, ...]
@@ -107,6 +107,7 @@ def outcome(given: Input | Call, folder: Path, limit_s: float = 120.0) -> Outcom
     said, told, here = io.StringIO(), io.StringIO(), Path.cwd()
     status: int | None = None
     _forget_peak()
+    had_mib = _peak_mib()
     began = time.process_time()  # what else the machine does is no fault of the input
     os.chdir(folder)
     try:
@@ -127,7 +128,7 @@ def outcome(given: Input | Call, folder: Path, limit_s: float = 120.0) -> Outcom
         said.write(f"{type(error).__name__}: {error}")
     finally:
         os.chdir(here)
-        took_s, peak_mib = time.process_time() - began, _peak_mib()
+        took_s, peak_mib = time.process_time() - began, _peak_mib() - had_mib
     after = _files(folder)
     for path in folder.iterdir():
         if path.name not in KEPT:
