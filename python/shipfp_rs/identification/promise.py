@@ -103,8 +103,13 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
     dead, share = found.get("T_d", 0.0), DELAYED.get(name, 0.0)
     taken = share > 0.0 and "T_d" in search.names and dead > SHORTEST_TAKEN_S
     if taken:
-        begins[0][main.name] = min(firsts[0], dead / share)
-        begins = [{**begin, "T_d": max(dead - share * begin[main.name], 0.0)} for begin in begins]
+        # What is judged to second order, in each way that the element may act, the dead time makes up for in full.
+        least = min(firsts[0], dead / share)
+        times = [least if begin[main.name] == firsts[0] else begin[main.name] for begin in begins]
+        begins = [
+            {**begin, main.name: time, "T_d": max(dead - share * time, 0.0)}
+            for begin, time in zip(begins, times, strict=True)
+        ]
     others = {parameter.name: parameter.start for parameter in made.parameters}
     others["tau_prop"] = PROPELLER_PART * found["tau_n"]
     gram = np.zeros((search.size + 1 + len(begins),) * 2)
