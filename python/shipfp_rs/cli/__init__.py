@@ -70,20 +70,19 @@ def _frame(
 
 
 @contextlib.contextmanager
-def _orderly_end() -> Iterator[list[int]]:
-    """Answer SIGTERM as Ctrl-C, so that temporary files, processes and semaphores are given back; tell whether it came."""
-    asked: list[int] = []
+def _orderly_end(asked: list[int]) -> Iterator[None]:
+    """Answer SIGTERM as Ctrl-C, so that temporary files, processes and semaphores are given back; `asked` notes it."""
 
     def end(number: int, _: object) -> None:
         asked.append(number)
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield asked
+        yield
         return
     before = signal.signal(signal.SIGTERM, end)
     try:
-        yield asked
+        yield
     finally:
         signal.signal(signal.SIGTERM, before)
 
@@ -98,7 +97,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(
                 errors="backslashreplace"
             )  # a terminal without Greek letters is no reason to fail
-    with warnings.catch_warnings(), _orderly_end() as asked:
+    asked: list[int] = []
+    try:
+        status = _status(arguments, asked)
+    except KeyboardInterrupt:  # it came when the command was done
+        status = INTERRUPTED
+    if status == INTERRUPTED:
+        # CPython notes an interrupt within the exec of a text (dataclasses do that) and dies of it at its own end, caught or
+        # not, unless a later text runs through.
+        exec("")
+        _line("ended from outside" if asked else "interrupted")
+        return ENDED if asked else INTERRUPTED
+    return status
+
+
+def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
+    """Run the command and return its status; whatever it raises becomes a line and a status."""
+    with warnings.catch_warnings(), _orderly_end(asked):
         warnings.showwarning = _show_warning
         try:
             status = app(arguments, prog_name="shipfp", standalone_mode=False)
@@ -110,12 +125,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _leave_output()
             return DONE
         except (KeyboardInterrupt, typer.Abort):
-            status = INTERRUPTED
+            return INTERRUPTED
         except Exception as error:  # the last line of defence: no traceback reaches the user
             return _fail(error)
-    if status == INTERRUPTED:
-        _line("ended from outside" if asked else "interrupted")
-        return ENDED if asked else INTERRUPTED
     return status or DONE
 
 
