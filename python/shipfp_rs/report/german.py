@@ -39,7 +39,7 @@ SENTENCES: Mapping[str, str] = {
         "Trägheitsmoment des ganzen Antriebsstrangs, auf die Propellerwelle bezogen"
     ),
     "inertia behind the torque gauge, seen from the propeller shaft": (
-        "Trägheitsmoment hinter der Momentmessstelle, auf die Propellerwelle bezogen"
+        "Trägheitsmoment hinter der Messstelle, auf die Propellerwelle bezogen"
     ),
     "nothing was found that would let the loop swing at higher gains": (
         "nichts gefunden, was den Kreis bei höherer Verstärkung schwingen ließe"
