@@ -90,7 +90,7 @@ impl PulseCrossings {
         self.pass(chunk, stop)
     }
 
-    fn pass<T: Sample, E: From<Edge> + Send>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<E>> {
+    fn pass<T: Sample, E: From<Edge>>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<E>> {
         let thresholds = self.levels.thresholds()?;
         let found = passed(chunk, self.levels, self.cursor, thresholds, stop)?;
         Ok(self.taken(found))

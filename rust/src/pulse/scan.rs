@@ -1,15 +1,11 @@
 //! One pass over a chunk of a train: where the detector fires, and when the crossings were that led there.
 
-use std::num::NonZero;
-use std::ops::Range;
-use std::thread::available_parallelism;
-
 use multiversion::multiversion;
 use multiversion::target::match_target;
 
 use super::sample::{BLOCK, Masks, Sample};
 use super::thresholds::{Edge, Levels};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Where the detector stands between two chunks.
@@ -27,9 +23,6 @@ pub(super) struct Cursor {
     pub gap_start: Option<u64>,
 }
 
-/// Chunks of so many samples are passed on several threads at a time, each a part of at least half as many.
-const LONG: usize = 1 << 20;
-
 /// What a pass found: crossings, stretches of missing samples that ended, and where the detector stands now.
 pub(super) struct Passed<E> {
     pub edges: Vec<E>,
@@ -40,49 +33,16 @@ pub(super) struct Passed<E> {
 /// Pass over a chunk with thresholds in the samples' type.
 ///
 /// # Errors
-/// On a stop, or where the system gives no threads.
-pub(super) fn passed<T: Sample, E: From<Edge> + Send>(
+/// On a stop.
+pub(super) fn passed<T: Sample, E: From<Edge>>(
     chunk: &[T],
     levels: Levels,
     cursor: Cursor,
     (low, high): (T, T),
     stop: &Stop,
 ) -> Result<Passed<E>> {
-    let threads = if chunk.len() < LONG { 1 } else { available_parallelism().map_or(1, NonZero::get) };
-    let size = chunk.len().div_ceil(threads).max(LONG / 2);
-    let begin = |first: usize| {
-        let mut cursor = cursor;
-        if first > 0 {
-            cursor.armed = armed_after(&chunk[..first], low, high).unwrap_or(cursor.armed);
-            cursor.gap_start = None;
-        }
-        Scan { chunk, levels, cursor, edges: Vec::new(), gaps: Vec::new() }
-    };
-    let run = |first: usize| -> Result<Scan<'_, T, E>> {
-        let mut scan = begin(first);
-        advance(&mut scan, first..chunk.len().min(first + size), low, high, stop)?;
-        Ok(scan)
-    };
-    let mut scans = std::thread::scope(|scope| -> Result<Vec<Scan<'_, T, E>>> {
-        let others: Vec<_> = (size..chunk.len())
-            .step_by(size)
-            .map(|first| {
-                std::thread::Builder::new()
-                    .spawn_scoped(scope, move || run(first))
-                    .map_err(|error| Error::Internal(format!("can't start a thread: {error}")))
-            })
-            .collect::<Result<_>>()?;
-        let mut scans = vec![run(0)?];
-        for other in others {
-            scans.push(other.join().map_err(|_| Error::Internal("a thread of a pass ended".to_owned()))??);
-        }
-        Ok(scans)
-    })?
-    .into_iter();
-    let Some(mut whole) = scans.next() else { return Err(Error::Internal("no part of a pass".to_owned())) };
-    for (part, at) in scans.zip((cursor.seen + size as u64..).step_by(size)) {
-        whole.go_on(part, at);
-    }
+    let mut whole = Scan { chunk, levels, cursor, edges: Vec::new(), gaps: Vec::new() };
+    advance(&mut whole, low, high, stop)?;
     whole.close();
     Ok(Passed { edges: whole.edges, gaps: whole.gaps, cursor: whole.cursor })
 }
@@ -113,23 +73,17 @@ pub(super) fn armed_after<T: Sample>(samples: &[T], low: T, high: T) -> Option<b
     samples.iter().rev().find(tells).map(|&x| x <= low)
 }
 
-/// Run over all blocks of a part of a chunk; compiled once for each instruction set and chosen at run time.
+/// Run over all blocks of a chunk; compiled once for each instruction set and chosen at run time.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+bmi1+bmi2+fma+lzcnt+popcnt",
     "x86_64+avx2+bmi1+bmi2+fma+lzcnt+popcnt"
 ))]
-fn advance<T: Sample, E: From<Edge>>(
-    scan: &mut Scan<'_, T, E>,
-    part: Range<usize>,
-    low: T,
-    high: T,
-    stop: &Stop,
-) -> Result<()> {
+fn advance<T: Sample, E: From<Edge>>(scan: &mut Scan<'_, T, E>, low: T, high: T, stop: &Stop) -> Result<()> {
     const MASK_REGISTERS: bool = match_target! { "x86_64+avx512bw" => true, _ => false };
     let mut fires = Fires::new();
     let chunk = scan.chunk;
-    for (start, batch) in (part.start..).step_by(BATCH).zip(chunk[part].chunks(BATCH)) {
-        if start % CHECK_EVERY < BATCH {
+    for (start, batch) in (0..).step_by(BATCH).zip(chunk.chunks(BATCH)) {
+        if start % CHECK_EVERY == 0 {
             stop.check()?;
         }
         let (blocks, rest) = batch.as_chunks::<BLOCK>();
@@ -285,27 +239,6 @@ impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
             }
             edges &= edges - 1;
         }
-    }
-
-    /// Take in what the part from sample `at` on found.
-    fn go_on(&mut self, part: Self, at: u64) {
-        self.edges.extend(part.edges);
-        let mut gaps = part.gaps.into_iter();
-        // A gap over the border is one.
-        if let Some(from) = self.cursor.gap_start.take() {
-            let goes_on = part.cursor.gap_start == Some(at);
-            match gaps.as_slice().first() {
-                Some(&(start, stop)) if start == at => {
-                    gaps.next();
-                    self.gaps.push((from, stop));
-                }
-                None if goes_on => self.cursor.gap_start = Some(from),
-                _ => self.gaps.push((from, at)),
-            }
-        }
-        self.gaps.extend(gaps);
-        self.cursor.armed = part.cursor.armed;
-        self.cursor.gap_start = self.cursor.gap_start.or(part.cursor.gap_start);
     }
 
     /// Leave the cursor behind the chunk.

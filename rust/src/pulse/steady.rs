@@ -93,22 +93,6 @@ impl Steady {
         Ok(like.then_some(held))
     }
 
-    /// The same for a window that comes later: samples from `first` on of the whole record.
-    ///
-    /// # Errors
-    /// On a stop.
-    pub fn holds_later<T: Sample>(
-        &self,
-        samples: &[T],
-        first: usize,
-        length: usize,
-        stop: &Stop,
-    ) -> Result<Option<Held>> {
-        let Ok((low, high)) = self.levels.thresholds::<T>() else { return Ok(None) };
-        let armed = armed_after(&samples[..first], low, high).unwrap_or(self.armed);
-        Self { armed, ..*self }.holds(&samples[first..][..length], first as u64, stop)
-    }
-
     fn allowed(&self, (of_noise, of_height): (f64, f64)) -> (RangeInclusive<f64>, RangeInclusive<f64>) {
         let most = of_noise * self.level.noise + of_height * self.level.height();
         let about = |usual: f64| usual - most..=usual + most;

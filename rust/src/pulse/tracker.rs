@@ -79,7 +79,7 @@ pub struct PulseTracker {
     /// Noises of the last stretches.
     stretches: VecDeque<f64>,
     /// Where the last window's levels held.
-    pub(super) steady: Option<Steady>,
+    steady: Option<Steady>,
 }
 
 impl PulseTracker {
@@ -123,7 +123,7 @@ impl PulseTracker {
         self.take_in(window, held, stop)
     }
 
-    pub(super) fn take_in<T: Sample>(&mut self, window: &[T], held: Option<Held>, stop: &Stop) -> Result<()> {
+    fn take_in<T: Sample>(&mut self, window: &[T], held: Option<Held>, stop: &Stop) -> Result<()> {
         let (Some(steady), Some(held)) = (self.steady, held) else { return self.look_anew(window, stop) };
         // What was not grouped is, as at a record's end.
         let rest = std::mem::take(&mut self.grouping).rest(steady.level.noise);
