@@ -73,7 +73,7 @@ def test_the_first_screen_has_verdict_ship_loop_and_picture_before_the_first_hea
         "recovery time",
     ):
         assert words in screen
-    assert "kg m²" in screen
+    assert "kg\u00a0m²" in screen
     assert "measured, and the model" in screen
 
 
@@ -81,7 +81,7 @@ def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None
     rows = {name: rest for name, *rest in ship_rows(found, Say())}
     _, value, spread, more = rows["inertia of the whole drive train, seen from the propeller shaft"]
     inertia = found.si["inertia"]
-    assert value.endswith("kg m²")
+    assert value.endswith("kg\u00a0m²")
     assert float(value.split()[0]) == pytest.approx(inertia["value"], rel=0.05)
     low, high = (float(text) for text in re.findall(r"\d[\d.]*", spread))
     assert (low, high) == pytest.approx(inertia["ci95"], rel=0.05)

@@ -158,7 +158,8 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
             "tau_n": say("inertia of the whole drive train, seen from the propeller shaft"),
             "tau_prop": say("inertia behind the torque gauge, seen from the propeller shaft"),
         }.get(row.name, name)
-        normalised = f"{row.name} = {value} ({told})"
+        alone = told.removesuffix(_at_an_end(known[row.name], say))  # said once, of the interval in SI units
+        normalised = f"{row.name} = {value} ({alone})"
         rows.append((inertia, "", *_in_si(known[row.name], quantity, say), normalised))
     return rows
 
@@ -170,7 +171,9 @@ def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[s
         estimate, value=quantity["value"], std=quantity["std"], ci95=None if ends is None else tuple(ends)
     )
     (row,) = rounded_rows({"": told})
-    return f"{say.number(row.value)}\u00a0{unit_shown(quantity['unit'])}", interval(row, told, say)
+    # Where there is no room for both the unit goes to the next line, and stays whole.
+    unit = unit_shown(quantity["unit"]).replace(" ", "\u00a0")
+    return f"{say.number(row.value)} {unit}", interval(row, told, say)
 
 
 def unit_shown(unit: str) -> str:
