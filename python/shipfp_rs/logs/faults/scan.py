@@ -10,7 +10,7 @@ import numpy.typing as npt
 from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults.extremes import BlockExtremes
 from shipfp_rs.logs.faults.hum import HumScan
-from shipfp_rs.logs.faults.levels import BLOCK, LevelLimits, find_level_faults
+from shipfp_rs.logs.faults.levels import BLOCK, LevelLimits, find_level_faults, is_rough
 from shipfp_rs.logs.faults.repeats import repeated_rows
 from shipfp_rs.support.spans import Spans
 
@@ -75,7 +75,10 @@ def scan(
 
 
 def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
-    """Rows that were written twice in every channel of the same rate and length."""
+    """Rows that were written twice in every channel of the same rate and length.
+
+    A channel without noise may well recur, as a set point does that a bus tells in steps; one with noise does not.
+    """
     readers = [
         _Reader(log, other.name)
         for other in log.channels.values()
@@ -89,7 +92,9 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
             same &= (one == other) | (np.isnan(one) & np.isnan(other))
         return same
 
-    return repeated_rows(prints.candidates(), equal, stop - first)
+    found = repeated_rows(prints.candidates(), equal, stop - first)
+    proven = [any(is_rough(read(first + start, first + end)) for read in readers) for start, end in found]
+    return found[np.array(proven, dtype=np.bool_)]
 
 
 class _Reader:
