@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.checks import is_one_line
 
 LARGEST = 1e15
 MOST_SEED = 2**63 - 1
@@ -27,7 +28,7 @@ def a_path(text: str | Path) -> Path:
     typed = str(text)
     if not typed:
         raise typer.BadParameter("found nothing, expected the name of a file or folder")
-    if any(ord(letter) < 32 for letter in typed):
+    if not is_one_line(os.fsencode(typed).decode(errors="replace")):
         raise typer.BadParameter(f"found {typed[:60]!r}, expected a name without control characters")
     parts = [len(os.fsencode(part)) for part in Path(typed).parts]
     if max(parts, default=0) > LONGEST_NAME or len(os.fsencode(typed)) > LONGEST_PATH:

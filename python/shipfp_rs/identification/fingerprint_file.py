@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
+from shipfp_rs.support.checks import is_one_line
 
 TABLES = (
     "parameters",
@@ -20,6 +21,8 @@ TABLES = (
 OPTIONAL_TABLES = ("residuals", "elements", "adequate", "si")
 ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
 """Tables of tables."""
+STATES = ("on", "off", "open")
+"""What the data can say of an element of the ship."""
 
 
 def require_layout(content: Mapping[str, Any]) -> None:
@@ -29,18 +32,18 @@ def require_layout(content: Mapping[str, Any]) -> None:
     for key in ROWS:
         for name, row in content.get(key, {}).items():
             _table(row, f"{key}.{name}")
-    for key in ("parameters", "derived"):
-        for name, row in content[key].items():
-            for text in ("unit", "status", "reason"):
-                _require(isinstance(row[text], str), f"{key}.{name}.{text}", row[text], "a text")
-            _require_interval(f"{key}.{name}.ci95", row["ci95"])
-            for figure in ("value", "std"):
-                found = row[figure]
-                _require(
-                    found is None or _is_number(found), f"{key}.{name}.{figure}", found, "null or a number"
-                )
-            told = row["std"] is None or row["value"] is not None
-            _require(told, f"{key}.{name}.value", None, "a number, since there is a standard deviation")
+    for key, texts in (
+        ("parameters", ("unit", "status", "reason")),
+        ("derived", ("unit", "status", "reason")),
+        ("si", ("unit",)),
+    ):
+        for name, row in content.get(key, {}).items():
+            _require_estimate(f"{key}.{name}", row, texts)
+    for name, row in content["fit"].items():
+        for figure, found in row.items():
+            _require_figure(f"fit.{name}.{figure}", found)
+    for name, row in content.get("elements", {}).items():
+        _require(row.get("state") in STATES, f"elements.{name}.state", row.get("state"), " or ".join(STATES))
     vessel, structure = content["vessel"], content["structure"]
     _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
     for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
@@ -66,6 +69,21 @@ def require_layout(content: Mapping[str, Any]) -> None:
         _require(_is_number(value), f"settings.optimum.{name}", value, "a number")
     for name in content["parameters"] if "optimum" in content["settings"] else ():
         _require(name in optimum, f"settings.optimum.{name}", "nothing", "a number")
+
+
+def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) -> None:
+    """Value, standard deviation and interval, none of which can be told without the value."""
+    for text in texts:
+        _require(isinstance(row[text], str) and is_one_line(row[text]), f"{key}.{text}", row[text], "a text")
+    for figure in ("value", "std"):
+        _require_figure(f"{key}.{figure}", row[figure])
+    _require_interval(f"{key}.ci95", row["ci95"])
+    told = row["std"] is None or row["value"] is not None
+    _require(told, f"{key}.value", None, "a number, since there is a standard deviation")
+
+
+def _require_figure(key: str, found: object) -> None:
+    _require(found is None or _is_number(found), key, found, "null or a number")
 
 
 def _require_interval(key: str, ends: object) -> None:

@@ -16,7 +16,7 @@ from shipfp_rs.signals.checks import zero_or_more
 from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array, same
 from shipfp_rs.support.checks import at_most, positive
-from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.files import ending_in, write_text_atomically
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Excitation:
         text = io.StringIO()
         text.write("time_s,set_point_deviation_rpm\n")
         np.savetxt(text, np.column_stack([self.time, self.samples]), fmt="%.17g", delimiter=",")
-        return write_text_atomically(Path(path), text.getvalue())
+        return write_text_atomically(ending_in(path, ".csv", ".txt"), text.getvalue())
 
 
 MOST_PERIODS = 100_000

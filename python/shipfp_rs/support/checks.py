@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Iterable
 
 from shipfp_rs.errors import InputError
 
 MOST_SAMPLES = 200_000_000
 """Most samples of a signal that is made."""
+HIDDEN = frozenset(("Cc", "Cs", "Zl", "Zp"))
+"""Unicode's categories of control characters, halves of characters, and separators of lines."""
+TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+"""Characters that turn the direction of what follows, so that a text is not what it shows."""
+LINES = {ord("\n"): " ", ord("\t"): " "}
+"""What a text of several lines may hold, for `str.translate`."""
+
+
+def is_one_line(text: str) -> bool:
+    """Whether a text is one line without characters that control, rather than show."""
+    return not any(unicodedata.category(letter) in HIDDEN or letter in TURNING for letter in text)
 
 
 def at_most(name: str, samples: float) -> int:

@@ -50,6 +50,16 @@ def read_text(path: Path, expected: str) -> str:
         raise InputError(f"{path}: {error.strerror or error}; expected {expected}") from error
 
 
+def ending_in(path: str | Path, *suffixes: str) -> Path:
+    """Return a path to write; refuse one whose name says that it is of another kind, such as a log."""
+    path = Path(path)
+    if path.suffix and path.suffix.lower() not in suffixes:
+        raise InputError(
+            f"{path}: expected a name ending in {' or '.join(suffixes)}, which is what is written"
+        )
+    return path
+
+
 def local(path: Path) -> Path:
     """Return a path that Arrow takes for one: a relative name with a colon, as of a time, it takes for an address."""
     return path.absolute()

@@ -14,7 +14,7 @@ from scipy import signal
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.tables import package
@@ -66,6 +66,11 @@ class LinearModel:
     tau_prop: float
     T_d: float = 0.0
     T_set: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "linear model")
+        if not all(map(math.isfinite, dataclasses.astuple(self))):
+            raise InputError(f"linear model: {dataclasses.astuple(self)}, expected finite numbers")
 
     def kernel_parameters(self) -> Array:
         """Return the parameters in the order of `_core.LINEAR_PARAMETERS`, shape (9,)."""
