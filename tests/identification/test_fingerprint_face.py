@@ -223,9 +223,9 @@ def test_breakage_e2_an_estimate_holds_what_its_fields_say(given, said) -> None:
 def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None:
     with pytest.raises(fp.InputError, match="identifiability: rank is 3, expected 0 to 2"):
         fp.Identifiability(3, 2, 1.0)
-    with pytest.raises(fp.InputError, match="fingerprint: parameters.* is 1.0, expected an Estimate"):
+    with pytest.raises(fp.InputError, match=r"fingerprint: parameters.* is 1.0, expected an Estimate"):
         fp.Fingerprint({"tau_n": 1.0}, {}, fp.Identifiability(0, 0, 1.0), {}, {})
-    with pytest.raises(fp.InputError, match="linear model: .*nan.*, expected finite numbers"):
+    with pytest.raises(fp.InputError, match=r"linear model: .*nan.*, expected finite numbers"):
         type(fp.linearise(LAUNCH))(float("nan"), -0.5, 1.5, 10.0, 1.0, 2.0, 0.4)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import replacing, write_text_atomically
 

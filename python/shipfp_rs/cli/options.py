@@ -15,7 +15,7 @@ import typer
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.checks import is_one_line
 
-LARGEST = 1e15
+LARGEST, SMALLEST = 1e15, 1e-15
 MOST_SEED = 2**63 - 1
 MOST_DRAWS = 10_000
 MOST_WORKERS = 1024
@@ -44,7 +44,7 @@ def _number(refuses: Callable[[float], bool], expected: str) -> Callable[[str | 
             value = float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or abs(value) > LARGEST or refuses(value):
+        if not math.isfinite(value) or abs(value) > LARGEST or 0.0 < abs(value) < SMALLEST or refuses(value):
             raise typer.BadParameter(f"found {str(text)[:60]!r}, expected {expected}")
         return value
 

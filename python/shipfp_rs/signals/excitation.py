@@ -145,15 +145,17 @@ class Excitation:
         Raises
         ------
         InputError
-            Where two ramps are longer than the excitation.
+            Where two ramps are longer than the excitation, or one is shorter than half a sample.
         """
         positive("ramp_s", ramp_s)
         count = round(ramp_s * self.rate_hz)
+        if not count:
+            raise InputError(f"ramp_s is {ramp_s:g}, expected a sample or more, {1.0 / self.rate_hz:g} s")
         if 2 * count > len(self):
             raise InputError(
                 f"ramp_s is {ramp_s:g}, two ramps expected within the {self.duration:g} s of the excitation"
             )
-        rise = 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / max(count, 1))
+        rise = 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / count)
         window = np.ones(len(self))
         window[:count] *= rise
         window[len(self) - count :] *= rise[::-1]

@@ -157,9 +157,11 @@ class LinearModel:
             For an unknown output, or a frequency that is not finite or is negative.
         """
         chosen = [_core.LINEAR_OUTPUTS.index(_known(output)) for output in outputs]
-        return _core.linear_response(
-            self.kernel_parameters(), np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)), chosen
-        )
+        frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        found = _core.linear_response(self.kernel_parameters(), frequency, chosen)
+        # The kernel gives the governor's command; the rack follows it after the dead time in the loop.
+        found[[output == "dX" for output in outputs]] *= np.exp(-2j * np.pi * frequency * self.T_d)
+        return found
 
     @checked
     def frequency_response(
