@@ -159,6 +159,13 @@ def test_rows_recorded_twice_are_told_to_the_sample(start: int, count: int, over
     assert (first, last) == (start + count, start + 2 * count)
 
 
+def test_a_set_point_in_steps_that_recurs_by_design_is_no_row_written_twice() -> None:
+    speed = 1200.0 + 40.0 * np.sin(2.0 * np.pi * np.arange(3_000) / 3_000.0)
+    steps = np.round(np.tile(speed, 3)[:5_500] / 0.125) * 0.125
+    told = Log.from_arrays({"u": steps.astype(np.float32)}, rate_hz=RATE_HZ)
+    assert "repeated" not in scan(Rows(told, "u"), 0, len(steps), repeats=True)
+
+
 def test_a_channel_that_repeats_alone_is_no_row_written_twice() -> None:
     noise = np.tile(set_point()[:5_000], 8)
     log = Log.from_arrays({"u": noise, "w": torque()}, rate_hz=RATE_HZ)

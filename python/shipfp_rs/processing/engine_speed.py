@@ -226,6 +226,11 @@ class EngineSpeed:
             for fault in train.faults(self.label, self.speeds[train.name], *self.stretch_s)
         ]
 
+    def forget_pulses(self) -> None:
+        """Keep the stretch's pulses no longer; of a log of days they are hundreds of MiB."""
+        for train in self.trains:
+            train.pulses.pop(self.label, None)
+
     def _account(self, bandwidth_hz: float) -> dict[str, Any]:
         train = self.train
         return {

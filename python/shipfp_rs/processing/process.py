@@ -289,14 +289,14 @@ class _Recording:
         return None if found is None else dataclasses.asdict(found)
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Return the signals of a stretch at the common rate, and an account of how they were made."""
-        set_point, speed = self.set_point[label], self.speeds[label]
+        """Hand over the signals of a stretch, kept no longer here, and an account of how they were made."""
+        set_point, speed = self.set_point.pop(label), self.speeds.pop(label)
         signals = {"n_set": set_point.samples, "n_e": speed.rpm}
         faults = set_point.faults + speed.faults
         told_by = {speed.account["channel"]: ["n_e"]}
         calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
         for name, sensor in self.trial.channels.levels.items():
-            cleaned, is_torque = self.levels[name][label], isinstance(sensor, Torque)
+            cleaned, is_torque = self.levels[name].pop(label), isinstance(sensor, Torque)
             signals[name] = cleaned.samples
             if isinstance(sensor, Load) and sensor.quantity == "power":
                 shaft = bridge(speed.rpm, np.isnan(speed.rpm)) / 60.0 / self.vessel.gearbox.ratio
@@ -377,14 +377,13 @@ class _Recording:
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: Grid) -> _EngineSpeed:
-        """Return the engine speed in a stretch.
-
-        It is sampled at the rate of the set point first, so that it passes the very filter that the others do.
-        """
+        """Return the engine speed in a stretch, sampled as the set point first to pass the same filter as the others."""
         base = self._base.channel
         speed = EngineSpeed(self.trains, grid.label, (grid.start_s, grid.stop_s), base, self.rate_hz)
         source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
-        return _EngineSpeed(grid.low_passed(base, source), account, speed.faults())
+        found = _EngineSpeed(grid.low_passed(base, source), account, speed.faults())
+        speed.forget_pulses()
+        return found
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,9 @@ Array = npt.NDArray[np.float64]
 PIECE = 1 << 18
 """Samples that are read at once for a second look, and kept for the next one."""
 
+NOISY = 0.2
+"""Share of a channel's samples at which it turns round, from which on it has noise: of white noise two thirds are such."""
+
 
 def scan(
     channel_rows: Rows,
@@ -75,7 +78,10 @@ def scan(
 
 
 def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
-    """Rows that were written twice in every channel of the same rate and length."""
+    """Rows that were written twice in every channel of the same rate and length.
+
+    A channel without noise may well recur, as a set point does that a bus tells in steps; one with noise does not.
+    """
     readers = [
         _Reader(log, other.name)
         for other in log.channels.values()
@@ -89,7 +95,15 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
             same &= (one == other) | (np.isnan(one) & np.isnan(other))
         return same
 
-    return repeated_rows(prints.candidates(), equal, stop - first)
+    found = repeated_rows(prints.candidates(), equal, stop - first)
+    proven = [any(_has_noise(read(first + start, first + end)) for read in readers) for start, end in found]
+    return found[np.array(proven, dtype=np.bool_)]
+
+
+def _has_noise(samples: Array) -> bool:
+    steps = np.diff(samples)
+    steps = steps[steps != 0.0]
+    return bool(np.count_nonzero(steps[1:] * steps[:-1] < 0.0) > NOISY * len(samples))
 
 
 class _Reader:
