@@ -30,6 +30,7 @@ __all__ = [
     "drive_train_products",
     "drive_train_sensitivities",
     "find_spikes",
+    "interval_speeds",
     "leftover_sums",
     "linear_cost",
     "linear_cost_batch",
@@ -38,6 +39,7 @@ __all__ = [
     "linear_response_sensitivities",
     "linear_sensitivities",
     "pulse_levels",
+    "pulses_are_even",
     "running_median",
     "ship_products",
     "ship_products_batch",
@@ -299,12 +301,32 @@ class PulseTracker:
         NDArray[np.float64],
         NDArray[np.float64],
         NDArray[np.float64],
-        float,
+        NDArray[np.float64],
+    ]: ...
+    def follow(
+        self, samples: _Samples, window: int
+    ) -> tuple[
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
     ]: ...
     @property
     def gaps(self) -> NDArray[np.int64]: ...
 
+def interval_speeds(
+    edges: NDArray[np.float64],
+    count: NDArray[np.int64],
+    fractions: NDArray[np.float64],
+    relative: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    grid: NDArray[np.float64],
+    sample: float,
+) -> NDArray[np.float64]: ...
 def pulse_levels(samples: _Samples) -> tuple[float, float]: ...
+def pulses_are_even(times: NDArray[np.float64], least: float, most: float) -> bool: ...
 def simulate_statespace(
     A: NDArray[np.float64],
     B: NDArray[np.float64],

@@ -78,6 +78,8 @@ KERNELS = {
     "slope_at_even_times": (np.arange(5.0), np.ones((4, 4)), 0.0, 2.0, 8),
     "leftover_sums": tuple(leftover_arguments()),
     "pulse_levels": (np.ones(9),),
+    "interval_speeds": (np.arange(4.0), np.ones(3, dtype=np.int64), *[np.ones(1)] * 4, 0.0),
+    "pulses_are_even": (np.arange(9.0), 0.6, 1.6),
 }
 
 

@@ -173,7 +173,9 @@ def test_double_crossings_leave_no_trace_in_the_speed(sound: Simulated, tmp_path
     for experiment, reference in zip(process(log, trial), process(sound[0], trial), strict=True):
         train = experiment.provenance["speed"]["train"]
         assert faults(experiment)["A", train]["count"] > 0
-        assert np.nanmax(np.abs(experiment.signals["n_e"] - reference.signals["n_e"])) < 0.05
+        # Levels are found anew only where a window is not like the one before, so those of the two logs differ by a part
+        # of the noise; a third of the deviation of a single interval's speed.
+        assert np.nanmax(np.abs(experiment.signals["n_e"] - reference.signals["n_e"])) < 0.1
 
 
 def test_lost_pulses_are_counted(real: Simulated, tmp_path: Path) -> None:

@@ -131,9 +131,11 @@ def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
     Even fractions, in doubt by the scatter of the true ones, where the track is too short to tell which comes first.
     """
     count = len(angles.fractions)
+    if count == 1:
+        return angles.fractions, angles.std / angles.fractions
     ratio, steady, phase = _period_ratios(track, count)
     seen = np.bincount(phase[steady], minlength=count)
-    if count > 1 and seen.min() < _LEAST_TURNS:
+    if seen.min() < _LEAST_TURNS:
         return np.full(count, 1.0 / count), np.full(count, np.std(angles.fractions) * count)
     mean = np.bincount(phase[steady], ratio[steady], minlength=count) / np.maximum(seen, 1)
     turned = [np.roll(angles.fractions, -k) for k in range(count)]

@@ -152,18 +152,22 @@ def pulse_times(
     require_positive("window_s", window_s)
     if hysteresis is not None:
         require_positive("hysteresis", hysteresis)
-    tracker = PulseTracker(threshold, hysteresis)
+    tracker, size = PulseTracker(threshold, hysteresis), max(1, round(window_s * rate_hz))
     found = _Found()
-    held: npt.NDArray[Any] | None = None
-    for window in _windows(samples, max(1, round(window_s * rate_hz))):
-        tracker.look(window)
+    if isinstance(samples, np.ndarray) and samples.ndim == 1:
+        whole = _for_kernel([samples])
+        found.take(tracker.follow(whole, size), whole[-((len(whole) - 1) % size + 1) :], len(whole))
+    else:
+        held: npt.NDArray[Any] | None = None
+        for window in _windows(samples, size):
+            tracker.look(window)
+            if held is not None:
+                found.take(tracker.cross(held), held, len(held))
+            held = window
         if held is not None:
-            found.take(tracker.cross(held), held)
-        held = window
-    if held is not None:
-        found.take(tracker.cross(held), held)
+            found.take(tracker.cross(held), held, len(held))
     if not found.levels:
-        raise InputError(_complaint(found.bottom, found.top, threshold))
+        raise InputError(_complaint(*found.silent_levels(), threshold))
     missing = tracker.gaps
     times, grid, noise = found.column(0), found.column(2), found.column(3)
     faint = _no_spans()
@@ -173,17 +177,19 @@ def pulse_times(
         if not kept.all():
             times, grid, noise = times[kept], grid[kept], noise[kept]
     low, high, middle = np.median(np.concatenate(found.levels), axis=0)
+    for column in (times, grid, noise):
+        column /= rate_hz
     return PulseTimes(
-        times / rate_hz,
+        times,
         _gaps(missing, faint) / rate_hz,
         low=float(low),
         middle=float(middle),
         high=float(high),
         rate_hz=rate_hz,
         faint_s=faint / rate_hz,
-        limit=float(np.median(found.limit)),
-        grid_std_s=grid / rate_hz,
-        noise_std_s=noise / rate_hz,
+        limit=float(np.median(found.windows[:, 1])),
+        grid_std_s=grid,
+        noise_std_s=noise,
     )
 
 
@@ -193,37 +199,47 @@ class _Found:
     def __init__(self) -> None:
         self.columns: list[tuple[Array, Array, Array, Array]] = []
         self.levels: list[Array] = []
-        self.limit: list[float] = []
         self.samples = 0
-        self.bottom = self.top = np.nan
+        self._windows: list[Array] = []
+        self._silent: npt.NDArray[Any] = np.empty(0)
 
     def take(
-        self, crossed: tuple[Array, Array, Array, Array, Array, float], window: npt.NDArray[Any]
+        self, crossed: tuple[Array, Array, Array, Array, Array, Array], last: npt.NDArray[Any], samples: int
     ) -> None:
-        *columns, levels, limit = crossed
+        """Take what was found in windows of so many samples, the last of which is given."""
+        *columns, levels, windows = crossed
         self.columns.append((columns[0], columns[1], columns[2], columns[3]))
-        self.limit.append(limit)
-        self.samples += len(window)
+        self._windows.append(windows)
+        self.samples += samples
         if len(levels):
             self.levels.append(levels)
         elif not self.levels:
-            self.bottom, self.top = pulse_levels(window)
+            self._silent = last
+
+    @property
+    def windows(self) -> Array:
+        """Number of crossings, limit, least and median height of every window, shape (K, 4)."""
+        return np.concatenate(self._windows)
+
+    def silent_levels(self) -> tuple[float, float]:
+        """Levels of the last window in which no train was found."""
+        return pulse_levels(self._silent)
 
     def column(self, which: int) -> Array:
         """Return times, heights, or a standard deviation of the times, of all windows, shape (N,)."""
-        return np.concatenate([columns[which] for columns in self.columns])
+        every = [columns[which] for columns in self.columns]
+        return every[0] if len(every) == 1 else np.concatenate(every)
 
     def clear(self, times: Array) -> tuple[Flags, Flags]:
         """Tell which crossings are pulses, and which of them are hardly higher than noise, shape (N,)."""
-        heights = [columns[1] for columns in self.columns]
-        known = [float(np.median(height)) for height in heights if len(height)]
+        count, limit, least, known = self.windows.T
+        known = known[count > 0]
         # The largest of the windows' heights, but for one or two windows that a disturbance spoils.
-        usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if known else 0.0
-        least = [float(np.min(height, initial=np.inf)) for height in heights]
-        if (np.array(least) >= np.maximum(FAR_FROM_LIMIT * np.array(self.limit), AT_REST * usual)).all():
+        usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if len(known) else 0.0
+        if (least >= np.maximum(FAR_FROM_LIMIT * limit, AT_REST * usual)).all():
             return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
-        limits = np.repeat(self.limit, [len(height) for height in heights])
-        every = without_noise(times, np.concatenate(heights), limits)
+        limits = np.repeat(limit, count.astype(np.int64))
+        every = without_noise(times, self.column(1), limits)
         return clear_pulses(times, every, limits, usual), every < NEAR_LIMIT * limits
 
 

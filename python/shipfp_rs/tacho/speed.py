@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import uniform_filter1d
 
-from shipfp_rs._core import slope_at_even_times
+from shipfp_rs._core import interval_speeds, slope_at_even_times
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.angles import ReflectorAngles, align_angles
@@ -19,13 +18,6 @@ from shipfp_rs.tacho.tracks import Track, checked_times, cut_tracks, require_pos
 Array = npt.NDArray[np.float64]
 
 _TYPICAL = 21
-_AROUND = 33
-"""Number of intervals whose mean length tells how many samples each should have."""
-_LEAST_APART = 0.05
-"""Share of sampling's variance that is kept where a whole number of samples lies between pulses: whether it is whole is
-never quite certain."""
-_STEP = 0.2
-"""An edge whose standard deviation [samples] is larger counts as a step, not as a slope."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +152,7 @@ def speed_from_pulses(
         raise InputError(f"angles: found {len(angles.fractions)}, expected pulses_per_rev = {pulses_per_rev}")
     parts = [_track_speed(track, angles, timing) for track in cut_tracks(times, gap_times)]
     middle, speed, std, duration, flags, angle, ends = (
-        np.concatenate(part) if parts else np.empty(0)
+        (part[0] if len(part) == 1 else np.concatenate(part)) if parts else np.empty(0)
         for part in (zip(*parts, strict=True) if parts else [()] * 7)
     )
     return IntervalSpeed(middle, speed, std, duration, flags.astype(np.uint8), pulses_per_rev, angle, ends)
@@ -263,36 +255,14 @@ class _Timing:
             raise InputError(f"time_std_s: found shape {std.shape}, expected one number or {np.shape(times)}")
         return cls(times, std, none, 0.0)
 
-    def scatter(self, edges_s: Array, expected: Array) -> tuple[Array, Array, Array]:
-        """Return three relative measures of the speeds between successive edges that should be `expected` [s] apart.
-
-        Their variance; how far their mean is too high, since on average 1 / T is above 1 / (mean of T); and the variance
-        if the errors of the edges were independent.
-        """
-        noise, grid = self.noise_s, self.grid_s
+    def of_edges(self, edges_s: Array) -> tuple[Array, Array]:
+        """Return those of some of the edges: from noise and from sampling, one for all or one for each."""
+        noise, grid = np.atleast_1d(self.noise_s), np.atleast_1d(self.grid_s)
         times = np.asarray(self.times_s)
-        if (noise.ndim or grid.ndim) and len(edges_s) < len(times):
+        if max(len(noise), len(grid)) > 1 and len(edges_s) < len(times):
             place = np.searchsorted(times, edges_s)
-            noise, grid = (std[place] if std.ndim else std for std in (noise, grid))
-        random = noise[1:] ** 2 + noise[:-1] ** 2 if noise.ndim else 2.0 * noise**2
-        sampled = grid[1:] ** 2 + grid[:-1] ** 2 if grid.ndim else 2.0 * grid**2
-        random, sampled = random / expected**2, sampled / expected**2
-        if not self.sample_s > 0.0:
-            return (random + sampled,) * 3
-        # Two edges have the same error where a whole number of samples lies between them. While the speed changes that
-        # number varies, and the factor is 1 on average over some intervals.
-        samples = expected / self.sample_s
-        whole = np.maximum(np.floor(samples), 1.0)
-        past = samples - whole
-        step = sampled * samples**2 > 2.0 * _STEP**2
-        apart = np.where(step, 6.0 * past * (1.0 - past), 1.0 - np.cos(2.0 * np.pi * past))
-        # Between two steps lie `whole` samples or one more, so 1 / T has two values.
-        few = np.where(step, samples**2 / (whole * (whole + 1.0)), 1.0)
-        variance, surplus = (
-            np.maximum(uniform_filter1d(apart * factor, min(_AROUND, len(apart))), _LEAST_APART)
-            for factor in (few**2, few)
-        )
-        return random + sampled * variance, random + sampled * surplus, random + sampled
+            noise, grid = (std[place] if len(std) > 1 else std for std in (noise, grid))
+        return np.ascontiguousarray(noise), np.ascontiguousarray(grid)
 
 
 def _track_speed(
@@ -300,32 +270,19 @@ def _track_speed(
 ) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8], Array, Array]:
     """Columns of the usable intervals, missed pulses put in: middle, speed, deviation, length, flags, angle, ends'."""
     fractions, relative_std = align_angles(track, angles)
-    place = np.arange(track.count.sum()) % len(fractions)
-    begins = np.cumsum(track.count) - track.count
-    whole = np.diff(track.edges_s)
-    turned = np.add.reduceat(fractions[place], begins)
-    speed = np.repeat(turned / whole, track.count)
-    duration = fractions[place] / speed
-    middle = track.edges_s[0] + np.cumsum(duration) - duration / 2
-    around = min(_AROUND, len(whole))
-    expected = turned * uniform_filter1d(whole, around) / uniform_filter1d(turned, around)
-    # With the expected lengths: the measured ones contain the errors themselves.
-    variance, surplus, apart = timing.scatter(track.edges_s, expected)
-    unbiased = speed * np.repeat(1.0 - np.minimum(surplus, 0.5), track.count)
-    usual = np.repeat(turned / expected, track.count)
-    std, ends_std = (
-        usual
-        * np.hypot(np.repeat(np.sqrt(np.broadcast_to(part, whole.shape)), track.count), relative_std[place])
-        for part in (variance, apart)
+    noise, grid = timing.of_edges(track.edges_s)
+    columns = interval_speeds(
+        np.ascontiguousarray(track.edges_s),
+        track.count,
+        fractions,
+        relative_std,
+        noise,
+        grid,
+        timing.sample_s,
     )
-    usable = np.repeat(track.usable, track.count)
-    flags = np.repeat(track.flags, track.count)
-    return (
-        middle[usable],
-        unbiased[usable],
-        std[usable],
-        duration[usable],
-        flags[usable],
-        fractions[place][usable],
-        ends_std[usable],
-    )
+    flags = track.flags
+    if not track.usable.all() or columns.shape[1] > len(flags):
+        usable = np.repeat(track.usable, track.count)
+        columns, flags = columns[:, usable], np.repeat(flags, track.count)[usable]
+    middle, speed, std, duration, angle, ends = columns
+    return middle, speed, std, duration, flags, angle, ends

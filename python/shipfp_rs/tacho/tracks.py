@@ -8,7 +8,7 @@ from enum import IntFlag
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import _core
+from shipfp_rs._core import pulses_are_even, running_median
 from shipfp_rs.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -61,9 +61,9 @@ def checked_times(
         raise InputError(f"times_s: found shape {times.shape}, expected one axis")
     if pulses_per_rev < 1:
         raise InputError(f"pulses_per_rev: found {pulses_per_rev}, expected 1 or more")
-    bad = np.flatnonzero(~(np.diff(times) > 0))
-    if bad.size:
-        k = int(bad[0])
+    ascending = times[1:] > times[:-1]
+    if not ascending.all():
+        k = int(np.argmin(ascending))
         raise InputError(
             f"times_s: {times[k + 1]} follows {times[k]} at index {k + 1}, expected ascending times"
         )
@@ -74,7 +74,7 @@ def checked_times(
 
 
 def _running_median(periods: Array) -> Array:
-    return _core.running_median(periods, _MEDIAN_WINDOW)
+    return running_median(periods, _MEDIAN_WINDOW)
 
 
 def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -105,6 +105,11 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
     """Cut the pulses at breaks, count what each interval holds, and flag the repairs."""
     if len(times) < 2:
         return []
+    if not len(gaps) and pulses_are_even(times, _EXTRA_BELOW, _MISSED_FROM):
+        # As what follows would find, for no median is beyond its periods.
+        size = len(times) - 1
+        one, good = np.ones(size, dtype=np.int64), np.zeros(size, dtype=np.uint8)
+        return [Track(times, one, good, np.ones(size, dtype=np.bool_))]
     times, merged = _without_extra(times)
     if len(times) < 2:
         return []

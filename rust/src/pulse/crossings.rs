@@ -1,28 +1,11 @@
 //! Rising crossings of a level with hysteresis, over chunks of any length.
 
-use multiversion::multiversion;
-use multiversion::target::match_target;
-
 use super::gaps::Gaps;
-use super::sample::{BLOCK, Masks, Sample};
+use super::sample::Sample;
+use super::scan::{Cursor, Passed, passed, timed};
 use super::thresholds::{Edge, Levels};
-use crate::error::{Error, Result};
-use crate::stop::{CHECK_EVERY, Stop};
-
-/// Where the detector stands between two chunks.
-#[derive(Debug, Clone, Copy)]
-struct Cursor {
-    /// Samples seen so far.
-    seen: u64,
-    /// A sample at or below `low` came after the last crossing or gap.
-    armed: bool,
-    /// The last sample; NaN at the start and in a gap.
-    previous: f64,
-    /// The last upward crossing of the middle; means something while armed with `previous` at or above it.
-    pending: Edge,
-    /// First sample of the gap that is still open.
-    gap_start: Option<u64>,
-}
+use crate::error::Result;
+use crate::stop::Stop;
 
 /// A detector of pulses: armed by a sample at or below `low`, it fires at the next one at or above `high`, and the
 /// crossing of `middle` that led there is interpolated linearly.
@@ -96,8 +79,7 @@ impl PulseCrossings {
     /// # Errors
     /// If the sample type can't hold a threshold, or on a stop; the detector is then as it was before.
     pub fn feed<T: Sample>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<f64>> {
-        let edges = self.edges(chunk, stop)?;
-        Ok(edges.into_iter().map(|edge| edge.time).collect())
+        self.pass(chunk, stop)
     }
 
     /// As [`Self::feed`], each crossing with its rise.
@@ -105,188 +87,40 @@ impl PulseCrossings {
     /// # Errors
     /// As [`Self::feed`].
     pub fn edges<T: Sample>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<Edge>> {
-        let outside = |name: &str, level: f64| {
-            Error::Invalid(format!(
-                "{name} = {level} is outside the range of {} samples; give levels in their unit",
-                T::NAME
-            ))
-        };
-        let Levels { low, high, .. } = self.levels;
-        let low = T::at_or_below(low).ok_or_else(|| outside("low", low))?;
-        let high = T::at_or_above(high).ok_or_else(|| outside("high", high))?;
-        let mut scan =
-            Scan { chunk, levels: self.levels, cursor: self.cursor, edges: Vec::new(), gaps: Vec::new() };
-        advance(&mut scan, low, high, stop)?;
-        scan.close();
-        self.cursor = scan.cursor;
-        scan.gaps.into_iter().for_each(|gap| self.gaps.push(gap));
-        Ok(scan.edges)
-    }
-}
-
-/// Run over all blocks of a chunk; compiled once for each instruction set and chosen at run time.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+bmi1+bmi2+fma+lzcnt+popcnt",
-    "x86_64+avx2+bmi1+bmi2+fma+lzcnt+popcnt"
-))]
-fn advance<T: Sample>(scan: &mut Scan<'_, T>, low: T, high: T, stop: &Stop) -> Result<()> {
-    const MASK_REGISTERS: bool = match_target! { "x86_64+avx512bw" => true, _ => false };
-    let mut fires = Fires { at: [0; BATCH / 2 + 2], count: 0 };
-    let chunk = scan.chunk;
-    for (start, batch) in (0..).step_by(BATCH).zip(chunk.chunks(BATCH)) {
-        if start % CHECK_EVERY == 0 {
-            stop.check()?;
-        }
-        let (blocks, rest) = batch.as_chunks::<BLOCK>();
-        for (index, block) in blocks.iter().enumerate() {
-            let masks = Masks::of::<T, MASK_REGISTERS>(block, low, high);
-            fires.push(index * BLOCK, scan.step(start + index * BLOCK, BLOCK, masks));
-        }
-        if !rest.is_empty() {
-            let mut padded = [low; BLOCK];
-            padded[..rest.len()].copy_from_slice(rest);
-            let masks = Masks::of::<T, MASK_REGISTERS>(&padded, low, high).first(rest.len());
-            let offset = blocks.len() * BLOCK;
-            fires.push(offset, scan.step(start + offset, rest.len(), masks));
-        }
-        scan.take_times(start, &mut fires);
-    }
-    Ok(())
-}
-
-/// Samples between two rounds of timing: they stay in the fastest cache.
-const BATCH: usize = 4096;
-
-/// Samples of a batch at which the detector fired, at most every other one.
-///
-/// Two are written for every block whether they are there or not: most blocks have one or none, which no branch
-/// predictor can guess.
-struct Fires {
-    at: [u32; BATCH / 2 + 2],
-    count: usize,
-}
-
-impl Fires {
-    #[allow(clippy::inline_always)]
-    #[inline(always)]
-    #[allow(clippy::cast_possible_truncation)] // a batch is short
-    fn push(&mut self, offset: usize, mut bits: u64) {
-        let count = bits.count_ones() as usize;
-        let room = &mut self.at[self.count..];
-        for slot in &mut room[..2] {
-            *slot = offset as u32 + bits.trailing_zeros();
-            bits &= bits.wrapping_sub(1);
-        }
-        if count > 2 {
-            for slot in &mut room[2..count] {
-                *slot = offset as u32 + bits.trailing_zeros();
-                bits &= bits.wrapping_sub(1);
-            }
-        }
-        self.count += count;
-    }
-}
-
-/// One pass over a chunk.
-struct Scan<'a, T> {
-    chunk: &'a [T],
-    levels: Levels,
-    /// As it was at the chunk's start, but for `armed` and `gap_start`, which move with the blocks.
-    cursor: Cursor,
-    edges: Vec<Edge>,
-    gaps: Vec<(u64, u64)>,
-}
-
-impl<T: Sample> Scan<'_, T> {
-    /// Take one block of `count` samples from `start` on; return where it fires.
-    ///
-    /// "Armed" is a latch that `low` sets and `high` or a gap resets. An adder's carry is such a latch (generate =
-    /// set, propagate = hold), so one addition runs the state machine over the whole block.
-    #[allow(clippy::inline_always)]
-    #[inline(always)]
-    fn step(&mut self, start: usize, count: usize, masks: Masks) -> u64 {
-        let hold = masks.low | !(masks.high | masks.gap);
-        let sum = u128::from(hold) + u128::from(masks.low) + u128::from(self.cursor.armed);
-        #[allow(clippy::cast_possible_truncation)] // the low word is wanted
-        let armed_before = sum as u64 ^ hold ^ masks.low;
-        self.cursor.armed = sum >> 64 != 0;
-        if masks.gap != 0 || self.cursor.gap_start.is_some() {
-            self.note_gaps(start, count, masks.gap);
-        }
-        armed_before & masks.high
+        self.pass(chunk, stop)
     }
 
-    /// Time the crossings that led to the fires of the batch from `start` on.
-    fn take_times(&mut self, start: usize, fires: &mut Fires) {
-        self.edges.reserve(fires.count);
-        for &at in &fires.at[..fires.count] {
-            let edge = self.crossing(start + at as usize);
-            self.edges.push(edge);
-        }
-        fires.count = 0;
+    fn pass<T: Sample, E: From<Edge>>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<E>> {
+        let thresholds = self.levels.thresholds()?;
+        let found = passed(chunk, self.levels, self.cursor, thresholds, stop)?;
+        Ok(self.taken(found))
     }
 
-    /// The last upward crossing of the middle at or before sample `index` of the chunk, which is at or above it.
-    ///
-    /// The walk back ends at the latest where the detector was armed.
-    #[inline]
-    fn crossing(&self, index: usize) -> Edge {
-        // Apart, so that a level middle costs nothing.
-        if self.levels.slope == 0.0 {
-            self.crossing_of(index, |_| self.levels.middle)
-        } else {
-            self.crossing_of(index, |sample| self.levels.middle_at(sample))
-        }
+    /// As [`Self::edges`], where it is known already where a chunk without gaps fires first, all its other crossings, and
+    /// whether the detector is armed after it, having been so or not `before`; None where that was otherwise.
+    pub(super) fn timed<T: Sample>(
+        &mut self,
+        chunk: &[T],
+        known: (usize, Vec<Edge>),
+        (before, after): (bool, bool),
+    ) -> Option<Vec<Edge>> {
+        (self.cursor.armed == before).then(|| {
+            let found = timed(chunk, self.levels, self.cursor, known, after);
+            self.taken(found)
+        })
     }
 
-    #[inline]
-    fn crossing_of(&self, index: usize, middle_at: impl Fn(u64) -> f64) -> Edge {
-        let seen = self.cursor.seen;
-        let mut upper = index;
-        while upper > 0 && self.chunk[upper - 1].into() >= middle_at(seen + upper as u64 - 1) {
-            upper -= 1;
-        }
-        let at = seen + upper as u64;
-        let (middle, below) = (middle_at(at), middle_at(at.wrapping_sub(1)));
-        let before = if upper > 0 { self.chunk[upper - 1].into() } else { self.cursor.previous };
-        if before >= below {
-            return self.cursor.pending;
-        }
-        let after = self.chunk[upper].into();
-        let rise = (after - before) - (middle - below);
-        let time = if rise.is_finite() { at as f64 - (after - middle) / rise } else { at as f64 };
-        Edge { time, rise: if rise.is_nan() { f64::INFINITY } else { rise } }
-    }
-
-    #[cold]
-    fn note_gaps(&mut self, start: usize, count: usize, gap: u64) {
-        let open = u64::from(self.cursor.gap_start.is_some());
-        let mut edges = (gap ^ (gap << 1 | open)) & (u64::MAX >> (BLOCK - count));
-        while edges != 0 {
-            let at = self.cursor.seen + (start + edges.trailing_zeros() as usize) as u64;
-            match self.cursor.gap_start.take() {
-                Some(from) => self.gaps.push((from, at)),
-                None => self.cursor.gap_start = Some(at),
-            }
-            edges &= edges - 1;
-        }
-    }
-
-    /// Leave the cursor behind the chunk.
-    fn close(&mut self) {
-        let Some(&last) = self.chunk.last() else { return };
-        let middle = self.levels.middle_at(self.cursor.seen + self.chunk.len() as u64 - 1);
-        if self.cursor.armed && last.into() >= middle {
-            self.cursor.pending = self.crossing(self.chunk.len() - 1);
-        }
-        self.cursor.previous = last.into();
-        self.cursor.seen += self.chunk.len() as u64;
+    fn taken<E>(&mut self, found: Passed<E>) -> Vec<E> {
+        self.cursor = found.cursor;
+        found.gaps.into_iter().for_each(|gap| self.gaps.push(gap));
+        found.edges
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Error;
     use proptest::prelude::*;
 
     fn run<T: Sample>(chunks: &[&[T]]) -> (Vec<f64>, Vec<(u64, u64)>) {

@@ -58,7 +58,7 @@ pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) 
 
 /// One of all lanes, by halves: each half is one vector.
 #[inline(always)]
-fn reduced<T: Sample>(lanes: &[T; LANES], of: impl Fn(T, T) -> T) -> T {
+pub(super) fn reduced<T: Sample>(lanes: &[T; LANES], of: impl Fn(T, T) -> T) -> T {
     let eight: [T; 8] = std::array::from_fn(|k| of(lanes[k], lanes[k + 8]));
     let four: [T; 4] = std::array::from_fn(|k| of(eight[k], eight[k + 4]));
     let two: [T; 2] = std::array::from_fn(|k| of(four[k], four[k + 2]));
@@ -66,12 +66,12 @@ fn reduced<T: Sample>(lanes: &[T; LANES], of: impl Fn(T, T) -> T) -> T {
 }
 
 #[inline(always)]
-fn least<T: Sample>(one: T, other: T) -> T {
+pub(super) fn least<T: Sample>(one: T, other: T) -> T {
     if other < one { other } else { one }
 }
 
 #[inline(always)]
-fn most<T: Sample>(one: T, other: T) -> T {
+pub(super) fn most<T: Sample>(one: T, other: T) -> T {
     if other > one { other } else { one }
 }
 

@@ -1,6 +1,7 @@
 //! Thresholds of the detector of pulses, and the crossings that it finds.
 
-use crate::error::{Result, require};
+use super::sample::Sample;
+use crate::error::{Error, Result, require};
 
 /// An upward crossing of the middle: when, and by how much the signal rose between the two samples beside it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,6 +14,12 @@ pub struct Edge {
 
 impl Edge {
     pub(super) const NONE: Self = Self { time: f64::NAN, rise: f64::NAN };
+}
+
+impl From<Edge> for f64 {
+    fn from(edge: Edge) -> Self {
+        edge.time
+    }
 }
 
 /// Thresholds, and a middle that may go along a line.
@@ -35,6 +42,22 @@ impl Levels {
     #[inline]
     pub(super) fn middle_at(&self, sample: u64) -> f64 {
         self.middle + self.slope * sample.wrapping_sub(self.origin).cast_signed() as f64
+    }
+
+    /// Low and high in the samples' type, deciding as they do in f64.
+    ///
+    /// # Errors
+    /// If it can't hold one of them.
+    pub(super) fn thresholds<T: Sample>(&self) -> Result<(T, T)> {
+        let outside = |name: &str, level: f64| {
+            Error::Invalid(format!(
+                "{name} = {level} is outside the range of {} samples; give levels in their unit",
+                T::NAME
+            ))
+        };
+        let low = T::at_or_below(self.low).ok_or_else(|| outside("low", self.low))?;
+        let high = T::at_or_above(self.high).ok_or_else(|| outside("high", self.high))?;
+        Ok((low, high))
     }
 
     pub(super) fn check(&self) -> Result<()> {

@@ -3,10 +3,12 @@
 use std::collections::VecDeque;
 
 use super::crossings::PulseCrossings;
+use super::heights::{STEADY, heights_along, ratio};
 use super::levels::pulse_levels;
 use super::noise::{noises, quarter};
 use super::sample::Sample;
-use super::swings::{BLOCK, Grouping, Level, Swings, block_extremes, reversal};
+use super::steady::{Held, Steady};
+use super::swings::{Grouping, Level, Swings, block_extremes, reversal};
 use super::thresholds::{Edge, Levels};
 use super::timing::Timing;
 use crate::error::{Error, Result, require};
@@ -24,16 +26,11 @@ const LIMIT: f64 = 14.0;
 /// of itself.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
-/// Levels hold for this share of their nine pulses' span before and after it, since up to three turning points at the end of
-/// a train make no group of their own.
-const REACH: f64 = 0.375;
 /// Number of stretches whose noise is pooled, and the least number that a window adds.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
 /// Noise has changed where a window's is more than so many times that of the windows before.
 const CHANGED: f64 = 1.5;
-/// A train's height went gradually from one level to the next if their ratio is below this.
-const STEADY: f64 = 2.0;
 
 /// Crossings of a window.
 #[derive(Debug, Clone, Default)]
@@ -59,10 +56,12 @@ struct Piece {
 }
 
 /// A window that was looked at.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Window {
     length: usize,
     noise: f64,
+    /// Of a window that goes on as those before: the train's state at its start, and where it fires.
+    held: Option<(Steady, Held)>,
 }
 
 /// Follows the levels of a train and takes its crossings.
@@ -79,6 +78,8 @@ pub struct PulseTracker {
     extremes: Vec<(f64, f64)>,
     /// Noises of the last stretches.
     stretches: VecDeque<f64>,
+    /// Where the last window's levels held.
+    steady: Option<Steady>,
 }
 
 impl PulseTracker {
@@ -104,6 +105,7 @@ impl PulseTracker {
             detector: PulseCrossings::new(-1.0, 1.0, 0.0)?,
             extremes: Vec::new(),
             stretches: VecDeque::new(),
+            steady: None,
         })
     }
 
@@ -117,6 +119,32 @@ impl PulseTracker {
     /// # Errors
     /// On a stop, after which the tracker is of no more use.
     pub fn look<T: Sample>(&mut self, window: &[T], stop: &Stop) -> Result<()> {
+        let held = self.steady.map(|steady| steady.holds(window, self.looked, stop)).transpose()?.flatten();
+        self.take_in(window, held, stop)
+    }
+
+    fn take_in<T: Sample>(&mut self, window: &[T], held: Option<Held>, stop: &Stop) -> Result<()> {
+        let (Some(steady), Some(held)) = (self.steady, held) else { return self.look_anew(window, stop) };
+        // What was not grouped is, as at a record's end.
+        let rest = std::mem::take(&mut self.grouping).rest(steady.level.noise);
+        let rest: Vec<Level> = rest.into_iter().filter(|level| self.is_usable(level)).collect();
+        self.levels.extend(rest);
+        self.swings = Swings::default();
+        let (first, length) = (self.looked, window.len() as u64);
+        let (middle, quarter) = (first + length / 2, length / 4);
+        for (centre, span) in
+            [(first + quarter, (first, middle)), (first + length - quarter, (middle, first + length))]
+        {
+            self.levels.push_back(Level { centre, span, ..steady.level });
+        }
+        self.steady = Some(Steady { armed: held.armed, ..steady });
+        self.looked += length;
+        let noise = steady.level.noise;
+        self.windows.push_back(Window { length: window.len(), noise, held: Some((steady, held)) });
+        Ok(())
+    }
+
+    fn look_anew<T: Sample>(&mut self, window: &[T], stop: &Stop) -> Result<()> {
         stop.check()?;
         block_extremes(window, &mut self.extremes);
         let stretches = noises(window, LEAST_STRETCHES.max(STRETCHES - self.stretches.len()));
@@ -127,17 +155,33 @@ impl PulseTracker {
         pooled.sort_by(f64::total_cmp);
         let pooled = quarter(&pooled);
         // Few stretches scatter much; only a clear change of the noise counts.
-        let noise = if own < CHANGED * pooled && pooled < CHANGED * own { pooled } else { own };
+        let alike = own < CHANGED * pooled && pooled < CHANGED * own;
+        let noise = if alike { pooled } else { own };
         let mut found = Vec::new();
         let grouping = &mut self.grouping;
         self.swings.feed(&self.extremes, reversal(&self.extremes, noise), self.looked, |turn| {
             grouping.push(turn, noise, &mut found);
         });
+        let every = found.len();
         found.retain(|level| self.is_usable(level));
+        self.steady =
+            if alike && every == found.len() { self.steady_after(window, &found, noise) } else { None };
         self.levels.extend(found);
         self.looked += window.len() as u64;
-        self.windows.push_back(Window { length: window.len(), noise });
+        self.windows.push_back(Window { length: window.len(), noise, held: None });
         Ok(())
+    }
+
+    /// The train after a window whose levels are all the same.
+    fn steady_after<T: Sample>(&self, window: &[T], found: &[Level], noise: f64) -> Option<Steady> {
+        // With which the next window begins, so that nothing jumps.
+        let rest = self.grouping.rest(noise).into_iter().rfind(|level| self.is_usable(level));
+        let level = Level { noise, ..rest.or_else(|| found.last().copied())? };
+        if !found.iter().all(|other| stays(&level, other)) {
+            return None;
+        }
+        let (levels, _) = self.levels_between(&level, &level, 0)?;
+        Steady::after(window, &self.extremes, level, levels)
     }
 
     /// Take the crossings of the oldest window that was looked at, given once more.
@@ -147,7 +191,7 @@ impl PulseTracker {
     /// more use.
     pub fn cross<T: Sample>(&mut self, samples: &[T], stop: &Stop) -> Result<Pulses> {
         let window = self.windows.pop_front().filter(|window| window.length == samples.len());
-        let window = window.ok_or_else(|| {
+        let mut window = window.ok_or_else(|| {
             Error::Invalid(format!(
                 "samples: found {} of them, expected a window that was looked at",
                 samples.len()
@@ -165,6 +209,11 @@ impl PulseTracker {
             self.detector.disarm();
             return Ok(pulses);
         }
+        if let Some(edges) = self.known_edges(&pieces, &mut window, samples)? {
+            pulses.levels.push([pieces[0].levels.low, pieces[0].levels.high, pieces[0].levels.middle]);
+            pulses.heights = vec![pieces[0].height; edges.len()];
+            return Ok(self.timed(pulses, edges, samples, first, &window));
+        }
         let mut edges: Vec<Edge> = Vec::new();
         for (piece, next) in pieces.iter().zip(pieces[1..].iter().map(|next| next.start).chain([end])) {
             self.detector.follow(piece.levels)?;
@@ -176,13 +225,40 @@ impl PulseTracker {
         if self.threshold.is_none() || self.hysteresis.is_none() {
             pulses.heights = heights_along(&edges, &known);
         }
+        Ok(self.timed(pulses, edges, samples, first, &window))
+    }
+
+    fn timed<T: Sample>(
+        &mut self,
+        mut pulses: Pulses,
+        edges: Vec<Edge>,
+        samples: &[T],
+        first: u64,
+        window: &Window,
+    ) -> Pulses {
         pulses.timing = Timing::of(samples, first, &edges, &pulses.heights, window.noise);
         pulses.times = edges.into_iter().map(|edge| edge.time).collect();
         // Of the past levels only the last two are needed again.
-        while self.levels.len() > 2 && self.levels[2].centre < end {
+        while self.levels.len() > 2 && self.levels[2].centre < first + samples.len() as u64 {
             self.levels.pop_front();
         }
-        Ok(pulses)
+        pulses
+    }
+
+    /// The crossings of a window that goes on as those before, if its pieces are those that it was looked at with.
+    fn known_edges<T: Sample>(
+        &mut self,
+        pieces: &[Piece],
+        window: &mut Window,
+        samples: &[T],
+    ) -> Result<Option<Vec<Edge>>> {
+        let (Some((steady, held)), [piece]) = (window.held.take(), pieces) else { return Ok(None) };
+        let known = Levels { origin: piece.levels.origin, ..steady.levels };
+        if piece.levels != known {
+            return Ok(None);
+        }
+        self.detector.follow(piece.levels)?;
+        Ok(self.detector.timed(samples, (held.first, held.edges), (steady.armed, held.armed)))
     }
 
     /// Whether a given threshold, if there is one, lies between the levels.
@@ -238,9 +314,7 @@ impl PulseTracker {
             if one.centre >= end {
                 break;
             }
-            let stays = (other.middle() - held.middle()).abs() <= SAME_MIDDLE * held.noise
-                && (other.height() - held.height()).abs() <= SAME_HEIGHT * held.height();
-            if stays {
+            if stays(&held, other) {
                 continue;
             }
             if ratio(one, other) <= STEADY {
@@ -284,47 +358,10 @@ impl PulseTracker {
     }
 }
 
-/// Heights of the train at crossings, along lines between levels; 0 where no turning points tell of it.
-///
-/// Before the first and after the last level the line is extended if it falls that way, since fading pulses are lower. A
-/// level is used from about three pulses before its turning points to three after them.
-fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
-    let mut at = 0;
-    edges
-        .iter()
-        .map(|edge| {
-            while at + 1 < known.len() && edge.time >= known[at + 1].centre as f64 {
-                at += 1;
-            }
-            let told = |level: &Level| {
-                let beside = REACH * (level.span.1 - level.span.0) as f64 + BLOCK as f64;
-                edge.time >= level.span.0 as f64 - beside && edge.time <= level.span.1 as f64 + beside
-            };
-            // At a level's centre or past it, but for the first.
-            let near = &known[at.saturating_sub(1)..(at + 2).min(known.len())];
-            if near.iter().any(told) { height_at(edge.time, known, at) } else { 0.0 }
-        })
-        .collect()
-}
-
-/// Height at a time past the centre of level `at`, but for what lies before the first.
-fn height_at(time: f64, known: &[Level], at: usize) -> f64 {
-    let here = &known[at];
-    let between = time >= here.centre as f64 && at + 1 < known.len();
-    let other = if at == 0 || between { at + 1 } else { at - 1 };
-    let Some(other) = known.get(other) else { return here.height() };
-    if ratio(here, other) > STEADY {
-        let parted = u64::midpoint(here.span.1, other.span.0) as f64;
-        return if between && time >= parted { other.height() } else { here.height() };
-    }
-    let way = (time - here.centre as f64) / (other.centre as f64 - here.centre as f64);
-    let height = here.height() + way * (other.height() - here.height());
-    if between { height } else { height.clamp(0.0, here.height()) }
-}
-
-/// Of the greater height to the smaller.
-fn ratio(one: &Level, other: &Level) -> f64 {
-    (other.height() / one.height()).max(one.height() / other.height())
+/// Whether a level is taken for the same as the one before.
+fn stays(held: &Level, other: &Level) -> bool {
+    (other.middle() - held.middle()).abs() <= SAME_MIDDLE * held.noise
+        && (other.height() - held.height()).abs() <= SAME_HEIGHT * held.height()
 }
 
 #[allow(clippy::cast_possible_truncation)] // within a slice

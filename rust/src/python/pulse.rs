@@ -1,9 +1,9 @@
 //! Bindings of the pulse kernels.
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
+use numpy::{IntoPyArray, Ix1, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use super::arrays::{borrow, hand_back, hand_back_spans};
+use super::arrays::{Vector, borrow, hand_back, hand_back_spans};
 use super::guard;
 use crate::error::{Error, Result};
 use crate::pulse;
@@ -103,15 +103,27 @@ impl PulseCrossings {
     }
 }
 
-/// Crossings of a window with what is known of them, see `PulseTracker.cross`.
+/// Crossings of windows with what is known of them, see `PulseTracker.cross`.
 type Crossed<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
-    f64,
+    Bound<'py, PyArray2<f64>>,
 );
+
+fn crossed(py: Python<'_>, record: pulse::Record) -> PyResult<Crossed<'_>> {
+    let (levels, windows) = (record.levels.len(), record.windows.len());
+    Ok((
+        record.times.into_pyarray(py),
+        record.heights.into_pyarray(py),
+        record.timing.grid.into_pyarray(py),
+        record.timing.noise.into_pyarray(py),
+        hand_back(py, record.levels.into_flattened(), [levels, 3])?,
+        hand_back(py, record.windows.into_flattened(), [windows, 4])?,
+    ))
+}
 
 /// Pulses of a train whose levels change; each window is looked at before the one ahead of it is crossed.
 #[pyclass(module = "shipfp_rs._core")]
@@ -133,20 +145,28 @@ impl PulseTracker {
     }
 
     /// Crossings of the oldest window looked at: times, heights, standard deviations from sampling and from noise, all
-    /// in samples; levels (low, high, middle) [K, 3]; and the height from which on a pulse can't be noise.
+    /// in samples; levels (low, high, middle) [K, 3]; and of the window number of crossings, height from which on a pulse
+    /// can't be noise, least and median height [1, 4].
     fn cross<'py>(&mut self, py: Python<'py>, samples: &Bound<'py, PyAny>) -> PyResult<Crossed<'py>> {
         let samples = Samples::borrow(samples)?;
         let tracker = &mut self.0;
         let pulses = run_on!(py, samples, |slice, stop| tracker.cross(slice, stop))?;
-        let count = pulses.levels.len();
-        Ok((
-            pulses.times.into_pyarray(py),
-            pulses.heights.into_pyarray(py),
-            pulses.timing.grid.into_pyarray(py),
-            pulses.timing.noise.into_pyarray(py),
-            hand_back(py, pulses.levels.into_flattened(), [count, 3])?,
-            pulses.limit,
-        ))
+        let mut record = pulse::Record::default();
+        record.push(pulses);
+        crossed(py, record)
+    }
+
+    /// The same of a whole record, cut into windows.
+    fn follow<'py>(
+        &mut self,
+        py: Python<'py>,
+        samples: &Bound<'py, PyAny>,
+        window: usize,
+    ) -> PyResult<Crossed<'py>> {
+        let samples = Samples::borrow(samples)?;
+        let tracker = &mut self.0;
+        let record = run_on!(py, samples, |slice, stop| tracker.follow(slice, window, stop))?;
+        crossed(py, record)
     }
 
     /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
@@ -163,9 +183,66 @@ fn pulse_levels(py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<(f64, f6
     run_on!(py, samples, pulse::pulse_levels)
 }
 
+/// Whether every period between times is at least `least` and below `most` times each of those near it.
+#[pyfunction]
+fn pulses_are_even(py: Python<'_>, times: &Bound<'_, PyAny>, least: f64, most: f64) -> PyResult<bool> {
+    let times: Vector<'_> = borrow("times", times)?;
+    let times = times.as_slice()?;
+    guard::run(py, times.len(), |_| Ok(pulse::is_even(times, least, most)))
+}
+
+/// Middles, speeds, deviations, lengths, angles and deviations of independent ends, of the intervals between pulses [6, N].
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // one for each column
+fn interval_speeds<'py>(
+    py: Python<'py>,
+    edges: &Bound<'py, PyAny>,
+    count: &Bound<'py, PyAny>,
+    fractions: &Bound<'py, PyAny>,
+    relative: &Bound<'py, PyAny>,
+    noise: &Bound<'py, PyAny>,
+    grid: &Bound<'py, PyAny>,
+    sample: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let count: PyReadonlyArray1<'_, i64> = borrow("count", count)?;
+    let [edges, fractions, relative, noise, grid] = [
+        ("edges", edges),
+        ("fractions", fractions),
+        ("relative", relative),
+        ("noise", noise),
+        ("grid", grid),
+    ]
+    .map(|(name, array)| borrow::<f64, Ix1>(name, array));
+    let (edges, fractions, relative, noise, grid) = (edges?, fractions?, relative?, noise?, grid?);
+    let track = pulse::Counted {
+        edges: edges.as_slice()?,
+        count: count.as_slice()?,
+        fractions: fractions.as_slice()?,
+        relative: relative.as_slice()?,
+        noise: noise.as_slice()?,
+        grid: grid.as_slice()?,
+        sample,
+    };
+    let rows = track
+        .count
+        .iter()
+        .fold(0, |sum: usize, &count| sum.saturating_add(usize::try_from(count).unwrap_or(0).min(1 << 20)));
+    // Of NumPy's own memory, which is of large pages where it is long.
+    let found = PyArray2::<f64>::zeros(py, [pulse::COLUMNS, rows], false);
+    {
+        let mut columns = found.readwrite();
+        let mut parts = columns.as_slice_mut()?.chunks_mut(rows.max(1));
+        let columns = std::array::from_fn(|_| parts.next().unwrap_or_default());
+        guard::run(py, rows, |_| pulse::interval_speeds(&track, columns))?;
+    }
+    Ok(found)
+}
+
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PulseCrossings>()?;
     module.add_class::<PulseTracker>()?;
+    module.add_function(wrap_pyfunction!(interval_speeds, module)?)?;
     module.add_function(wrap_pyfunction!(pulse_levels, module)?)?;
+    module.add_function(wrap_pyfunction!(pulses_are_even, module)?)?;
     Ok(())
 }

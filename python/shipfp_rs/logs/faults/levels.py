@@ -142,7 +142,7 @@ class _Suspects:
         def noisy(start: int, stop: int) -> bool:
             before = self.read(max(start - NEARBY, 0), start) if start else np.empty(0)
             after = self.read(stop, min(stop + NEARBY, self.count)) if stop < self.count else np.empty(0)
-            return _is_rough(before) or _is_rough(after)
+            return is_rough(before) or is_rough(after)
 
         return spans[[noisy(start, stop) for start, stop in spans.tolist()]] if len(spans) else spans
 
@@ -153,7 +153,7 @@ def _repeats(samples: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(np.append(same, False) | np.append(False, same))
 
 
-def _is_rough(samples: Array) -> bool:
+def is_rough(samples: Array) -> bool:
     """Whether a signal changes from sample to sample as noise does."""
     samples = samples[np.isfinite(samples)]
     if len(samples) < 8:

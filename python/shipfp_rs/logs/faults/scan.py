@@ -10,7 +10,7 @@ import numpy.typing as npt
 from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults.extremes import BlockExtremes
 from shipfp_rs.logs.faults.hum import HumScan
-from shipfp_rs.logs.faults.levels import BLOCK, LevelLimits, find_level_faults
+from shipfp_rs.logs.faults.levels import BLOCK, LevelLimits, find_level_faults, is_rough
 from shipfp_rs.logs.faults.repeats import repeated_rows
 from shipfp_rs.support.spans import Spans
 
@@ -23,9 +23,6 @@ Array = npt.NDArray[np.float64]
 
 PIECE = 1 << 18
 """Samples that are read at once for a second look, and kept for the next one."""
-
-NOISY = 0.2
-"""Share of a channel's samples at which it turns round, from which on it has noise: of white noise two thirds are such."""
 
 
 def scan(
@@ -96,14 +93,8 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
         return same
 
     found = repeated_rows(prints.candidates(), equal, stop - first)
-    proven = [any(_has_noise(read(first + start, first + end)) for read in readers) for start, end in found]
+    proven = [any(is_rough(read(first + start, first + end)) for read in readers) for start, end in found]
     return found[np.array(proven, dtype=np.bool_)]
-
-
-def _has_noise(samples: Array) -> bool:
-    steps = np.diff(samples)
-    steps = steps[steps != 0.0]
-    return bool(np.count_nonzero(steps[1:] * steps[:-1] < 0.0) > NOISY * len(samples))
 
 
 class _Reader:

@@ -1,0 +1,228 @@
+//! A train that goes on as it was: its levels need not be found again, only be seen to hold.
+
+use std::ops::RangeInclusive;
+
+use multiversion::multiversion;
+use multiversion::target::match_target;
+
+use super::sample::{BLOCK, Masks, Sample};
+use super::scan::{BATCH, Fires, armed_after, armed_by};
+use super::swings;
+use super::swings::Level;
+use super::thresholds::{Edge, Levels};
+use crate::error::Result;
+use crate::stop::Stop;
+
+/// Samples of a part, of which a window must have so many, and which must hold two pulses at least.
+const PART: usize = 1024;
+const LEAST_PARTS: usize = 8;
+const LANES: usize = 16;
+/// By how much the extremes of a part may differ from the usual ones, in standard deviations of the noise and as a share of the
+/// train's height: extremes of a thousand normal numbers scatter by a third of their standard deviation.
+const PART_LIKE: (f64, f64) = (3.0, 0.05);
+/// By how much their medians over a window may; levels closer than half the noise are taken for equal everywhere.
+const WINDOW_LIKE: (f64, f64) = (0.5, 0.002);
+/// Ratio of the longest period to the shortest one, and of samples more, of a train none of whose pulses is lost or doubled.
+const EVEN: f64 = 1.5;
+
+/// A train whose levels hold: what its next window is compared with.
+#[derive(Debug, Clone, Copy)]
+pub struct Steady {
+    pub level: Level,
+    pub levels: Levels,
+    /// Medians of the least and of the greatest samples of the parts.
+    pub usual: (f64, f64),
+    /// Whether the detector is armed where the next window begins.
+    pub armed: bool,
+}
+
+/// The crossings of a window whose levels hold.
+#[derive(Debug, Clone)]
+pub struct Held {
+    /// Where the detector fires first. Its crossing may lie before the window.
+    pub first: usize,
+    /// The other crossings, each of which is past a low sample of the window.
+    pub edges: Vec<Edge>,
+    /// Whether the detector is armed after the window.
+    pub armed: bool,
+}
+
+impl Steady {
+    /// Begin after a window with these levels, whose extremes of blocks are known; None where it is not even.
+    pub fn after<T: Sample>(
+        window: &[T],
+        extremes: &[(f64, f64)],
+        level: Level,
+        levels: Levels,
+    ) -> Option<Self> {
+        let (low, high) = levels.thresholds::<T>().ok()?;
+        let armed = armed_after(window, low, high)?;
+        let parts: Vec<(f64, f64)> = extremes
+            .chunks_exact(PART / swings::BLOCK)
+            .map(|part| {
+                part.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), block| {
+                    (low.min(block.0), high.max(block.1))
+                })
+            })
+            .collect();
+        let mut steady = Self { level, levels, usual: (f64::NAN, f64::NAN), armed };
+        steady.usual = medians(&parts)?;
+        let (bottoms, tops) = steady.allowed(PART_LIKE);
+        parts.iter().all(|(low, high)| bottoms.contains(low) && tops.contains(high)).then_some(steady)
+    }
+
+    /// The crossings of the next window, the first sample of which is sample `origin` of the record, if that window is like
+    /// those before; None where levels are to be found anew.
+    ///
+    /// # Errors
+    /// On a stop.
+    pub fn holds<T: Sample>(&self, window: &[T], origin: u64, stop: &Stop) -> Result<Option<Held>> {
+        stop.check()?;
+        let Ok(thresholds) = self.levels.thresholds::<T>() else { return Ok(None) };
+        let mut held = Held { first: 0, edges: Vec::new(), armed: self.armed };
+        let mut parts = Vec::with_capacity(window.len() / PART);
+        let mut even = Even::new();
+        let holds = window.len() >= LEAST_PARTS * PART
+            && pass(self, window, origin, thresholds, (&mut held, &mut parts, &mut even));
+        if !holds || !even.to(window.len()) {
+            return Ok(None);
+        }
+        held.first = even.first as usize;
+        let (bottoms, tops) = self.allowed(WINDOW_LIKE);
+        let like = medians(&parts).is_some_and(|(low, high)| bottoms.contains(&low) && tops.contains(&high));
+        Ok(like.then_some(held))
+    }
+
+    fn allowed(&self, (of_noise, of_height): (f64, f64)) -> (RangeInclusive<f64>, RangeInclusive<f64>) {
+        let most = of_noise * self.level.noise + of_height * self.level.height();
+        let about = |usual: f64| usual - most..=usual + most;
+        (about(self.usual.0), about(self.usual.1))
+    }
+}
+
+fn medians(parts: &[(f64, f64)]) -> Option<(f64, f64)> {
+    if parts.len() < LEAST_PARTS {
+        return None;
+    }
+    let (mut lows, mut highs): (Vec<f64>, Vec<f64>) = parts.iter().copied().unzip();
+    let half = parts.len() / 2;
+    let low = *lows.select_nth_unstable_by(half, f64::total_cmp).1;
+    let high = *highs.select_nth_unstable_by(half, f64::total_cmp).1;
+    Some((low, high))
+}
+
+/// Whether pulses follow one another evenly.
+struct Even {
+    first: u32,
+    last: u32,
+    least: u32,
+    most: u32,
+}
+
+impl Even {
+    const fn new() -> Self {
+        Self { first: u32::MAX, last: u32::MAX, least: u32::MAX, most: 0 }
+    }
+
+    /// Take the next pulses, the first of all apart; return those that it was not.
+    fn take<'a>(&mut self, fires: &'a [u32], start: u32) -> &'a [u32] {
+        let [first, others @ ..] = fires else { return fires };
+        let (begins, others) = if self.last == u32::MAX {
+            self.first = start + first;
+            (*first, others)
+        } else {
+            (self.last.wrapping_sub(start), fires)
+        };
+        let mut last = begins;
+        for &at in others {
+            let period = at.wrapping_sub(last);
+            (self.least, self.most) = (self.least.min(period), self.most.max(period));
+            last = at;
+        }
+        self.last = start.wrapping_add(last);
+        others
+    }
+
+    /// From the first sample of a window to its last, two in each part.
+    fn to(&self, length: usize) -> bool {
+        let longest = (EVEN * f64::from(self.least) + 1.0).min((PART / 2) as f64);
+        let ends = f64::from(self.first).max(length as f64 - f64::from(self.last));
+        self.least < u32::MAX && f64::from(self.most) <= longest && ends <= longest
+    }
+}
+
+/// Pass over a window; false as soon as a sample is missing or a part's extremes are out of the allowed ranges.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+bmi1+bmi2+fma+lzcnt+popcnt",
+    "x86_64+avx2+bmi1+bmi2+fma+lzcnt+popcnt"
+))]
+fn pass<T: Sample>(
+    steady: &Steady,
+    window: &[T],
+    origin: u64,
+    (low, high): (T, T),
+    (held, parts, even): (&mut Held, &mut Vec<(f64, f64)>, &mut Even),
+) -> bool {
+    const MASK_REGISTERS: bool = match_target! { "x86_64+avx512bw" => true, _ => false };
+    let allowed = steady.allowed(PART_LIKE);
+    let middle = steady.levels.middle;
+    let mut fires = Fires::new();
+    for (start, batch) in (0_u32..).step_by(BATCH).zip(window.chunks(BATCH)) {
+        for (offset, part) in (0..).step_by(PART).zip(batch.chunks(PART)) {
+            let mut lows = [T::MOST; LANES];
+            let mut highs = [T::LEAST; LANES];
+            let (blocks, rest) = part.as_chunks::<BLOCK>();
+            let mut padded = [low; BLOCK];
+            padded[..rest.len()].copy_from_slice(rest);
+            let mut missing = 0;
+            for (index, block) in blocks.iter().enumerate() {
+                let masks = Masks::of::<T, MASK_REGISTERS>(block, low, high);
+                missing |= masks.gap;
+                fires.push(offset + index * BLOCK, armed_by(masks, &mut held.armed));
+                for row in block.as_chunks::<LANES>().0 {
+                    // By index, since an iterator over the lanes would keep them in memory.
+                    #[allow(clippy::needless_range_loop)]
+                    for lane in 0..LANES {
+                        let x = row[lane];
+                        lows[lane] = if x < lows[lane] { x } else { lows[lane] };
+                        highs[lane] = if x > highs[lane] { x } else { highs[lane] };
+                    }
+                }
+            }
+            if !rest.is_empty() {
+                let masks = Masks::of::<T, MASK_REGISTERS>(&padded, low, high).first(rest.len());
+                missing |= masks.gap;
+                fires.push(offset + blocks.len() * BLOCK, armed_by(masks, &mut held.armed));
+            }
+            let whole = part.len() == PART;
+            let least: f64 = swings::reduced(&lows, swings::least).into();
+            let most: f64 = swings::reduced(&highs, swings::most).into();
+            if missing != 0 || whole && !(allowed.0.contains(&least) && allowed.1.contains(&most)) {
+                return false;
+            }
+            if whole {
+                parts.push((least, most));
+            }
+        }
+        let others = even.take(fires.taken(), start);
+        held.edges.reserve(others.len());
+        for &at in others {
+            held.edges.push(crossing(window, (start + at) as usize, origin, middle));
+        }
+        fires.clear();
+    }
+    true
+}
+
+/// The last upward crossing of the middle at or before sample `index` of a window, past a lower sample of it.
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn crossing<T: Sample>(window: &[T], index: usize, origin: u64, middle: f64) -> Edge {
+    let mut upper = index;
+    while upper > 1 && window[upper - 1].into() >= middle {
+        upper -= 1;
+    }
+    let (before, after): (f64, f64) = (window[upper - 1].into(), window[upper].into());
+    let rise = after - before;
+    Edge { time: (origin + upper as u64) as f64 - (after - middle) / rise, rise }
+}
