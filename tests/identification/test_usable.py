@@ -83,7 +83,7 @@ def test_a_deviation_without_a_value_is_refused(found, tmp_path) -> None:
 
 def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     rough = {**found.parameters, "tau_n": Estimate(1.5, 0.2, (1.1, 1.9), "s")}
-    assert reworded(replace(found, parameters=rough)).usable.endswith("but tau_n only roughly.")
+    assert reworded(replace(found, parameters=rough)).usable.endswith("every parameter, tau_n only roughly.")
     told = reworded(replace(found, parameters={**found.parameters, "tau_n": LOST}))
     assert told.usable == (
         "Usable for simulation and comparison, but the data do not determine tau_n: other values fit as well."
@@ -93,7 +93,8 @@ def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     assert reworded(replace(found, parameters=wide)).usable == told.usable
     rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
     assert (
-        "determine tau_n, and vK_p only roughly: other" in reworded(replace(found, parameters=rough)).usable
+        "determine tau_n, and tell vK_p only roughly: other"
+        in reworded(replace(found, parameters=rough)).usable
     )
 
 

@@ -10,10 +10,10 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
-from shipfp_rs.identification.estimate import Estimate
+from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.plot import intervals
 from shipfp_rs.report import render
-from shipfp_rs.report.answer import loop_rows, open_questions, ship_rows
+from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.loop import figures
 
@@ -66,27 +66,27 @@ def test_the_first_screen_has_verdict_ship_loop_and_picture_before_the_first_hea
     assert screen.count("<svg") == 1
     for words in (
         "The ship, with intervals of 95 %",
-        "inertia time constant",
+        "inertia of the whole drive train",
         "propeller exponent",
         "bandwidth",
         "phase margin",
         "recovery time",
     ):
         assert words in screen
-    assert "kg m²" in screen
+    assert "kg\u00a0m²" in screen
     assert "measured, and the model" in screen
 
 
 def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None:
     rows = {name: rest for name, *rest in ship_rows(found, Say())}
-    symbol, value, spread, more = rows["inertia time constant"]
-    assert symbol == "tau_n"
-    assert float(value.split()[0]) == pytest.approx(found["tau_n"].value, rel=0.05)
-    assert spread == "{} to {}".format(*re.findall(r"[-\d.]+", spread))
+    _, value, spread, more = rows["inertia of the whole drive train, seen from the propeller shaft"]
     inertia = found.si["inertia"]
-    value, low, high = (float(text) for text in re.findall(r"\d[\d.]*", more))
-    assert (value, low, high) == pytest.approx((inertia["value"], *inertia["ci95"]), rel=0.05)
-    assert "kg m² (" in more
+    assert value.endswith("kg\u00a0m²")
+    assert float(value.split()[0]) == pytest.approx(inertia["value"], rel=0.05)
+    low, high = (float(text) for text in re.findall(r"\d[\d.]*", spread))
+    assert (low, high) == pytest.approx(inertia["ci95"], rel=0.05)
+    assert more.startswith("tau_n = ")
+    assert float(more.split()[2]) == pytest.approx(found["tau_n"].value, rel=0.05)
     assert rows["propeller exponent"][3] == ""  # a ratio is the same in SI
 
 
@@ -96,7 +96,7 @@ def test_the_loop_s_figures_are_those_of_the_linearisation(found) -> None:
     assert float(rows["bandwidth"].split()[0]) == pytest.approx(loop["bandwidth"].value, rel=0.01)
     assert rows["phase margin"].endswith("°")
     unlimited = {**loop, "gain margin": Estimate(None, status="unidentifiable", reason="there is none")}
-    assert {row[0]: row[2] for row in loop_rows(unlimited, Say())}["gain margin"] == "infinite"
+    assert {row[0]: row[2] for row in loop_rows(unlimited, Say())}["gain margin"] == "no limit"
 
 
 def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
@@ -183,7 +183,7 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
 
 
 SENTENCES = {
-    "all": "Usable for simulation, control tuning and comparison: the data tell every parameter, but g only roughly.",
+    "all": "Usable for simulation, control tuning and comparison: the data tell every parameter, g only roughly.",
     "some": "Usable for simulation and comparison, but the data do not determine tau_n and g: other values fit as well.",
     "misfit": "Not usable, because the model misses 12.5 % of the response that the set point still explains.",
     "nothing explained": "Not usable, because the model explains nothing of the torque.",
@@ -291,3 +291,14 @@ def test_an_interval_of_a_parameter_near_zero_does_not_squeeze_the_others(found)
     assert (low, high) == pytest.approx((-2.3, 2.3))
     arrows = [line for line in ax.lines if line.get_marker() in "<>" and line.get_marker() != "None"]
     assert [float(np.ravel(line.get_xdata())[0]) for line in arrows] == pytest.approx([low, high])
+
+
+def test_an_estimate_at_an_end_of_its_interval_is_said_to_lie_there() -> None:
+    rough = {"": Estimate(1.0, 0.5, (0.99, 3.0)), "middle": Estimate(2.0, 0.5, (1.0, 3.0))}
+    told = [interval(row, rough[row.name], Say()) for row in rounded_rows(rough)]
+    assert told == ["0.99 to 3.00, estimate at its lower end", "1.00 to 3.00"]
+
+
+def test_figures_have_no_more_digits_than_their_interval_tells() -> None:
+    (row,) = rounded_rows({"I": Estimate(12_345.0, 3_210.0, (6_053.0, 18_637.0), "kg m2")})
+    assert (row.value, row.low, row.high) == ("12300", "6100", "18600")

@@ -67,19 +67,19 @@ VERDICTS = [
     "Not usable, because the model explains nothing of the speed and the torque.",
     "Usable for simulation and comparison, but the data do not determine v: other values fit as well.",
     "Usable for simulation and comparison, but the data do not determine tau_n, g and v: other values fit as well.",
-    "Usable for simulation and comparison, but the data do not determine g and p, and tau_n and v only roughly: other "
-    "values fit as well.",
+    "Usable for simulation and comparison, but the data do not determine g and p, and tell tau_n and v only roughly: "
+    "other values fit as well.",
     "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
     "4.2 % of the response that the set point still explains.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter.",
-    "Usable for simulation, control tuning and comparison: the data tell every parameter, but tau_n and g only roughly.",
+    "Usable for simulation, control tuning and comparison: the data tell every parameter, tau_n and g only roughly.",
     "Known: tau_n = 1.13 (0.6627 to 1.597) s; g = -0.5158 (-1.623 to 0.5905).",
     "Acting elements: dead time of the set point, delay of the torque channel.",
     "Not found to act: lag of the fuel actuator (tau_act below 0.000717 s, 95 %), upper torque limit (M_max above 1.12, "
     "95 %).",
     "The residuals show that something small is missing (0.35 % of the speed, 0.98 % of the torque); every interval is "
     "widened by what that can do.",
-    "Undecided, with and without it the model fits as well: twisting shaft; the intervals hold for both.",
+    "Undecided, with and without it the model fits as well: torsionally flexible shaft; the intervals hold for both.",
 ]
 
 

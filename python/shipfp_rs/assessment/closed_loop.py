@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -49,11 +50,14 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     Returns
     -------
     dict
-        Name to estimate with 95 % interval, first order in the covariance of the parameters: real and imaginary part of
-        the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly; crossover [Hz], phase
-        margin [deg], gain margin [-]; bandwidth of the speed, where its gain has fallen by 3 dB [Hz]; time after a step of
-        the set point from which on the speed stays within 5 % of it [s], and by how much it shoots over [-]; slow and fast
-        gain of the torque [-] (eq. 3.39, 3.40). What the data do not tell has no value.
+        Name to estimate with 95 % interval, first order in the covariance of the parameters, widened to hold where a
+        structure is right that fits as well, or where an element acts at its limit that was not found: real and
+        imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
+        crossover [Hz], phase margin [deg], gain margin [-]; bandwidth of the speed, where its gain has fallen by 3 dB
+        [Hz]; time after a step of the set point from which on the speed stays within 5 % of it [s], and by how much it
+        shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40). What the data do not tell has no value.
+        Nor has a gain margin of a loop that never swings; its interval then begins where an element that was not found
+        would let it swing.
 
     Raises
     ------
@@ -207,7 +211,8 @@ def _estimate(
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not np.isfinite(value):
-        return unknown(reason="there is none")
+        least = min([found for _, found in _others(fingerprint, figure)], default=np.nan)
+        return unknown(ci95=(least, np.inf) if np.isfinite(least) else None, reason="there is none")
     free = [
         name
         for name, estimate in fingerprint.parameters.items()
@@ -228,4 +233,35 @@ def _estimate(
     # What a misfit can do widens the figures as it widens the parameters.
     widened = max(float(fingerprint.adequate.get("dispersion", 1.0)), 1.0)
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
-    return Estimate(value, std, (value - QUANTILE * std, value + QUANTILE * std), unit)
+    others = _others(fingerprint, figure)
+    if not others:
+        return Estimate(value, std, (value - QUANTILE * std, value + QUANTILE * std), unit)
+    if value > 0.0 and all(found > 0.0 for _, found in others):
+        # What can't be below zero has an interval that is even about its logarithm.
+        logs = [(name, float(np.log(found))) for name, found in others]
+        low, high = np.exp(_widened(float(np.log(value)), QUANTILE * std / value, logs)).tolist()
+    else:
+        low, high = _widened(value, QUANTILE * std, others)
+    return Estimate(value, (high - low) / (2.0 * QUANTILE), (low, high), unit)
+
+
+def _others(fingerprint: Fingerprint, figure: Figure) -> list[tuple[str, float]]:
+    """Return a figure of every alternative that has it, with the element that the estimate neglects ("": a rival)."""
+    found = []
+    for other in fingerprint.settings.get("alternatives", ()):
+        with contextlib.suppress(ValueError, np.linalg.LinAlgError):  # no root in reach, no step that settles
+            found.append((str(other.get("neglected", "")), figure(other["optimum"])))
+    return [(name, value) for name, value in found if np.isfinite(value)]
+
+
+def _widened(value: float, half: float, others: Sequence[tuple[str, float]]) -> tuple[float, float]:
+    """Return the ends of an interval that hold for rivals, and for each neglected element, as those of the parameters."""
+    rivals = [value, *(found for name, found in others if not name)]
+    sides = []
+    for sign in (-1.0, 1.0):
+        moves: dict[str, float] = {}
+        for name, found in others:
+            if name:
+                moves[name] = max(moves.get(name, 0.0), sign * (found - value))
+        sides.append(float(np.sqrt(half**2 + sum(move**2 for move in moves.values()))))
+    return min(rivals) - sides[0], max(rivals) + sides[1]

@@ -177,14 +177,19 @@ def rounded_rows(
 
 
 def decimals(std: float | None) -> int | None:
-    """Digits behind the point that leave two significant ones of a standard deviation; None where there is none."""
+    """Digits behind the point, below zero before it, that leave two significant ones of a standard deviation.
+
+    None where there is none.
+    """
     if not std or not math.isfinite(std):
         return None
-    return min(max(1 - math.floor(math.log10(std)), 0), 9)
+    return min(max(1 - math.floor(math.log10(std)), -9), 9)
 
 
 def rounded(value: float | None, places: int | None) -> str:
     """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
     if value is None:
         return ""
-    return f"{value:.4g}" if places is None else f"{value:.{places}f}"
+    if places is None or not math.isfinite(value):
+        return f"{value:.4g}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.alternatives import alternatives
 from shipfp_rs.identification.automatic import (
     adequacy,
     chooser_of,
@@ -215,7 +216,12 @@ def _chosen(
     fingerprint = with_rivals(fingerprint, choice)
     fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
     fingerprint = within_bounds(with_clock(fingerprint, chooser.clock), choice)
-    fingerprint = replace(fingerprint, elements=element_rows(choice, fingerprint), adequate=adequate)
+    fingerprint = replace(
+        fingerprint,
+        elements=element_rows(choice, fingerprint),
+        adequate=adequate,
+        settings={**fingerprint.settings, "alternatives": alternatives(choice)},
+    )
     return reworded(fingerprint)
 
 

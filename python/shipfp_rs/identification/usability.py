@@ -93,13 +93,13 @@ def usability(fingerprint: Fingerprint) -> Usability:
         )
     rough = [name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])]
     if left_open:
-        also = f", and {listed(rough)} only roughly" if rough else ""
+        also = f", and tell {listed(rough)} only roughly" if rough else ""
         return Usability(
             "usable except",
             f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}{also}: "
             "other values fit as well.",
         )
-    but = f", but {listed(rough)} only roughly" if rough else ""
+    but = f", {listed(rough)} only roughly" if rough else ""
     return Usability(
         "usable",
         f"Usable for simulation, control tuning and comparison: the data tell every parameter{but}.",

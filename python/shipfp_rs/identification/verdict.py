@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.structures.structure import Structure
 
@@ -171,6 +172,7 @@ def _chance(p: float) -> str:
 def shown(name: str, estimate: Estimate) -> str:
     """Return a parameter with its value, interval and unit, as a sentence has it."""
     assert estimate.value is not None
-    spread = "" if estimate.ci95 is None else f" ({estimate.ci95[0]:.4g} to {estimate.ci95[1]:.4g})"
+    (row,) = rounded_rows({name: estimate})
+    spread = "" if estimate.ci95 is None else f" ({row.low} to {row.high})"
     unit = "" if estimate.unit == "-" else f" {estimate.unit}"
-    return f"{name} = {estimate.value:.4g}{spread}{unit}"
+    return f"{name} = {row.value}{spread}{unit}"

@@ -294,7 +294,8 @@ class Log:
         InputError
             Where the channel is missing, holds text, or the stretch is empty or outside it.
         """
-        parts = list(self.chunks(name, start_s=start_s, stop_s=stop_s))
+        first, last = self.rows(name, start_s, stop_s)
+        parts = list(self.chunks(name, min(max(last - first, 1), BLOCK), start_s=start_s, stop_s=stop_s))
         if not parts:
             raise InputError(f"{self.name}: channel {name!r} holds no sample there; read a longer stretch")
         return parts[0] if len(parts) == 1 else np.concatenate(parts)

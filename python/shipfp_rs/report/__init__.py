@@ -111,11 +111,11 @@ def render(
     contents: list[tuple[str, str, Iterable[str]]] = [
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
-        ("elements", say("What acts"), elements.choice(fingerprint, pictures, say)),
+        ("elements", say("Elements that act"), elements.choice(fingerprint, pictures, say)),
         ("loop", say("The speed loop"), loop.section(fingerprint, structure, figures, pictures, say)),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
-        ("samples", say("What became of every sample"), fate.of_every_sample(fingerprint, experiments, say)),
+        ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
         (
             "quality",
             say("Log quality"),
@@ -133,7 +133,7 @@ def render(
     made = [(anchor, name, [part for part in parts if part]) for anchor, name, parts in contents]
     sections = [section for section in made if section[2]]
     ship = say(
-        "{vessel}, structure “{name}”",
+        "{vessel}; model: {name}",
         vessel=fingerprint.vessel or say("ship not named"),
         name=_structure_name(str(fingerprint.structure.get("name", "")), say),
     )
@@ -160,9 +160,14 @@ def render(
 
 
 def _structure_name(name: str, say: Say) -> str:
-    """Return a structure's name, the elements of a ship in the report's language."""
-    kind, colon, elements = name.partition(": ")
-    return say.word(kind) + colon + ", ".join(say.word(element) for element in elements.split(", "))
+    """Return what a structure is called: of the ship's, which elements the drive train has."""
+    kind, _, elements = name.partition(": ")
+    if kind != "ship":
+        return say.word(name)
+    if not elements:
+        return say("drive train without further elements")
+    named = ", ".join(say.word(element) for element in elements.split(", "))
+    return say("drive train with {elements}", elements=named)
 
 
 def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,9 +18,7 @@ from shipfp_rs.identification.estimate import (
     OPEN,
     Estimate,
     Row,
-    decimals,
     is_rough,
-    rounded,
     rounded_rows,
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -35,6 +34,8 @@ TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usab
 """What colour the first sentence has."""
 RELATED = 0.9
 """Correlation above which parameters are told roughly because of each other."""
+AT_AN_END = 0.05
+"""Part of an interval within which an estimate is at its end."""
 CHANNELS = ("T_M", "T_n", "T_0")
 """Parameters of the measurement, no part of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
@@ -112,14 +113,30 @@ def interval(row: Row, estimate: Estimate, say: Say) -> str:
     """Write an interval; one that begins on a bound has one end only."""
     if estimate.ci95 is None:
         return ""
+    if estimate.ci95[1] == np.inf:
+        return say.number(f"≥ {row.low}")
     if estimate.status == "at_bound" and estimate.value is not None:
         below, above = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
         return say.number(f"≤ {row.high}" if above >= below else f"≥ {row.low}")
-    return say("{low} to {high}", low=row.low, high=row.high)
+    return say("{low} to {high}", low=row.low, high=row.high) + _at_an_end(estimate, say)
+
+
+def _at_an_end(estimate: Estimate, say: Say) -> str:
+    """Say that an estimate lies at an end of its interval, which looks like a mistake to who is not told."""
+    if estimate.value is None or estimate.ci95 is None:
+        return ""
+    low, high = estimate.ci95
+    share = (estimate.value - low) / (high - low) if low < high < np.inf else 0.5
+    if AT_AN_END <= share <= 1.0 - AT_AN_END:
+        return ""
+    return f", {say('estimate at its lower end') if share < 0.5 else say('estimate at its upper end')}"
 
 
 def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str, str]]:
-    """Return plain name, symbol, value with unit, interval, and the same in SI units, of each parameter of the ship."""
+    """Return plain name, symbol, value with unit, interval, and the same in other units, of each parameter of the ship.
+
+    In SI units first, where the vessel is known; the normalised parameter stands behind.
+    """
     rows = []
     known = dict(fingerprint.parameters)
     if any(estimate.value is None or is_rough(estimate, OPEN) for estimate in known.values()):
@@ -133,22 +150,30 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         if not row.value:
             value, told = say.word(row.status), ""
         name = say.name(row.name)
-        rows.append(
-            (name or row.name, row.name if name else "", value, told, _in_si(fingerprint, row.name, say))
-        )
+        quantity = fingerprint.si.get(QUANTITIES.get(row.name, ""))
+        if quantity is None or not row.value or quantity["unit"] in ("-", row.unit):
+            rows.append((name or row.name, row.name if name else "", value, told, ""))
+            continue
+        inertia = {
+            "tau_n": say("inertia of the whole drive train, seen from the propeller shaft"),
+            "tau_prop": say("inertia behind the torque gauge, seen from the propeller shaft"),
+        }.get(row.name, name)
+        alone = told.removesuffix(_at_an_end(known[row.name], say))  # said once, of the interval in SI units
+        normalised = f"{row.name} = {value} ({alone})"
+        rows.append((inertia, "", *_in_si(known[row.name], quantity, say), normalised))
     return rows
 
 
-def _in_si(fingerprint: Fingerprint, symbol: str, say: Say) -> str:
-    quantity = fingerprint.si.get(QUANTITIES.get(symbol, ""))
-    if quantity is None or quantity["unit"] in ("-", fingerprint[symbol].unit):
-        return ""
-    places, unit = decimals(quantity["std"]), unit_shown(quantity["unit"])
-    value = f"{say.number(rounded(quantity['value'], places))}\u00a0{unit}"
-    if quantity["ci95"] is None:
-        return value
-    low, high = (rounded(end, places) for end in quantity["ci95"])
-    return f"{value} ({say('{low} to {high}', low=low, high=high)})"
+def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[str, str]:
+    """Return a quantity with its SI unit, and its interval."""
+    ends = quantity["ci95"]
+    told = replace(
+        estimate, value=quantity["value"], std=quantity["std"], ci95=None if ends is None else tuple(ends)
+    )
+    (row,) = rounded_rows({"": told})
+    # Where there is no room for both the unit goes to the next line, and stays whole.
+    unit = unit_shown(quantity["unit"]).replace(" ", "\u00a0")
+    return f"{say.number(row.value)} {unit}", interval(row, told, say)
 
 
 def unit_shown(unit: str) -> str:
@@ -161,7 +186,9 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
     meanings = {
         "bandwidth": say("the speed follows the set point up to here"),
         "phase margin": _damped(loop["phase margin"].value, say),
-        "gain margin": say("what the gains may grow by before the loop swings"),
+        "gain margin": say("what the gains may grow by before the loop swings")
+        if loop["gain margin"].value is not None
+        else say("nothing was found that would let the loop swing at higher gains"),
         "recovery time": say("until the speed stays within 5 % of a step of the set point"),
     }
     rows = []
@@ -173,7 +200,7 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
             else say("none")
         )
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
-            value = say("infinite")
+            value = say("no limit")
         rows.append((say.word(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
     return rows
 

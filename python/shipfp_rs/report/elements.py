@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.promise import threshold
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import unit_shown
 from shipfp_rs.report.language import Say
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 COLOURS = {"on": BLUE, "off": GREY, "open": ORANGE}
 STATES = {"on": "acts", "off": "not found to act", "open": "cannot be told"}
 TONES = {"on": "good", "off": "", "open": "warn"}
-LEVEL = 3.84
-"""Fall of the deviance that chance alone exceeds once in twenty, chi-squared with one degree of freedom."""
 
 
 def choice(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
@@ -37,7 +36,10 @@ def choice(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[s
     yield pictures.draw(
         1,
         lambda axes: ladder(axes[0], rows, say),
-        say("What each element buys, as the change of the deviance; right of the line chance is unlikely."),
+        say(
+            "What each element buys, as the change of the deviance. Left of the line it is no more than chance brings; "
+            "right of it an element is taken on, unless the others explain as much once they are fitted with it."
+        ),
         height=0.2 + 0.36 * len(rows),
         width=NARROW,
         table="element,state,change_of_deviance\n"
@@ -74,15 +76,17 @@ def _limit(name: str, row: Mapping[str, Any], say: Say) -> str:
 
 
 def ladder(ax: Axes, rows: Sequence[Mapping[str, Any]], say: Say) -> None:
-    """Draw what each element buys, on a logarithmic scale from one up."""
+    """Draw what each element buys, on a logarithmic scale from one up, and what it must buy to be taken on."""
+    level = threshold(max(len(rows), 1))
     for place, row in enumerate(reversed(rows)):
         gain, state = _gain(row), row["state"]
         if row["evidence"] is None:
             ax.text(1.15, place, say("forced by the user"), va="center", fontsize="small")
             continue
         ax.barh(place, max(gain, 1.0), left=0.0, height=0.62, color=COLOURS[state])
-        ax.text(max(gain, 1.0) * 1.15, place, say(STATES[state]), va="center", fontsize="small")
-    ax.axvline(LEVEL, color=GREY, lw=1.0, ls="--")
+        words = "the others explain it" if state == "off" and gain > level else STATES[state]
+        ax.text(max(gain, 1.0) * 1.15, place, say(words), va="center", fontsize="small")
+    ax.axvline(level, color=GREY, lw=1.0, ls="--")
     ax.set_xscale("log")
     most = max((_gain(row) for row in rows), default=1.0)
     ax.set_xlim(1.0, 10.0 ** (math.log10(max(most, 10.0)) * 1.35 + 0.2))

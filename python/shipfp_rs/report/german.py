@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 SENTENCES: Mapping[str, str] = {
-    "{vessel}, structure “{name}”": "{vessel}, Struktur „{name}“",
+    "{vessel}; model: {name}": "{vessel}; Modell: {name}",
+    "drive train without further elements": "Antriebsstrang ohne weitere Elemente",
+    "drive train with {elements}": "Antriebsstrang mit {elements}",
     "ship not named": "Schiff ohne Namen",
     "Skip to the parameters": "Zu den Parametern springen",
     "Contents": "Inhalt",
     "Parameters": "Parameter",
-    "What acts": "Was wirkt",
+    "Elements that act": "Wirkende Elemente",
     "The speed loop": "Der Drehzahlregelkreis",
     "Signals and model": "Signale und Modell",
     "Frequency responses": "Frequenzgänge",
-    "What became of every sample": "Was aus jedem Messwert wurde",
+    "Samples used and left out": "Benutzte und ausgelassene Messwerte",
     "Log quality": "Güte der Aufzeichnung",
     "Sensors and how the signals were made": "Sensoren und wie die Signale entstanden",
     "Statistics": "Statistik",
@@ -30,7 +32,21 @@ SENTENCES: Mapping[str, str] = {
     "What it means for the speed loop": "Was das für den Drehzahlregelkreis heißt",
     "{low} to {high}": "{low} bis {high}",
     "none": "keine",
-    "infinite": "unendlich",
+    "no limit": "keine Grenze",
+    "estimate at its lower end": "Schätzwert am unteren Ende",
+    "estimate at its upper end": "Schätzwert am oberen Ende",
+    "inertia of the whole drive train, seen from the propeller shaft": (
+        "Trägheitsmoment des ganzen Antriebsstrangs, auf die Propellerwelle bezogen"
+    ),
+    "inertia behind the torque gauge, seen from the propeller shaft": (
+        "Trägheitsmoment hinter der Messstelle, auf die Propellerwelle bezogen"
+    ),
+    "nothing was found that would let the loop swing at higher gains": (
+        "nichts gefunden, was den Kreis bei höherer Verstärkung schwingen ließe"
+    ),
+    "The intervals hold as well for structures that fit as well, and for elements that were not found, each at its limit.": (
+        "Die Bereiche gelten auch für Strukturen, die ebenso gut passen, und für nicht gefundene Elemente, jedes an seiner Grenze."
+    ),
     "the speed follows the set point up to here": "bis hierher folgt die Drehzahl dem Sollwert",
     "what the gains may grow by before the loop swings": "so viel darf die Verstärkung wachsen, bis der Kreis schwingt",
     "until the speed stays within 5 % of a step of the set point": "bis die Drehzahl nach einem Sollwertsprung auf 5 % genau bleibt",
@@ -102,8 +118,10 @@ SENTENCES: Mapping[str, str] = {
         "Die Daten haben gewählt, welche Elemente des Schiffsmodells wirken. Der Balken zeigt, was ein Element bringt: wie viel "
         "schlechter die Anpassung ohne ein wirkendes ist, wie viel besser mit einem, das nicht wirkt."
     ),
-    "What each element buys, as the change of the deviance; right of the line chance is unlikely.": (
-        "Was jedes Element bringt, als Änderung der Devianz; rechts der Linie ist Zufall unwahrscheinlich."
+    "What each element buys, as the change of the deviance. Left of the line it is no more than chance brings; right of it an "
+    "element is taken on, unless the others explain as much once they are fitted with it.": (
+        "Was jedes Element bringt, als Änderung der Devianz. Links der Linie ist es nicht mehr, als der Zufall bringt; rechts davon "
+        "wird ein Element aufgenommen, wenn nicht die übrigen, mit ihm angepasst, ebenso viel erklären."
     ),
     "elements of the ship model": "Elemente des Schiffsmodells",
     "element": "Element",
@@ -113,6 +131,7 @@ SENTENCES: Mapping[str, str] = {
     "limit at 95 %": "Grenze (95 %)",
     "acts": "wirkt",
     "not found to act": "keine Wirkung gefunden",
+    "the others explain it": "die übrigen erklären es",
     "cannot be told": "nicht entscheidbar",
     "forced by the user": "vom Benutzer vorgegeben",
     "above": "über",
@@ -269,10 +288,10 @@ ELEMENTS: Mapping[str, str] = {
     "dead time of the set point": "Totzeit des Sollwerts",
     "lag of the fuel actuator": "Trägheit des Stellglieds",
     "derivative gain": "Differenzialanteil",
-    "sampling governor": "abtastender Regler",
+    "digital governor that acts every T_s": "digitaler Regler, der alle T_s eingreift",
     "upper torque limit": "obere Momentengrenze",
     "rate limit of the fuel rack": "begrenzte Stellgeschwindigkeit der Füllung",
-    "twisting shaft": "verdrehbare Welle",
+    "torsionally flexible shaft": "drehelastische Welle",
     "load damping": "Dämpfung der Last",
     "delay of the torque channel": "verspäteter Drehmomentkanal",
     "delay of the speed channel": "verspäteter Drehzahlkanal",

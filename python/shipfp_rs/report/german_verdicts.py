@@ -22,13 +22,13 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Nicht brauchbar, weil das Modell nichts erklärt von \1.",
     ),
     (
-        r"^Usable for simulation and comparison, but the data do not determine (.+), and (.+) only roughly: other values fit "
-        r"as well\.",
-        r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1, und nur grob \2: Andere Werte passen ebenso gut.",
+        r"^Usable for simulation and comparison, but the data do not determine (.+), and tell (.+) only roughly: other values "
+        r"fit as well\.",
+        r"Brauchbar für Simulation und Vergleich, aber die Daten bestimmen \1 nicht und \2 nur grob: Andere Werte passen ebenso gut.",
     ),
     (
         r"^Usable for simulation and comparison, but the data do not determine (.+): other values fit as well\.",
-        r"Brauchbar für Simulation und Vergleich, nicht bestimmt aber \1: Andere Werte passen ebenso gut.",
+        r"Brauchbar für Simulation und Vergleich, aber die Daten bestimmen \1 nicht: Andere Werte passen ebenso gut.",
     ),
     (
         r"^Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
@@ -37,7 +37,7 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"fehlen \1 % der Antwort, die der Sollwert noch erklärt.",
     ),
     (
-        r"^Usable for simulation, control tuning and comparison: the data tell every parameter, but (.+) only roughly\.",
+        r"^Usable for simulation, control tuning and comparison: the data tell every parameter, (.+) only roughly\.",
         r"Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter, \1 aber nur grob.",
     ),
     (
@@ -129,7 +129,7 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"die Anpassung will ihn jenseits von \1, wo kein Schiff ist",
     ),
     *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
-    (r"(?<=\w) and (?=\w+( aber nur grob|: Andere|, und nur grob))", " und "),
+    (r"(?<=\w) and (?=\w+( nicht: Andere| nicht und| nur grob| aber nur grob))", " und "),
     (r" and (?=the (speed|torque|fuel rack)\b)", " und "),
     (r" % of the speed\b", " % der Drehzahl"),
     (r" % of the torque\b", " % des Drehmoments"),

@@ -50,6 +50,13 @@ def section(
     if not loop:
         return
     yield paragraph(say("From the model linearised about the operating point, for small motions."))
+    if "alternatives" in fingerprint.settings:
+        yield paragraph(
+            say(
+                "The intervals hold as well for structures that fit as well, and for elements that were not found, each at "
+                "its limit."
+            )
+        )
     recovery = loop["recovery time"].value
     if recovery:
         model = structure or Structure.from_dict(fingerprint.structure)

@@ -48,14 +48,14 @@ ELEMENTS: dict[str, Element] = {
         Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
         Element(
             "sampling",
-            "sampling governor",
+            "digital governor that acts every T_s",
             (Parameter("T_s", "s", 0.02, 1e-3, 0.5), Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True)),
         ),
         Element("torque_limit", "upper torque limit", (Parameter("M_max", "-", 1.1, 0.5, 5.0),)),
         Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
         Element(
             "twist",
-            "twisting shaft",
+            "torsionally flexible shaft",
             (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
         ),
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),

@@ -156,7 +156,7 @@ LINEAR = (
     Term("tau_twist", "give of the shaft, M_s0 / (2π n_s0 k)", "s", "M_s0 / (2π n_s0 shaft_stiffness)", ""),
     Term(
         "zeta_twist",
-        "torque of the twisting shaft's damper for a slip of the operating speed, over the operating torque",
+        "torque of the torsionally flexible shaft's damper for a slip of the operating speed, over the operating torque",
         "-",
         "zeta_twist (n_e - n_s) / n_0",
         "",

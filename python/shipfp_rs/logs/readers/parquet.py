@@ -44,12 +44,15 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
         skip = first - int(starts[group])
         # pre_buffer would load whole row groups; a logger may have written a file of only one.
         # The footer of a long log takes as long to read as a stretch of it: it is read once.
-        for batch in pa.parquet.ParquetFile(
-            local(path), metadata=file.metadata, pre_buffer=False
-        ).iter_batches(batch_size=size, row_groups=list(range(group, len(groups))), columns=[column]):
-            if skip < len(batch):
-                yield batch.column(0)[skip:]
-            skip = max(skip - len(batch), 0)
+        stream = pa.parquet.ParquetFile(local(path), metadata=file.metadata, pre_buffer=False)
+        while group < len(groups):
+            # All row groups up to the end take longer to set up than a short stretch to read.
+            stop = min(max(int(np.searchsorted(starts, first + size)), group + 1), len(groups))
+            for batch in stream.iter_batches(size, row_groups=range(group, stop), columns=[column]):
+                if skip < len(batch):
+                    yield batch.column(0)[skip:]
+                skip = max(skip - len(batch), 0)
+            group, first = stop, int(starts[stop])
 
     return log_of_table(path, file.schema_arrow, file.metadata.num_rows, batches, rate_hz, Options(time))
 
