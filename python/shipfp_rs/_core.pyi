@@ -21,13 +21,13 @@ __all__ = [
     "PulseTracker",
     "RepeatScan",
     "__version__",
+    "_drive_train_rates",
     "_instruction_sets",
     "_panic_for_test",
     "_set_instruction_set",
     "_spin_for_test",
     "coarser_extremes",
     "drive_train_products",
-    "drive_train_rates",
     "drive_train_sensitivities",
     "find_spikes",
     "interval_speeds",
@@ -101,7 +101,7 @@ def simulate_drive_train(
     substeps: int,
     hold: Literal["zero", "first"],
 ) -> NDArray[np.float64]: ...
-def drive_train_rates(
+def _drive_train_rates(
     parameters: NDArray[np.float64],
     limit_speed: NDArray[np.float64],
     limit_torque: NDArray[np.float64],

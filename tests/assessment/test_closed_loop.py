@@ -138,7 +138,8 @@ def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_s
     ship = Structure.ship(["dead_time_loop", "actuator_lag"], torque="gauge")
     values = {parameter.name: parameter.start for parameter in ship.parameters} | {"T_d": 0.04}
     made = SimpleNamespace(
-        settings={"optimum": values},
+        optimum=values,
+        settings={},
         adequate={},
         parameters={},
         identifiability=SimpleNamespace(null_space=()),

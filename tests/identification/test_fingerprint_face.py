@@ -200,3 +200,61 @@ def test_breakage_a9_a_plan_from_a_fingerprint_holds_what_the_fingerprint_held(f
     assert subject.values["T_d"] == 0.02
     plan = fp.design(loaded, duration_s=120.0)
     assert plan.prediction.parameters["T_d"].status == "fixed"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"status": True}, "status is True, expected"),
+        ({"status": "lost"}, "status is 'lost', expected one of free, fixed"),
+        ({"value": float("nan")}, "value is nan, expected a finite number or None"),
+        ({"value": True}, "value is True, expected"),
+        ({"std": -0.1}, "std is -0.1, expected 0 or more"),
+        ({"ci95": (2.0, 1.0)}, "ci95 is (2.0, 1.0), expected its lower end first"),
+        ({"unit": "a\nb"}, "unit is 'a\\nb', expected a text without control characters"),
+    ],
+)
+def test_breakage_e2_an_estimate_holds_what_its_fields_say(given, said) -> None:
+    with pytest.raises(fp.InputError) as caught:
+        fp.Estimate(**({"value": 1.0} | given))
+    assert said in str(caught.value)
+
+
+def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None:
+    with pytest.raises(fp.InputError, match="identifiability: rank is 3, expected 0 to 2"):
+        fp.Identifiability(3, 2, 1.0)
+    with pytest.raises(fp.InputError, match=r"fingerprint: parameters.* is 1.0, expected an Estimate"):
+        fp.Fingerprint({"tau_n": 1.0}, {}, fp.Identifiability(0, 0, 1.0), {}, {})
+    with pytest.raises(fp.InputError, match=r"linear model: .*nan.*, expected finite numbers"):
+        type(fp.linearise(LAUNCH))(float("nan"), -0.5, 1.5, 10.0, 1.0, 2.0, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (("si", "inertia", "value"), "21", "si.inertia.value: found '21', expected null or a number"),
+        (("si", "inertia", "ci95"), [1.0], "si.inertia.ci95: found [1.0], expected null or two numbers"),
+        (("si", "inertia", "unit"), 5, "si.inertia.unit: found 5, expected a text"),
+        (("si", "inertia", "unit"), "a\nb", "si.inertia.unit: found 'a\\nb', expected a text"),
+        (("si", "inertia", "value"), None, "si.inertia.value: found None, expected a number, since"),
+        (("fit", "overall", "aic"), "low", "fit.overall.aic: found 'low', expected null or a number"),
+        (("elements", "twist", "state"), 1, "elements.twist.state: found 1, expected on or off or open"),
+        (("parameters", "tau_n", "status"), True, "parameters.tau_n.status: found True, expected a text"),
+    ],
+)
+def test_breakage_d3_a_damaged_fingerprint_is_refused_by_its_key(found, tmp_path, place, value, said) -> None:
+    content = found.to_dict()
+    inertia = {"value": 21.2, "std": 0.1, "ci95": [21.0, 21.4], "unit": "kg m2"}
+    content |= {"si": {"inertia": inertia}, "elements": {"twist": {"state": "on"}}}
+    path = tmp_path / "ship.json"
+    path.write_text(json.dumps(content))
+    fp.Fingerprint.load(path)
+    content = json.loads(path.read_text())
+    owner = content
+    for key in place[:-1]:
+        owner = owner[key]
+    owner[place[-1]] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(fp.InputError) as caught:
+        fp.Fingerprint.load(path)
+    assert said in str(caught.value)

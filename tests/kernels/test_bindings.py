@@ -46,7 +46,7 @@ KERNELS = {
         1,
     ),
     "simulate_drive_train": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
-    "drive_train_rates": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), N_E, 10.0),
+    "_drive_train_rates": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), N_E, 10.0),
     "drive_train_sensitivities": (
         *(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
         *([0], ONE),
@@ -276,7 +276,7 @@ def test_breakage_b5_a_threshold_is_a_number(threshold, least):
 @pytest.mark.parametrize(("n_set", "fuel"), [(np.nan, 1.0), (1.0, np.inf)])
 def test_breakage_b5_rates_at_no_point_are_refused(n_set, fuel):
     with pytest.raises(InputError, match="expected a finite number"):
-        _core.drive_train_rates(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), n_set, fuel)
+        _core._drive_train_rates(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), n_set, fuel)
 
 
 def test_breakage_b6_a_finished_filter_takes_no_more():

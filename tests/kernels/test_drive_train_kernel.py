@@ -204,7 +204,7 @@ def test_a_flexible_shaft_swings_at_its_natural_frequency():
 
     def rates(state):
         parameters = vector(shaft_stiffness=stiffness, torque_coefficient=0.0, A2=0.0)
-        found = _core.drive_train_rates(parameters, *UNLIMITED, SIX, NO_QUADRANTS, state, N_E, 13.07)
+        found = _core._drive_train_rates(parameters, *UNLIMITED, SIX, NO_QUADRANTS, state, N_E, 13.07)
         return found[:3]
 
     jacobian = np.array([(rates(state + 1e-3 * e) - rates(state - 1e-3 * e)) / 2e-3 for e in np.eye(10)[:3]])
@@ -236,7 +236,7 @@ def test_torques_balance_at_any_state(n_1, n_2, twist, fuel, ship, flexible):
     stiffness = {"shaft_stiffness": 2e4, "shaft_damping": 10.0} if flexible else {}
     changes = {**stiffness, "drag_coefficient": 3.0, "drag_exponent": 1.5, "ship_mass": 8e3}
     state = np.array([n_1, n_2, twist, 0.2, 0.1, fuel, fuel, 0.0, 3.0 * n_1, ship])
-    found = _core.drive_train_rates(vector(**changes), *UNLIMITED, SIX, QUADRANTS, state, N_E, fuel)
+    found = _core._drive_train_rates(vector(**changes), *UNLIMITED, SIX, QUADRANTS, state, N_E, fuel)
     rates, (_, M_b, M_g, M_s, _) = found[:10], found[10:]
     J_2 = DEFAULT["propeller_inertia"]
     J_1 = DEFAULT["inertia"] - J_2

@@ -5,8 +5,10 @@ import stat
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import shipfp_rs as fp
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import replacing, write_text_atomically
 
@@ -64,3 +66,22 @@ def test_what_goes_wrong_while_writing_is_told_as_it_is(tmp_path: Path) -> None:
         raise OSError("cable")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_breakage_c6_no_log_is_replaced_by_what_has_another_kind_of_name(tmp_path: Path) -> None:
+    log = fp.Log.from_arrays({"speed": np.ones(9)}, rate_hz=2.0).write(tmp_path / "log.parquet")
+    before = log.read_bytes()
+    found = fp.Fingerprint({}, {}, fp.Identifiability(0, 0, 1.0), {}, {})
+    steps = fp.signals.steps([1.0, -1.0], 1.0)
+    record = fp.Experiment("S", 2.0, {"n_set": np.ones(9)}, {"n_set": 1.0})
+    for write, ending in (
+        (found.save, ".json"),
+        (found.to_csv, ".csv"),
+        (steps.to_csv, ".csv or .txt"),
+        (lambda path: fp.write_experiments(path.with_suffix(".json"), [record]), ".parquet or .pq"),
+    ):
+        with pytest.raises(InputError, match=f"expected a name ending in {ending}, which is what is written"):
+            write(log)
+    assert log.read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["log.parquet"]
+    found.save(tmp_path / "ship")

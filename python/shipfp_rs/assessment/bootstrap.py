@@ -163,7 +163,7 @@ def bootstrap(
     if not FEWEST_DRAWS <= draws <= MOST_DRAWS:
         raise InputError(f"draws is {draws}, expected {FEWEST_DRAWS} to {MOST_DRAWS}")
     fingerprint = identify(records, structure, **options)
-    optimum = fingerprint.settings["optimum"]
+    optimum = fingerprint.optimum
     parts = [_Residuals.of(record, structure, optimum, block_s) for record in records]
     started = structure.with_start(
         **{parameter.name: optimum[parameter.name] for parameter in structure.free}

@@ -76,7 +76,7 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     """
     structure = structure or structure_of(fingerprint)
     require_linear(structure)
-    values = dict(fingerprint.settings["optimum"])
+    values = dict(fingerprint.optimum)
     return {
         name: _estimate(fingerprint, structure, values, unit, figure)
         for name, (unit, figure) in _figures(structure, values).items()

@@ -36,6 +36,11 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
             )
     for name, estimate in before.parameters.items():
         other = after.parameters[name]
+        if estimate.unit != other.unit:
+            raise InputError(
+                f"{name} is in {estimate.unit!r} in the first fingerprint and in {other.unit!r} in the second; expected "
+                "the same unit"
+            )
         if (estimate.status == "fixed") != (other.status == "fixed") or (
             estimate.status == "fixed" and estimate.value != other.value
         ):

@@ -252,7 +252,7 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
         fingerprint.covariance["names"],
         np.array(fingerprint.covariance["matrix"], dtype=np.float64),
     )
-    values = fingerprint.settings["optimum"]
+    values = fingerprint.optimum
     rows = []
     for name in names:
         std = fingerprint[name].std
@@ -262,7 +262,14 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
         if name in known:
             rows.append((np.array(known) == name).astype(float))
         else:
-            rows.append(gradient_of(COMBINATIONS[name][1], values, known, declared(fingerprint.structure)))
+            try:
+                rows.append(
+                    gradient_of(COMBINATIONS[name][1], values, known, declared(fingerprint.structure))
+                )
+            except (KeyError, ZeroDivisionError) as error:
+                raise InputError(
+                    f"{name!r} can't be computed from settings.optimum of the fingerprint"
+                ) from error
     linear = np.array(rows) @ matrix @ np.array(rows).T
     variances = np.diag(linear)
     if not (linear**2 <= (1.0 + 1e-6) * np.outer(variances, variances)).all() or not (variances > 0.0).all():

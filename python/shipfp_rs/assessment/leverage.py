@@ -52,7 +52,7 @@ def leverage(
     if (weighting := fingerprint.settings["weighting"]) != "std":
         raise InputError(f"leverage: the fit's weighting is {weighting!r}, expected 'std'")
     block = Block.build(data, structure, offsets=False, initial_state=False, weigh=True)
-    values = dict(fingerprint.settings["optimum"])
+    values = dict(fingerprint.optimum)
     free = structure.free
     evaluation = block.evaluate(values, [parameter.name for parameter in free])
     rows = evaluation.jacobian.reshape(len(free), -1).T

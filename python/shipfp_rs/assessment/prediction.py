@@ -44,7 +44,7 @@ def predict(
         Where the structure has equations of a user's own and is not given, or the experiment lacks an output.
     """
     structure = structure or structure_of(fingerprint)
-    return simulated_about(structure, fingerprint.settings["optimum"], experiment)
+    return simulated_about(structure, fingerprint.optimum, experiment)
 
 
 @checked
@@ -67,7 +67,7 @@ def predict_response(
     )
     frequency = np.geomspace(0.8 * measured.frequency_hz.min(), 1.25 * measured.frequency_hz.max(), points)
     own = structure.part(measured.name).equations
-    response, _ = own.response(fingerprint.settings["optimum"], frequency, ())
+    response, _ = own.response(fingerprint.optimum, frequency, ())
     return FrequencyResponse(structure.name, frequency, dict(zip(signals, response, strict=True)))
 
 

@@ -55,7 +55,7 @@ def response_with_deviation(
     structure = structure or structure_of(fingerprint)
     names, covariance = _covariance(fingerprint)
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
-    response, slopes = structure.equations.response(fingerprint.settings["optimum"], frequency, names)
+    response, slopes = structure.equations.response(fingerprint.optimum, frequency, names)
     relative = slopes / response
     return FrequencyResponse(
         structure.name,
@@ -95,7 +95,7 @@ def step_with_deviation(
     step = Experiment(
         "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
     )
-    model, slopes = structure.equations.sensitivities(fingerprint.settings["optimum"], step, names)
+    model, slopes = structure.equations.sensitivities(fingerprint.optimum, step, names)
     return StepResponse(
         time,
         dict(zip(structure.outputs, model, strict=True)),

@@ -34,16 +34,16 @@ def compare(
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
     from shipfp_rs.identification.estimate import decimals, rounded
     from shipfp_rs.identification.fingerprint import Fingerprint
+    from shipfp_rs.support.files import ending_in, replacing
 
     if out is not None:
         if any(out.exists() and path.exists() and out.samefile(path) for path in (before, after)):
             raise InputError(f"{out}: is a fingerprint that is compared; choose another name")
-        new_file(out, force=force)
+        new_file(ending_in(out, ".png"), force=force)
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     comparison = compare_fingerprints(first, second, level=level)
     if out is not None:
         from shipfp_rs.plot.comparison import draw
-        from shipfp_rs.support.files import replacing
 
         labels = [path.name if before.name != after.name else str(path) for path in (before, after)]
         figure = draw(dict(zip(labels, (first, second), strict=True)))

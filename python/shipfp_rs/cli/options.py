@@ -13,8 +13,9 @@ from typing import Annotated
 import typer
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.checks import is_one_line
 
-LARGEST = 1e15
+LARGEST, SMALLEST = 1e15, 1e-15
 MOST_SEED = 2**63 - 1
 MOST_DRAWS = 10_000
 MOST_WORKERS = 1024
@@ -27,7 +28,7 @@ def a_path(text: str | Path) -> Path:
     typed = str(text)
     if not typed:
         raise typer.BadParameter("found nothing, expected the name of a file or folder")
-    if any(ord(letter) < 32 for letter in typed):
+    if not is_one_line(os.fsencode(typed).decode(errors="replace")):
         raise typer.BadParameter(f"found {typed[:60]!r}, expected a name without control characters")
     parts = [len(os.fsencode(part)) for part in Path(typed).parts]
     if max(parts, default=0) > LONGEST_NAME or len(os.fsencode(typed)) > LONGEST_PATH:
@@ -43,7 +44,7 @@ def _number(refuses: Callable[[float], bool], expected: str) -> Callable[[str | 
             value = float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or abs(value) > LARGEST or refuses(value):
+        if not math.isfinite(value) or abs(value) > LARGEST or 0.0 < abs(value) < SMALLEST or refuses(value):
             raise typer.BadParameter(f"found {str(text)[:60]!r}, expected {expected}")
         return value
 

@@ -23,7 +23,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.checks import one_of, positive
+from shipfp_rs.support.checks import accuracy, one_of, positive
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -48,6 +48,8 @@ FIRST_S = 300.0
 """Duration that the search for the time needed begins with."""
 LONGEST_S = 6.0 * 3600.0
 """Longer than this is no trial; a wanted accuracy that takes more is refused."""
+LEAST_PART = 1e-6
+"""Least amplitude over the operating speed: no set point is that fine."""
 SHORTEST_S = 60.0
 ROUNDS = 8
 
@@ -139,9 +141,10 @@ def design(
     one_of("criterion", criterion, get_args(Criterion))
     if duration_s is None and accuracy_pct is None:
         raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
-    for name, value in (("duration_s", duration_s), ("accuracy_pct", accuracy_pct)):
-        if value is not None:
-            positive(name, value)
+    if duration_s is not None:
+        positive("duration_s", duration_s)
+    if accuracy_pct is not None:
+        accuracy(accuracy_pct)
     if not (math.isfinite(settle_s) and settle_s >= 0.0):
         raise InputError(f"settle_s is {settle_s}, expected zero or more")
     subject = Subject.of(expected, structure, n_e_rpm)
@@ -154,9 +157,10 @@ def design(
         highest_hz,
         longest_samples,
     )
-    if limits.amplitude_rpm >= set_point:
+    if not LEAST_PART * set_point <= limits.amplitude_rpm < set_point:
         raise InputError(
-            f"amplitude_rpm is {limits.amplitude_rpm:g}, expected less than the operating speed {set_point:g}"
+            f"amplitude_rpm is {limits.amplitude_rpm:g}, expected {LEAST_PART * set_point:.2g} rpm or more, and less than "
+            f"the operating speed {set_point:g}"
         )
     if kind == "squares" and (limits.avoid_hz or limits.rate_rpm_s is not None):
         raise InputError(

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.files import local, replacing
+from shipfp_rs.support.files import ending_in, local, replacing
 
 METADATA_KEY = b"shipfp_experiments"
 
@@ -39,7 +39,7 @@ def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Pa
     InputError
         Where there is no experiment, two share a name, or the file can't be written.
     """
-    path = Path(path)
+    path = ending_in(path, ".parquet", ".pq")
     names = [experiment.name for experiment in experiments]
     if not names or len(set(names)) != len(names):
         raise InputError(f"{path}: experiments named {names}, expected at least one and each name once")

@@ -7,6 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.arguments import check_fields, told
+
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
 STATUS: Mapping[str, str] = {
@@ -39,6 +42,18 @@ class Estimate:
     unit: str = "-"
     status: Status = "free"
     reason: str = ""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "estimate")
+        if self.status not in get_args(Status):
+            known = ", ".join(get_args(Status))
+            raise InputError(f"estimate: status is {told(self.status)}, expected one of {known}")
+        if self.value is not None and not math.isfinite(self.value):
+            raise InputError(f"estimate: value is {self.value}, expected a finite number or None")
+        if self.std is not None and not self.std >= 0.0:
+            raise InputError(f"estimate: std is {self.std}, expected 0 or more")
+        if self.ci95 is not None and not self.ci95[0] <= self.ci95[1]:
+            raise InputError(f"estimate: ci95 is {self.ci95}, expected its lower end first")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -80,6 +95,11 @@ class Identifiability:
     null_space: tuple[Mapping[str, Any], ...] = ()
     closes_gap: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_fields(self, "identifiability")
+        if not 0 <= self.rank <= self.free:
+            raise InputError(f"identifiability: rank is {self.rank}, expected 0 to {self.free}, those free")
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {
@@ -93,16 +113,13 @@ class Identifiability:
 
 def estimate_of(entry: dict[str, Any]) -> Estimate:
     """Return the estimate that a JSON form describes."""
-    status = entry["status"]
-    if status not in get_args(Status):
-        raise ValueError(f"status {status!r}, expected one of {', '.join(get_args(Status))}")
     interval = entry["ci95"]
     return Estimate(
         value=_figure(entry, "value"),
         std=_figure(entry, "std"),
         ci95=None if interval is None else (_end(interval[0], -math.inf), _end(interval[1], math.inf)),
         unit=entry["unit"],
-        status=status,
+        status=entry["status"],
         reason=entry["reason"],
     )
 

@@ -15,8 +15,8 @@ from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
 from shipfp_rs.identification.fingerprint_file import require_layout
 from shipfp_rs.identification.modelled import Modelled
 from shipfp_rs.identification.told import Told
-from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.arguments import check_fields, checked
+from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.json_files import json_text, read_json
 
 FORMAT = 1
@@ -90,6 +90,9 @@ class Fingerprint(Told, Modelled):
     why_not: WhyNot = ""
     si: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        check_fields(self, "fingerprint")
+
     @property
     def model_adequate(self) -> bool | None:
         """Whether the residuals leave the structure unchallenged, `verdict.structure_test`; None where nothing tests it.
@@ -126,8 +129,14 @@ class Fingerprint(Told, Modelled):
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write `fingerprint.json`; the file appears whole or not at all."""
-        return write_text_atomically(Path(path), json_text(self.to_dict()))
+        """Write `fingerprint.json`; the file appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            Where the name ends as that of another kind of file, or can't be written.
+        """
+        return write_text_atomically(ending_in(path, ".json"), json_text(self.to_dict()))
 
     @classmethod
     @checked

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.checks import is_one_line
 
 TABLES = (
     "parameters",
@@ -20,6 +22,10 @@ TABLES = (
 OPTIONAL_TABLES = ("residuals", "elements", "adequate", "si")
 ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
 """Tables of tables."""
+REBUILT = ("linear", "ship")
+"""Kinds of structures that a file tells whole."""
+STATES = ("on", "off", "open")
+"""What the data can say of an element of the ship."""
 
 
 def require_layout(content: Mapping[str, Any]) -> None:
@@ -29,26 +35,30 @@ def require_layout(content: Mapping[str, Any]) -> None:
     for key in ROWS:
         for name, row in content.get(key, {}).items():
             _table(row, f"{key}.{name}")
-    for key in ("parameters", "derived"):
-        for name, row in content[key].items():
-            for text in ("unit", "status", "reason"):
-                _require(isinstance(row[text], str), f"{key}.{name}.{text}", row[text], "a text")
-            _require_interval(f"{key}.{name}.ci95", row["ci95"])
-            for figure in ("value", "std"):
-                found = row[figure]
-                _require(
-                    found is None or _is_number(found), f"{key}.{name}.{figure}", found, "null or a number"
-                )
-            told = row["std"] is None or row["value"] is not None
-            _require(told, f"{key}.{name}.value", None, "a number, since there is a standard deviation")
+    for key, texts in (
+        ("parameters", ("unit", "status", "reason")),
+        ("derived", ("unit", "status", "reason")),
+        ("si", ("unit",)),
+    ):
+        for name, row in content.get(key, {}).items():
+            _require_estimate(f"{key}.{name}", row, texts)
+    for name, row in content["fit"].items():
+        for figure, found in row.items():
+            _require_figure(f"fit.{name}.{figure}", found)
+            is_share = not figure.endswith("_p") or found is None or 0.0 <= found <= 1.0
+            _require(is_share, f"fit.{name}.{figure}", found, "a probability")
+    for name, row in content.get("elements", {}).items():
+        _require(row.get("state") in STATES, f"elements.{name}.state", row.get("state"), " or ".join(STATES))
     vessel, structure = content["vessel"], content["structure"]
     _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
     for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
         _table(row, f"structure.parameters.{name}")
+    if structure.get("kind") in REBUILT:
+        Structure.from_dict(structure)
     _require(isinstance(structure.get("name", ""), str), "structure.name", structure.get("name"), "a text")
     outputs = structure.get("outputs", [])
-    texts = isinstance(outputs, list) and all(isinstance(output, str) for output in outputs)
-    _require(texts, "structure.outputs", outputs, "a list of texts")
+    named = isinstance(outputs, list) and all(isinstance(output, str) for output in outputs)
+    _require(named, "structure.outputs", outputs, "a list of texts")
     for key, words in (("usability", Usable), ("why_not", WhyNot)):
         found = content.get(key, "")
         _require(found in get_args(words), key, found, "one of " + ", ".join(map(repr, get_args(words))))
@@ -66,6 +76,30 @@ def require_layout(content: Mapping[str, Any]) -> None:
         _require(_is_number(value), f"settings.optimum.{name}", value, "a number")
     for name in content["parameters"] if "optimum" in content["settings"] else ():
         _require(name in optimum, f"settings.optimum.{name}", "nothing", "a number")
+
+
+def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) -> None:
+    """Value, standard deviation and interval, none of which can be told without the value."""
+    for text in texts:
+        _require(isinstance(row[text], str) and is_one_line(row[text]), f"{key}.{text}", row[text], "a text")
+    for figure in ("value", "std"):
+        _require_figure(f"{key}.{figure}", row[figure])
+    _require_interval(f"{key}.ci95", row["ci95"])
+    value, ends = row["value"], row["ci95"]
+    _require(
+        row["std"] is None or value is not None,
+        f"{key}.value",
+        None,
+        "a number, since there is a standard deviation",
+    )
+    if value is not None and ends is not None and None not in ends:
+        width = ends[1] - ends[0]
+        near = ends[0] - width <= value <= ends[1] + width
+        _require(near, f"{key}.ci95", ends, f"an interval about the value, {value:.4g}")
+
+
+def _require_figure(key: str, found: object) -> None:
+    _require(found is None or _is_number(found), key, found, "null or a number")
 
 
 def _require_interval(key: str, ends: object) -> None:

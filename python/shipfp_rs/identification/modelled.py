@@ -27,8 +27,24 @@ class Modelled:
     data: tuple[Mapping[str, Any], ...]
     vessel: str | None
 
+    @property
+    def optimum(self) -> Mapping[str, float]:
+        """Name to value where the search ended, of every parameter, told or not.
+
+        Raises
+        ------
+        InputError
+            Where the fingerprint was not made by a search, or its file lacks them.
+        """
+        if "optimum" not in self.settings:
+            raise InputError(
+                "settings.optimum of the fingerprint: found nothing, expected every parameter's value"
+            )
+        found: Mapping[str, float] = self.settings["optimum"]
+        return found
+
     def _model(self, structure: Structure | None) -> tuple[Structure, Mapping[str, float]]:
-        return structure or Structure.from_dict(self.structure), self.settings["optimum"]
+        return structure or Structure.from_dict(self.structure), self.optimum
 
     @checked
     def simulate(self, drive: Experiment | Excitation, structure: Structure | None = None) -> Experiment:

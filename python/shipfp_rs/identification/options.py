@@ -72,6 +72,12 @@ class Options:
             raise InputError(f"starts is {self.starts}, expected at least 1")
         if self.offsets not in (None, True, False, "relative"):
             raise InputError(f"offsets {self.offsets!r}, expected True, False or 'relative'")
+        if self.offsets == "relative" and structure.equations.own_offsets:
+            # Together they make any response out of nothing: what is asked for as much too small as answered too large.
+            raise InputError(
+                f"offsets 'relative': structure {structure.name!r} has unknowns of its own for a set point and a torque "
+                "that are read wrong by a part; leave offsets out"
+            )
         _require_names(structure, self.ridge or {}, self.given_state)
         if self.weighting == "none" and any(parameter.prior is not None for parameter in structure.free):
             raise InputError(

@@ -16,7 +16,7 @@ from shipfp_rs.identification.estimate import Estimate, Identifiability, Row, ro
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import package
 
@@ -208,7 +208,11 @@ class Told:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows(["" if cell is None else cell for cell in row] for row in self._records())
-        return text.getvalue() if path is None else write_text_atomically(Path(path), text.getvalue())
+        return (
+            text.getvalue()
+            if path is None
+            else write_text_atomically(ending_in(path, ".csv"), text.getvalue())
+        )
 
     def to_latex(self) -> str:
         """Return symbol, name, value, 95 % interval and unit as a LaTeX table with rules of the package booktabs."""

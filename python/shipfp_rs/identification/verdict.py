@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.structures.structure import Structure
+
+SMALL_PCT = 0.1
+"""Part of an output's spread below which what is missed is no fault of the structure: no sensor of a ship is better [%]."""
 
 
 def verdict(
@@ -131,7 +135,9 @@ def _contradictions(
     followed = [
         f"{output} ({_chance(p)}, it explains {row['input_explained_pct']:.2g} % of what was left)"
         for output, row in rows.items()
-        if (p := row.get("input_correlation_p")) is not None and p < threshold
+        if (p := row.get("input_correlation_p")) is not None
+        and p < threshold
+        and _missed_pct(row) > SMALL_PCT
     ]
     if followed:
         return [
@@ -151,6 +157,12 @@ def _contradictions(
             + ", so the intervals may be too narrow."
         ]
     return []
+
+
+def _missed_pct(row: Mapping[str, float | None]) -> float:
+    """What the set point still explains of an output, as a part of the output's own spread [%]."""
+    left_pct = 100.0 - (row.get("nrmse_pct") or 0.0)
+    return left_pct * math.sqrt((row.get("input_explained_pct") or 0.0) / 100.0)
 
 
 def _chance(p: float) -> str:

@@ -81,9 +81,10 @@ class EdgeList(PulseTrain):
     def __init__(self, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
         path = Path(tacho.file or "")
         self.times_s = read_edges(path, tacho) - tacho.delay_s
-        digits = float(np.median(np.diff(self.times_s))) * 1e-3
+        apart = float(np.median(np.diff(self.times_s)))
         steps = np.abs(self.times_s * 1e6 - np.rint(self.times_s * 1e6)).max() < 1e-3
-        resolution = 1e-6 if steps else min(digits, 1e-6)
+        resolution = 1e-6 if steps else min(apart * 1e-3, 1e-6)
+        _require_less(f"channels.{name}.time_std_s", tacho.time_std_s, apart, "s, the time between edges")
         self.time_std_s = tacho.time_std_s or resolution / np.sqrt(12.0)
         rate_hz = 1.0 / (self.time_std_s * np.sqrt(12.0))
         self._clock = Channel(path.name, "", rate_hz, 1, float(self.times_s[0]))
@@ -186,6 +187,7 @@ class Encoder(PulseTrain):
         self._rev = 1.0 / per_rev if per_rev else TO_REV[told(tacho.unit)]
         calibration = tacho.calibration
         self._line = None if calibration is None else calibration.calibration(tacho.unit)
+        _require_less(f"channels.{name}.std", tacho.std, 0.5 / self._rev, "or half a turn")
         self._per_rev = self._virtual(rows, tacho, stretches)
         super().__init__(
             rows, name, tacho.model_copy(update={"pulses_per_rev": self._per_rev}), gear_ratio, stretches
@@ -291,6 +293,8 @@ class SpeedLevel(PulseTrain):
         rps = (recorded if line is None else line(recorded)) * factor
         if np.nanmedian(rps) < 0.0:
             rps = -rps
+        middle = float(np.nanmedian(rps)) / factor
+        _require_less(f"channels.{self.name}.std", tacho.std, middle, f"{tacho.unit}, the speed itself")
         block = max(int(channel.rate_hz / SPEED_RATE_HZ), 1)
         count = len(rps) // block
         means = rps[: count * block].reshape(count, block).mean(axis=1)
@@ -324,6 +328,12 @@ class SpeedLevel(PulseTrain):
     def score(self, speed: IntervalSpeed) -> float:
         """Return a score below that of any source that counts turns, since a converter's filter is unknown."""
         return -1.0 / (1.0 + len(speed.time_s))
+
+
+def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
+    """Refuse a standard deviation as large as what it belongs to: a slip of unit."""
+    if std is not None and not std < limit:
+        raise InputError(f"{key}: found {std:g}, expected less than {limit:.4g} {what}")
 
 
 def source_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
@@ -16,6 +17,14 @@ Rate = Annotated[float, Field(gt=0.0, le=1e8)]
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
 """Delay of a channel [s]; more than a minute is no delay but another clock."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
+KEYS_OF_KIND: Mapping[str, Set[str]] = {
+    "pulses": {"pulses_per_rev", "missing", "quadrature", "threshold", "hysteresis", "unit"},
+    "edges": {"file", "level", "time_std_s", "pulses_per_rev", "missing"},
+    "angle": {"unit", "counts_per_rev", "calibration", "std"},
+    "speed": {"unit", "calibration", "std"},
+}
+"""Keys that a source of speed takes beside those of every kind."""
+KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
 
@@ -162,6 +171,12 @@ class Tacho(Section):
         lacking = [key for key in needs if key not in given]
         if lacking:
             raise unexpected(lacking[0], "nothing", f"{' and '.join(lacking)} to be given")
+        for key in sorted(given - KEYS_OF_ALL - KEYS_OF_KIND[self.kind]):
+            raise unexpected(
+                key,
+                repr(content) if len(repr(content := getattr(self, key))) < 60 else "a table",
+                f"nothing: a source of kind {self.kind!r} takes {', '.join(sorted(KEYS_OF_KIND[self.kind]))}",
+            )
         if self.kind == "angle" and told(self.unit) not in TO_REV and self.counts_per_rev is None:
             raise unexpected("counts_per_rev", "nothing", f"it beside unit = {self.unit!r}")
         if self.kind == "speed" and told(self.unit) not in TO_RPM:

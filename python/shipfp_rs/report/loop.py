@@ -60,7 +60,7 @@ def section(
     recovery = loop["recovery time"].value
     if recovery:
         model = structure or Structure.from_dict(fingerprint.structure)
-        space = state_space(model, fingerprint.settings["optimum"], 5)
+        space = state_space(model, fingerprint.optimum, 5)
         times = np.linspace(0.0, LONGER * recovery, INSTANTS)
         rows = space.step(times)
         text = "time_s," + ",".join(f"{output}_pct" for output in space.outputs) + "\n"

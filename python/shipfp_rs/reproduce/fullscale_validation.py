@@ -47,7 +47,7 @@ def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
     for case, values in printed_parameters().items():
         rows += _rows(case, structure, values, "the printed parameters on the simulated tug")
     extended = structure_of(best)
-    return rows + _rows("ii, weighted", extended, best.settings["optimum"], "the same experiments")
+    return rows + _rows("ii, weighted", extended, best.optimum, "the same experiments")
 
 
 def printed_parameters() -> dict[str, dict[str, float]]:

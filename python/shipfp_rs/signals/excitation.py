@@ -16,7 +16,7 @@ from shipfp_rs.signals.checks import zero_or_more
 from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array, same
 from shipfp_rs.support.checks import at_most, positive
-from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.files import ending_in, write_text_atomically
 
 
 @dataclass(frozen=True)
@@ -145,15 +145,17 @@ class Excitation:
         Raises
         ------
         InputError
-            Where two ramps are longer than the excitation.
+            Where two ramps are longer than the excitation, or one is shorter than half a sample.
         """
         positive("ramp_s", ramp_s)
         count = round(ramp_s * self.rate_hz)
+        if not count:
+            raise InputError(f"ramp_s is {ramp_s:g}, expected a sample or more, {1.0 / self.rate_hz:g} s")
         if 2 * count > len(self):
             raise InputError(
                 f"ramp_s is {ramp_s:g}, two ramps expected within the {self.duration:g} s of the excitation"
             )
-        rise = 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / max(count, 1))
+        rise = 0.5 - 0.5 * np.cos(math.pi * np.arange(count) / count)
         window = np.ones(len(self))
         window[:count] *= rise
         window[len(self) - count :] *= rise[::-1]
@@ -189,7 +191,7 @@ class Excitation:
         text = io.StringIO()
         text.write("time_s,set_point_deviation_rpm\n")
         np.savetxt(text, np.column_stack([self.time, self.samples]), fmt="%.17g", delimiter=",")
-        return write_text_atomically(Path(path), text.getvalue())
+        return write_text_atomically(ending_in(path, ".csv", ".txt"), text.getvalue())
 
 
 MOST_PERIODS = 100_000

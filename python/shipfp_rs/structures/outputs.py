@@ -50,3 +50,12 @@ def require_outputs(outputs: Sequence[str], torque: Torque) -> None:
             raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
     if not len(outputs) or len(set(outputs)) != len(outputs):
         raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
+
+
+def require_no_rack(outputs: Sequence[str], *, dead_time: bool) -> None:
+    """Refuse the rack of the linear structure with a dead time in the loop, of which it knows the near side only."""
+    if dead_time and "dX" in outputs:
+        raise InputError(
+            "output 'dX' with dead_time_loop: the linear structure has the governor's command, not the rack behind its dead "
+            'time; use Structure.ship(["dead_time_loop"], ...)'
+        )

@@ -13,7 +13,7 @@ from shipfp_rs.structures.editing import Editable
 from shipfp_rs.structures.elements import chosen
 from shipfp_rs.structures.joint import JointEquations, PartEquations
 from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.outputs import Torque, own_signals, require_outputs, signals_of
+from shipfp_rs.structures.outputs import Torque, own_signals, require_no_rack, require_outputs, signals_of
 from shipfp_rs.structures.parameter import Parameter as Parameter
 from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.support.arguments import checked
@@ -61,7 +61,7 @@ class Structure(Editable):
         Raises
         ------
         InputError
-            For an unknown output or torque.
+            For an unknown output or torque, or the rack with a dead time in the loop.
 
         Examples
         --------
@@ -69,6 +69,7 @@ class Structure(Editable):
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
         require_outputs(outputs, torque)
+        require_no_rack(outputs, dead_time=dead_time_loop)
         gauge = torque == "gauge" and "dM" in outputs
         letter = "v" if products else ""
         parameters = (

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.checks import is_one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -92,6 +93,10 @@ def check_fields(made: Any, label: str) -> None:
     hints = _hints(made.__class__)
     for field in fields(made):
         value = getattr(made, field.name)
+        if isinstance(value, str) and not is_one_line(value):
+            raise InputError(
+                f"{label}: {field.name} is {told(value)}, expected a text without control characters"
+            )
         if not fits(value, hints.get(field.name, Any)):
             where, found, expected = _culprit(field.name, value, hints[field.name])
             raise InputError(f"{label}: {where} is {told(found)}, expected {words(expected)}")

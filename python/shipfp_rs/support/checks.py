@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Iterable
 
 from shipfp_rs.errors import InputError
 
 MOST_SAMPLES = 200_000_000
 """Most samples of a signal that is made."""
+ACCURACIES_PCT = (1e-3, 1e3)
+"""Relative accuracies between which a wanted one lies [%]."""
+HIDDEN = frozenset(("Cc", "Cs", "Zl", "Zp"))
+"""Unicode's categories of control characters, halves of characters, and separators of lines."""
+TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+"""Characters that turn the direction of what follows, so that a text is not what it shows."""
+LINES = {ord("\n"): " ", ord("\t"): " "}
+"""What a text of several lines may hold, for `str.translate`."""
+
+
+def is_one_line(text: str) -> bool:
+    """Whether a text is one line without characters that control, rather than show."""
+    return not any(unicodedata.category(letter) in HIDDEN or letter in TURNING for letter in text)
 
 
 def at_most(name: str, samples: float) -> int:
@@ -22,6 +36,13 @@ def positive(name: str, value: float) -> None:
     """Refuse a value that is not a finite positive number."""
     if not (math.isfinite(value) and value > 0.0):
         raise InputError(f"{name} is {value}, expected a positive number")
+
+
+def accuracy(percent: float) -> None:
+    """Refuse a wanted accuracy that no trial has, and one that is none."""
+    least, most = ACCURACIES_PCT
+    if not least <= percent <= most:
+        raise InputError(f"accuracy_pct is {percent:g}, expected {least:g} to {most:g} %")
 
 
 def one_of(name: str, value: str, known: Iterable[str]) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
@@ -50,6 +51,16 @@ def read_text(path: Path, expected: str) -> str:
         raise InputError(f"{path}: {error.strerror or error}; expected {expected}") from error
 
 
+def ending_in(path: str | Path, *suffixes: str) -> Path:
+    """Return a path to write; refuse one whose name says that it is of another kind, such as a log."""
+    path = Path(path)
+    if path.suffix and path.suffix.lower() not in suffixes:
+        raise InputError(
+            f"{path}: expected a name ending in {' or '.join(suffixes)}, which is what is written"
+        )
+    return path
+
+
 def local(path: Path) -> Path:
     """Return a path that Arrow takes for one: a relative name with a colon, as of a time, it takes for an address."""
     return path.absolute()
@@ -81,14 +92,13 @@ def replacing(path: Path) -> Iterator[Path]:
         return
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}."[:100], dir=target.parent)
     except OSError as error:
         raise _cannot(path, error) from error
-    os.close(handle)
-    temporary = Path(name)
+    temporary = _beside(target)
     try:
+        _made(path, lambda: temporary.touch(0o600, exist_ok=False))
         yield temporary
-        # mkstemp makes private files; a result should be as readable as any other file the user makes.
+        # It was private; a result should be as readable as any other file the user makes.
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(target)
     except OSError as error:
@@ -96,6 +106,18 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _beside(target: Path) -> Path:
+    """A name of a temporary file or folder, known before there is one: Ctrl-C while it is made leaves none."""
+    return target.with_name(f"{f'.{target.name}'[:100]}.{secrets.token_hex(4)}")
+
+
+def _made(path: Path, make: Callable[[], object]) -> None:
+    try:
+        make()
+    except OSError as error:
+        raise _cannot(path, error) from error
 
 
 def _cannot(path: Path, error: Exception) -> InputError:
@@ -159,12 +181,13 @@ def replacing_folder(
     try:
         _check_replaceable(path, {marker, *others}, marker, force)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}."[:100], dir=path.parent))
     except OSError as error:
         raise _cannot(path, error) from error
+    temporary = _beside(path)
     try:
+        _made(path, lambda: temporary.mkdir(0o700))
         yield temporary
-        temporary.chmod(0o777 & ~_umask())  # mkdtemp makes private folders
+        temporary.chmod(0o777 & ~_umask())
         if path.exists():
             for file in sorted(temporary.iterdir()):
                 file.replace(path / file.name)

@@ -9,10 +9,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.checks import LINES, is_one_line
 from shipfp_rs.support.files import read_text
 from shipfp_rs.support.hints import suggestion
 
@@ -23,16 +24,12 @@ LARGEST, SMALLEST = 1e15, 1e-15
 MOST_CHARACTERS = 2000
 """Most characters of a text, such as a path or a description."""
 
+SEVERAL_LINES = "description"
+"""Key whose text may have lines and tabs."""
 
-def _one_line_of_text(text: str) -> str:
-    if any(ord(letter) < 32 for letter in text):
-        raise PydanticCustomError("control", "a text without control characters")
-    return text
-
-
-Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line_of_text)]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
 """Name of a trial, a window or a channel."""
-FilePath = Annotated[str, Field(min_length=1), AfterValidator(_one_line_of_text)]
+FilePath = Annotated[str, Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Starts = Annotated[int, Field(ge=1, le=10_000)]
 """Number of starts of a search; each takes a second or so."""
@@ -109,7 +106,7 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
         Where there is neither, or as `read_toml`.
     """
     name, known = str(name_or_path), built_in(kind)
-    if not name or any(ord(letter) < 32 for letter in name):
+    if not name or not is_one_line(name):
         raise InputError(f"{key} {name[:60]!r}: expected a {what} by its name or by the path of its file")
     path = known.get(name, Path(name_or_path))
     try:
@@ -126,7 +123,14 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
 
 def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Model:
     """Check already parsed `content`; `source` opens the message of the `InputError` where it fails."""
-    for key, value in _numbers(content, ()):
+    for key, value in _leaves(content, ()):
+        if isinstance(value, str):
+            inside = value.translate(LINES) if key.endswith(SEVERAL_LINES) else value
+            if not is_one_line(inside):
+                raise InputError(
+                    f"{source}: {key}: found {_shown(value)}, expected a text without control characters"
+                )
+            continue
         if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{source}: {key}: found {value}, expected a finite number")
         if abs(value) > LARGEST and not key.endswith("seed"):
@@ -157,15 +161,16 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
         raise InputError(f"{source}: {_one_line(first, model)}") from error
 
 
-def _numbers(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    """Give every number in parsed content with its dotted key."""
+def _leaves(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, float | str]]:
+    """Give every number and text in parsed content with its dotted key, and every key, which is a text too."""
     if isinstance(content, Mapping):
         for key, value in content.items():
-            yield from _numbers(value, (*place, str(key)))
+            yield ".".join((*place, "a key")), str(key)
+            yield from _leaves(value, (*place, str(key)))
     elif isinstance(content, list | tuple):
         for index, value in enumerate(content):
-            yield from _numbers(value, (*place, str(index)))
-    elif isinstance(content, int | float):
+            yield from _leaves(value, (*place, str(index)))
+    elif isinstance(content, int | float | str):
         yield ".".join(place), content
 
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
-from shipfp_rs.support.checks import one_of
+from shipfp_rs.support.checks import accuracy, one_of
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.json_files import json_text
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
@@ -120,6 +120,7 @@ def sweep(
     ...     print(result.summary["draws"])
     """
     plan = plan if isinstance(plan, Plan) else Plan.load(plan)
+    accuracy(accuracy_pct)
     if draws_per_task is not None and draws_per_task < 1:
         raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
     if workers is not None and not 1 <= workers <= MOST_WORKERS:

@@ -7,9 +7,8 @@ from enum import IntFlag
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
 
-from shipfp_rs._core import pulses_are_even
+from shipfp_rs._core import pulses_are_even, running_median
 from shipfp_rs.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -75,7 +74,7 @@ def checked_times(
 
 
 def _running_median(periods: Array) -> Array:
-    return np.asarray(median_filter(periods, size=_MEDIAN_WINDOW, mode="reflect"))
+    return running_median(periods, _MEDIAN_WINDOW)
 
 
 def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:

@@ -14,7 +14,7 @@ from scipy import signal
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.tables import package
@@ -66,6 +66,11 @@ class LinearModel:
     tau_prop: float
     T_d: float = 0.0
     T_set: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "linear model")
+        if not all(map(math.isfinite, dataclasses.astuple(self))):
+            raise InputError(f"linear model: {dataclasses.astuple(self)}, expected finite numbers")
 
     def kernel_parameters(self) -> Array:
         """Return the parameters in the order of `_core.LINEAR_PARAMETERS`, shape (9,)."""
@@ -152,9 +157,11 @@ class LinearModel:
             For an unknown output, or a frequency that is not finite or is negative.
         """
         chosen = [_core.LINEAR_OUTPUTS.index(_known(output)) for output in outputs]
-        return _core.linear_response(
-            self.kernel_parameters(), np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)), chosen
-        )
+        frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        found = _core.linear_response(self.kernel_parameters(), frequency, chosen)
+        # The kernel gives the governor's command; the rack follows it after the dead time in the loop.
+        found[[output == "dX" for output in outputs]] *= np.exp(-2j * np.pi * frequency * self.T_d)
+        return found
 
     @checked
     def frequency_response(

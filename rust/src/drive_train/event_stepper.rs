@@ -10,7 +10,7 @@ use pulp::{Simd, WithSimd};
 
 use crate::plant::Slope;
 use crate::scalar::{Scalar, smaller};
-use crate::stop::{CHECK_EVERY, Stop};
+use crate::stop::Stop;
 use crate::subnormal::CUT_EVERY;
 
 use super::delay::Delay;
@@ -28,6 +28,8 @@ pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"
 
 /// Events closer than this share of a step are at one time.
 pub const SAME: f64 = 1e-8;
+/// Steps between two looks at the flag to stop; with many derivatives a step takes several microseconds.
+const LOOK_EVERY: usize = 1 << 10;
 /// A time is moved by this share of a step to choose the side of a jump.
 const NUDGE: f64 = 1e-6;
 /// The error of a time is surely less than so many of its relative roundings.
@@ -121,16 +123,15 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         stop: &Stop,
     ) -> Result<()> {
         let (dt, substeps, samples) = (self.run.dt, self.run.substeps, self.run.set_speed.len());
-        let look_every = (CHECK_EVERY / substeps).max(1);
         let mut time = self.last_sample;
         for step in 0..=(samples - 1) * substeps {
             let (sample, substep) = (step / substeps, step % substeps);
             let border = (sample as f64 + (substep + 1) as f64 / substeps as f64) * dt;
             let mut shown = substep != 0;
+            if step % LOOK_EVERY == 0 {
+                stop.check()?;
+            }
             if !shown {
-                if sample % look_every == 0 {
-                    stop.check()?;
-                }
                 self.move_to(&mut time, sample as f64 * dt);
                 if sample % CUT_EVERY == 0 {
                     self.cut();

@@ -7,7 +7,7 @@
 //! more than a constant number of steps a sample, and it runs through memory that stays in the cache.
 
 use crate::error::{Result, require};
-use crate::stop::Stop;
+use crate::stop::{CHECK_EVERY, Stop};
 
 /// Longest window over any signal [samples]; over a long one it may reach four times as far as the signal.
 const LONGEST: usize = 1 << 20;
@@ -48,9 +48,13 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
         } else {
             blocks[1].sort((start..start + window).map(at));
         }
+        stop.check()?;
         blocks[1].take_all_out();
         let [leaving, entering] = &mut blocks;
         for index in 0..window {
+            if index % CHECK_EVERY == 0 {
+                stop.check()?;
+            }
             leaving.take_out(index);
             entering.put_back(index);
             if leaving.small + entering.small < half {

@@ -36,10 +36,11 @@ fn simulate_drive_train<'py>(
     filled(py, [ROWS, n_set.len()], work, |values, stop| simulate(&train, &envelope, &run, values, stop))
 }
 
-/// Rates of the state, and the governor's command, `M_b`, `M_g`, `M_s`, `X_f`, at a state, a set point and a fuel command.
+/// Rates of the state, and the governor's command, `M_b`, `M_g`, `M_s`, `X_f`, at a state, a set point and a fuel command;
+/// the tests hold the equations to those of the thesis with it.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-fn drive_train_rates<'py>(
+fn _drive_train_rates<'py>(
     py: Python<'py>,
     parameters: &Bound<'py, PyAny>,
     limit_speed: &Bound<'py, PyAny>,
@@ -91,6 +92,6 @@ pub(super) fn tables(strength: &Bound<'_, PyAny>, quadrants: &Bound<'_, PyAny>) 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("DRIVE_TRAIN_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
     module.add_function(wrap_pyfunction!(simulate_drive_train, module)?)?;
-    module.add_function(wrap_pyfunction!(drive_train_rates, module)?)?;
+    module.add_function(wrap_pyfunction!(_drive_train_rates, module)?)?;
     Ok(())
 }
