@@ -194,35 +194,35 @@ def test_a_parameter_on_a_bound_has_a_limit_in_place_of_a_value():
     assert "below 1.4" in told.reason
 
 
+def sampled_trial(period, driven, fine, elements, torque, **truth):
+    """A trial of a ship whose governor samples, recorded at 50 Hz; the raw torque told its clock."""
+    structure = Structure.ship(["sampling", *elements], torque="gauge" if torque == "M_g" else "brake")
+    ones = np.ones(len(driven.samples))
+    point = {"n_set": 1500.0, "n_e": 1500.0, torque: 1000.0}
+    asked = {"n_set": 1500.0 + driven.samples, "n_e": 1500.0 * ones, torque: 1000.0 * ones}
+    values = {**dict.fromkeys(structure.equations.states, 0.0), **truth, "T_s": period, "T_0": 0.37 * period}
+    answer = structure.equations.simulate(values, Experiment("fine", 50.0 * fine, asked, point))
+    random = np.random.default_rng(5)
+    signals = {
+        "n_set": 1500.0 + resample_poly(driven.samples, 1, fine),
+        "n_e": 1500.0 * (1.0 + resample_poly(answer[0], 1, fine)),
+        torque: 1000.0 * (1.0 + resample_poly(answer[1], 1, fine)),
+    }
+    signals["n_e"] += 0.3 * random.standard_normal(len(signals["n_e"]))
+    signals[torque] += 3.0 * random.standard_normal(len(signals["n_e"]))
+    told = {
+        "filter": "low-pass",
+        "governor_clock": {"period_s": period, "std_s": 2e-5 * period, "power": 1e3},
+    }
+    return Experiment("trial", 50.0, signals, point, provenance=told)
+
+
 def test_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_told_its_clock():
     """Without the clock the dead time would be half a period too long."""
     fine, period = 8, 0.03
     truth = {"tau_n": 0.9, "g": -0.4, "vK_p": 7.0, "vK_i": 10.0, "p": 2.2, "tau_prop": 0.4, "T_d": 0.045}
     driven = fp.signals.chirp(0.05, 3.0, 240.0, 30.0, rate_hz=50.0 * fine)
-    structure = Structure.ship(["dead_time_loop", "sampling"], torque="gauge")
-    ones = np.ones(len(driven.samples))
-    point = {"n_set": 1500.0, "n_e": 1500.0, "M_g": 1000.0}
-    asked = Experiment(
-        "fine",
-        50.0 * fine,
-        {"n_set": 1500.0 + driven.samples, "n_e": 1500.0 * ones, "M_g": 1000.0 * ones},
-        point,
-    )
-    values = {**dict.fromkeys(structure.equations.states, 0.0), **truth, "T_s": period, "T_0": 0.011}
-    speed, torque = structure.equations.simulate(values, asked)
-    random = np.random.default_rng(5)
-    signals = {
-        "n_set": 1500.0 + resample_poly(driven.samples, 1, fine),
-        "n_e": 1500.0 * (1.0 + resample_poly(speed, 1, fine)),
-        "M_g": 1000.0 * (1.0 + resample_poly(torque, 1, fine)),
-    }
-    signals["n_e"] += 0.3 * random.standard_normal(len(signals["n_e"]))
-    signals["M_g"] += 3.0 * random.standard_normal(len(signals["n_e"]))
-    told = {
-        "filter": "low-pass",
-        "governor_clock": {"period_s": period, "std_s": 2e-5 * period, "power": 1e3},
-    }
-    found = fp.identify(Experiment("trial", 50.0, signals, point, provenance=told))
+    found = fp.identify(sampled_trial(period, driven, fine, ["dead_time_loop"], "M_g", **truth))
     print(found.verdict, found)
     assert found.elements["sampling"]["state"] == "on"
     assert found.parameters["T_s"].value == pytest.approx(period)
@@ -234,6 +234,20 @@ def test_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_to
     # A governor that adds up after it acts has K_i T_s / 2 less than it seems: the interval holds both ways.
     low, high = found.parameters["vK_p"].ci95
     assert high - low >= truth["vK_i"] * period
+
+
+def test_a_limit_that_cuts_off_the_stairs_of_a_sampling_governor_is_found():
+    """The records are cleared of what holding does; with the limit that is less than without it."""
+    truth = {"tau_n": 0.44, "g": -0.5, "vK_p": 8.0, "vK_i": 60.0, "p": 2.2, "T_d": 0.02, "M_max": 1.1}
+    driven = fp.signals.chirp(0.05, 3.0, 160.0, 25.0, rate_hz=400.0)
+    trial = sampled_trial(0.023, driven, 8, ["dead_time_loop", "torque_limit"], "M_b", **truth)
+    found = fp.identify(trial)
+    print(found.verdict, found)
+    assert found.elements["torque_limit"]["state"] == "on"
+    assert found.parameters["M_max"].value == pytest.approx(truth["M_max"], abs=0.01)
+    for name in ("tau_n", "vK_p", "vK_i", "p"):
+        low, high = found.parameters[name].ci95
+        assert low - 0.25 * (high - low) <= truth[name] <= high + 0.25 * (high - low), name
 
 
 def test_what_was_left_out_widens_only_as_far_as_no_delay_falls_below_nothing():

@@ -72,6 +72,9 @@ CASES = {
     "twist at limits": {**TWIST, **TORQUE, "K_d": 0.05},
     "damping, load and channels": {**FAR, **REST},
     "late command at a torque limit": {"T_d": 0.073, "T_set": 0.03, "M_max": 1.12},
+    "command barely late at a torque limit": {"T_d": 0.0031, "T_set": 0.03, "M_max": 1.02},
+    "command barely late at all limits": {"T_d": 0.0053, **TORQUE, **RACK, **RATE},
+    "command barely late at anti-windup": {"T_d": 0.0053, **TORQUE, "anti_windup": 1.0},
     "late command at rate limits": {"T_d": 0.073, **RATE},
     "everything": {
         **SAMPLED,

@@ -426,6 +426,16 @@ class _Simulation:
         def turn(name: str, side: int) -> Callable[[float], None]:
             return lambda t: setattr(self, name, 0 if getattr(self, name) else side)
 
+        def turn_rack(side: int, limit: float) -> Callable[[float], None]:
+            def change(t: float) -> None:
+                turn("rack_side", side)(t)
+                if self.follows and self.rate_side == 0:  # a rack let go may have to follow at once
+                    self.x[RACK] = limit
+                    slope = self.asked_slope(t, self.x, 0)
+                    self.rate_side = int(slope > v["rate_up"]) - int(slope < -v["rate_down"])
+
+            return change
+
         direct = v["T_d"] == 0.0 and v["tau_act"] == 0.0 and self.rate_side == 0 and not self.sampled
         if self.sum_mode != "slides" or not direct:
             for side in (1, -1):
@@ -440,7 +450,7 @@ class _Simulation:
                     )
                 limit = v["X_max"] if side > 0 else v["X_min"]
                 if math.isfinite(limit) and not self.sampled and self.rack_side != -side:
-                    add(lambda t, x, m=limit: self.signals(t, x, 0)[1] - m, turn("rack_side", side))
+                    add(lambda t, x, m=limit: self.signals(t, x, 0)[1] - m, turn_rack(side, limit))
         self.rate_events(add, turn)
         if v["anti_windup"] and not self.sampled:
             self.sum_events(start, add)

@@ -99,11 +99,11 @@ def _forward(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
     gains: Gains = {}
     for _ in range(len(chooser.candidates) + 1):
         best, gains = _gains(chooser, current, level, ladder)
-        if best is None:
+        # Beside what the set point still explains of the residuals, a fall may be nothing; weights of its own cost time.
+        if best is None or _fall(gains, best) < level * dispersion(best):
             break
         grown = chooser.refined(best)
         if _fall(gains, grown) < level * dispersion(grown):
-            # Beside what the set point still explains of the residuals, that is nothing.
             break
         current = grown
     return current, gains

@@ -39,6 +39,8 @@ FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 SLOW = ("torque_limit", "rack_rate")
 """Elements whose passes over a record take several times as long."""
+CUTS = "torque_limit"
+"""Element that changes what holding does."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0
@@ -136,12 +138,12 @@ class Chooser:
             made = getattr(made, f"with_{verb}")(**known)
         return made
 
-    def search(self, elements: Sequence[str]) -> Search:
+    def search(self, elements: Sequence[str], experiments: Sequence[Experiment] | None = None) -> Search:
         """Return the search of a structure over all experiments."""
         structure = self.structure(elements)
         blocks = tuple(
             Block.build(one, structure, offsets=False, initial_state=True, weigh=False)
-            for one in self.experiments
+            for one in experiments or self.experiments
         )
         return Search(structure, blocks, **self.options)  # type: ignore[arg-type]
 
@@ -211,23 +213,31 @@ class Chooser:
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _less_held(self, search: Search, minimum: Minimum) -> Search:
-        """Return the search of records less what a sampling governor does beyond being half a period late.
+        """Take from the records what a sampling governor does by a fit's end, and return the search of what is left."""
+        search, self.experiments, self._beyond = self._cleared(search, minimum.vector)
+        return search
+
+    def _cleared(self, search: Search, vector: Array) -> tuple[Search, list[Experiment], list[Array]]:
+        """Return the search of records less what a sampling governor does beyond its mean, and these records.
 
         It holds what it gives, and reads the speed at one moment: at a frequency f its answer differs by up to some
         (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by serves.
         """
         outputs, measured = search.structure.outputs, search.structure.signal_for
-        for place, (block, values) in enumerate(search.each(minimum.vector)):
-            experiment = self.experiments[place]
+        experiments, beyonds = [], []
+        for experiment, before, (block, values) in zip(
+            self.experiments, self._beyond, search.each(vector), strict=True
+        ):
             assert isinstance(block.data, Experiment)
             beyond = held(search.structure.equations, values, block.data)
             signals = dict(experiment.signals)
-            for output, change in zip(outputs, beyond - self._beyond[place], strict=True):
+            for output, change in zip(outputs, beyond - before, strict=True):
                 name = measured(output, signals, experiment.name)
                 signals[name] = signals[name] - experiment.operating_point[name] * change
-            self._beyond[place] = beyond
-            self.experiments[place] = replace(experiment, signals=signals)
-        return replace(search, blocks=self.search(self.ordered(search.structure.settings["elements"])).blocks)
+            beyonds.append(beyond)
+            experiments.append(replace(experiment, signals=signals))
+        elements = self.ordered(search.structure.settings["elements"])
+        return replace(search, blocks=self.search(elements, experiments).blocks), experiments, beyonds
 
     def with_elements(
         self,
@@ -251,13 +261,16 @@ class Chooser:
         if "tau_n" in values:
             # Of the inertia that a shaft's twist divides, the propeller's is a part.
             values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
+        # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
+        clears = self.clock is not None and CUTS in set(ordered) ^ set(origin.elements)
         ends = []
         for start in self._from(search, values):
             try:
-                ends.append(search.minimise(start))
+                own = self._cleared(search, start)[0] if clears else search
+                ends.append(Fitted(ordered, own, own.minimise(start)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
-        return Fitted(ordered, search, min(ends, key=cost)) if ends else None
+        return min(ends, key=cost, default=None)
 
     def promise(self, origin: Fitted, name: str) -> Promise:
         """Return what an element promises beside a fit."""

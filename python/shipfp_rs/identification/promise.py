@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.blocks import Evaluation, prewhiten
+from shipfp_rs.identification.sampling import held
 from shipfp_rs.identification.weighted_problem import Minimum, WeightedProblem
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.equations import Equations
@@ -112,19 +113,26 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
         ]
     others = {parameter.name: parameter.start for parameter in made.parameters}
     others["tau_prop"] = PROPELLER_PART * found["tau_n"]
+    # A limit cuts off the stairs of a governor that samples, of which the records were cleared.
+    stairs = name == "torque_limit" and is_mean_sampled(made)
     gram = np.zeros((search.size + 1 + len(begins),) * 2)
     parts = search.parts(search.filtered(minimum.vector, minimum.noise), minimum.noise)
     for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
         experiment = block.data
         assert isinstance(experiment, Experiment)
         still = search.structure.equations.simulate(values, experiment)
+        if stairs:
+            still = still + held(search.structure.equations, values, experiment, PHASES)
         changes = np.zeros((len(begins), *still.shape))
         for change, begin in zip(changes, begins, strict=True):
             try:
                 if name == "sampling":
                     change[:] = _sampled(made.equations, values, experiment, begin) - still
                 elif taken or name == "torque_limit":
-                    change[:] = made.equations.simulate({**others, **values, **begin}, experiment) - still
+                    full = {**others, **values, **begin}
+                    change[:] = made.equations.simulate(full, experiment) - still
+                    if stairs:
+                        change += held(made.equations, full, experiment, PHASES)
                 else:
                     # A small step: what the others take over of a large one, they don't to first order.
                     full = {**others, **values, **begin, main.name: SMALL * begin[main.name]}
@@ -151,6 +159,12 @@ def _levels(search: WeightedProblem, minimum: Minimum) -> tuple[float, ...]:
         assert isinstance(block.data, Experiment)
         top = max(top, float(np.max(_engine_torque(search.structure, values, block.data))))
     return tuple(1.0 + share * top for share in LEVELS)
+
+
+def is_mean_sampled(structure: Structure) -> bool:
+    """Whether a structure has a governor that samples, by its mean."""
+    equations = bare(structure.equations)
+    return isinstance(equations, ShipEquations) and equations.mean_sampling
 
 
 def _roughly(structure: Structure) -> Structure:

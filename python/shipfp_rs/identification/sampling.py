@@ -33,7 +33,9 @@ def clock_of(experiments: Sequence[Experiment]) -> tuple[float, float] | None:
     return float(weights @ periods / weights.sum()), float(deviations.min())
 
 
-def held(equations: Equations, values: Mapping[str, float], experiment: Experiment) -> Array:
+def held(
+    equations: Equations, values: Mapping[str, float], experiment: Experiment, phases: int = PHASES
+) -> Array:
     """What a governor that samples gives beyond one that is half its period late, a mean over its phases, shape (O, N)."""
     mean = bare(equations)
     assert isinstance(mean, ShipEquations)
@@ -41,11 +43,11 @@ def held(equations: Equations, values: Mapping[str, float], experiment: Experime
     exact = replace(mean, mean_sampling=False)
     # The kernel's governor uses its sum before it adds to it, and so acts as one with less proportional gain.
     more = {name: values[name] + extra for name, extra in _of_the_sum(values, values["T_s"]).items()}
-    phases = [
-        exact.simulate({**values, **more, "T_0": values["T_s"] * phase / PHASES}, experiment)
-        for phase in range(PHASES)
+    samples = [
+        exact.simulate({**values, **more, "T_0": values["T_s"] * phase / phases}, experiment)
+        for phase in range(phases)
     ]
-    return np.asarray(np.mean(phases, axis=0) - mean.simulate(values, experiment))
+    return np.asarray(np.mean(samples, axis=0) - mean.simulate(values, experiment))
 
 
 def _of_the_sum(values: Mapping[str, float | None], period: float) -> dict[str, float]:

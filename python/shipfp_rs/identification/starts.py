@@ -77,6 +77,11 @@ def starts(structure: Structure, experiments: Sequence[Experiment], count: int =
             continue
         torque = _torque(records) if "dM" in structure.outputs else {}
         found += _loops(records, torque, gauge="tau_prop" in structure.names, count=count)
+    if not found and any(_smoothed(structure, one, PASS_HZ[0]) is not None for one in experiments):
+        raise InputError(
+            "identify: no governor and shaft turn this set point into this speed and torque; check that no two channels are "
+            "swapped, and their signs"
+        )
     if not found:
         raise InputError(
             f"identify: the experiments last {max(one.duration for one in experiments):.3g} s at most, expected more than "

@@ -71,6 +71,12 @@ impl<S: Simd, const N: usize> March<'_, S, N> {
         }
     }
 
+    /// Whether a command that a switch has broken arrives before a time.
+    #[inline(always)]
+    pub(super) fn breaks_before(&self, time: f64) -> bool {
+        self.arrivals.next().is_some_and(|broken| broken.value() < time - self.same(time))
+    }
+
     /// What is next on its way reaches the actuator.
     #[inline(always)]
     pub(super) fn arrive(&mut self) {

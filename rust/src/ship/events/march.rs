@@ -356,7 +356,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
                 self.stop.check()?;
             }
             self.now = start + part * number as f64;
-            if !self.advance(stretch, part) {
+            if !self.advance(stretch, part) || self.breaks_before(time.value()) {
                 return Ok(false);
             }
         }
@@ -387,9 +387,7 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
                     break;
                 }
                 self.switches += 1;
-                let broken = self.arrivals.next().map_or(f64::INFINITY, Scalar::value);
-                let end = self.now.value() + left.value();
-                if self.switches < MOST_SWITCHES && broken < end - self.same(end) {
+                if self.switches < MOST_SWITCHES && self.breaks_before(self.now.value() + left.value()) {
                     return false;
                 }
             }
