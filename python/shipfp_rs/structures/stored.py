@@ -75,7 +75,7 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
         ties = resolved({one.name: one.tied for one in parameters if one.tied is not None})
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
-            f"structure {content.get('name')!r}: {type(error).__name__} at {error}, expected what Structure.to_dict writes"
+            f"structure {content.get('name')!r}: found no table, or no key {error}; expected what Structure.to_dict writes"
         ) from error
     return replace(made, parameters=parameters, equations=tied(made.equations, ties), settings=settings)
 
