@@ -42,8 +42,6 @@ __all__ = [
     "pulses_are_even",
     "running_median",
     "ship_products",
-    "ship_products_batch",
-    "ship_scatter_batch",
     "ship_sensitivities",
     "simulate_drive_train",
     "simulate_linear",
@@ -249,33 +247,6 @@ def ship_products(
     wrt: Sequence[int],
     sharp: bool = True,
 ) -> tuple[NDArray[np.float64], int]: ...
-def ship_products_batch(
-    parameters: NDArray[np.float64],
-    u: NDArray[np.float64],
-    load: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-    outputs: Sequence[int],
-    measured: NDArray[np.float64],
-    offsets: NDArray[np.float64],
-    filters: NDArray[np.float64],
-    wrt: Sequence[int],
-    threads: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
-def ship_scatter_batch(
-    parameters: NDArray[np.float64],
-    u: NDArray[np.float64],
-    load: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-    outputs: Sequence[int],
-    measured: NDArray[np.float64],
-    offsets: NDArray[np.float64],
-    filters: NDArray[np.float64],
-    threads: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 from tests.cli.small_trial import SMALL
 from tests.gallery.inputs import LAUNCH
@@ -100,9 +101,9 @@ def test_a_command_ends_at_once_and_leaves_nothing(folder, command, number, stat
     spent_s = children_s() - before_s
     print(f"{command}, {number.name}: {took:.2f} s, {spent_s:.2f} s of a processor")
     left = {path.name for path in folder.iterdir()} - before - {"log.parquet.shipfp-pyramid"}
+    for name in left:
+        remove(folder / name)
     if process.returncode == 0 and command != "view":
-        for name in left:
-            remove(folder / name)
         pytest.skip("this machine was through with it when the signal came")
     # A signal before the command has begun ends it as it ends any process.
     expected = {status, -number} | ({0} if command == "view" else set())
@@ -114,3 +115,19 @@ def test_a_command_ends_at_once_and_leaves_nothing(folder, command, number, stat
         assert not {path for path in Path("/dev/shm").iterdir() if path.name.startswith("sem.")} - shared
     assert spent_s < ENDS_WITHIN_S
     assert took < 10.0
+
+
+@pytest.mark.parametrize(("number", "status"), ENDS)
+def test_an_error_that_a_signal_led_to_is_none(monkeypatch, capsys, number, status):
+    """Libraries turn an interrupt into errors of their own."""
+
+    def app(*_, **__):
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(1.0)
+        except KeyboardInterrupt:
+            raise RuntimeError("Error calling __set_name__") from None
+
+    monkeypatch.setattr(cli, "app", app)
+    assert cli.main([]) == status
+    assert "internal error" not in capsys.readouterr().err

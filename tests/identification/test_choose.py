@@ -217,7 +217,27 @@ def sampled_trial(period, driven, fine, elements, torque, **truth):
     return Experiment("trial", 50.0, signals, point, provenance=told)
 
 
-def test_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_told_its_clock():
+@pytest.mark.parametrize("clock", [True, False])
+def test_breakage_a1_a_tug_s_default_intervals_hold_the_truth(clock):
+    """A lopsided slow first cycle, a bent n^p, two dead times and a governor of 50 Hz, its clock told or not."""
+    truth = {"tau_n": 1.17, "g": -0.58, "vK_p": 7.0, "vK_i": 8.0, "p": 2.17, "tau_prop": 0.38}
+    truth |= {"T_d": 0.06, "T_set": 0.30}
+    driven = fp.signals.chirp(0.001, 2.0, 500.0, 30.0, rate_hz=400.0)
+    trial = sampled_trial(0.02, driven, 8, ["dead_time_loop", "dead_time_set_point"], "M_g", **truth)
+    if not clock:
+        trial = dataclasses.replace(trial, provenance={"filter": "low-pass"})
+    found = fp.identify(trial)
+    print(found.verdict, found)
+    assert found.adequate["stands"]
+    for name, value in truth.items():
+        low, high = found.parameters[name].ci95
+        # One record of eight intervals of 95 %: three standard deviations.
+        assert low - 0.25 * (high - low) <= value <= high + 0.25 * (high - low), name
+    if clock:
+        assert found.parameters["T_s"].value == pytest.approx(0.02, rel=0.05)
+
+
+def test_breakage_a3_dead_time_and_gains_are_the_sampling_governor_s_own_where_the_torque_told_its_clock():
     """Without the clock the dead time would be half a period too long."""
     fine, period = 8, 0.03
     truth = {"tau_n": 0.9, "g": -0.4, "vK_p": 7.0, "vK_i": 10.0, "p": 2.2, "tau_prop": 0.4, "T_d": 0.045}

@@ -94,8 +94,6 @@ KERNELS: dict[str, Callable[[], object]] = {
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),
     "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
     "ship_products": _ship("ship_products", wrt=WRT, **PRODUCTS),
-    "ship_products_batch": _ship("ship_products_batch", 64, 200_000, wrt=WRT, threads=0, **PRODUCTS),
-    "ship_scatter_batch": _ship("ship_scatter_batch", 512, 200_000, threads=0, **PRODUCTS),
     "linear_sensitivities": _linear("linear_sensitivities", WRT, samples=5_000_000),
     "linear_products": _linear("linear_products", ..., np.zeros(2), np.ones((2, 32)), WRT, samples=5_000_000),
     "linear_cost_batch": _linear(

@@ -334,25 +334,6 @@ def test_sample_intervals_side_by_side_are_those_one_after_the_other(ship, scale
     np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-8)
 
 
-def test_a_batch_has_the_bits_of_its_members_for_any_number_of_threads():
-    u, wrt = wander(700), places("tau_n", "T_d")
-    ships = np.stack([vector(tau_n=1.0 + 0.1 * member, T_d=0.02 + 0.003 * member) for member in range(7)])
-    ships[3, places("g", "p")] = [60.0, 1.0]  # runs away
-    measured, offsets, filters = np.zeros((2, 700)), np.zeros(2), np.ones((2, 1))
-    arguments = (u, NO_LOAD, DT, 0, "first", SPEED_AND_GAUGE, measured, offsets, filters)
-    one, counts = _core.ship_products_batch(ships, *arguments, wrt, 1)
-    many, same_counts = _core.ship_products_batch(ships, *arguments, wrt, 3)
-    np.testing.assert_array_equal(one, many)
-    np.testing.assert_array_equal(counts, same_counts)
-    assert np.isinf(one[3]).all()
-    assert counts[3] == 0
-    alone, count = _core.ship_products(ships[5], *arguments, wrt)
-    np.testing.assert_array_equal(alone, one[5])
-    assert count == counts[5] == 700
-    scatter, _ = _core.ship_scatter_batch(ships, *arguments, 2)
-    np.testing.assert_allclose(scatter[5, :, 1, :, 1], one[5, :, 3, :, 3], rtol=1e-12)
-
-
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_nothing_finite_makes_it_panic(data):

@@ -30,8 +30,6 @@ LOOP = ("dead_time_loop", "dead_time_set_point")
 FOR_BENCHMARKS = {
     "linear_cost",
     "linear_cost_batch",
-    "ship_products_batch",
-    "ship_scatter_batch",
     "simulate_plant_batch",
 }
 """Kernels that no command calls; README and docs/benchmarks.md say so of those that they time."""

@@ -71,6 +71,7 @@ VERDICTS = [
     "other values fit as well.",
     "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
     "4.2 % of the response that the set point still explains.",
+    "Usable for simulation and comparison, but the model misses 4.2 % of the response that the set point still explains.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter.",
     "Usable for simulation, control tuning and comparison: the data tell every parameter, tau_n and g only roughly.",
     "Known: tau_n = 1.13 (0.6627 to 1.597) s; g = -0.5158 (-1.623 to 0.5905).",
@@ -79,6 +80,8 @@ VERDICTS = [
     "95 %).",
     "The residuals show that something small is missing (0.35 % of the speed, 0.98 % of the torque); every interval is "
     "widened by what that can do.",
+    "The residuals show that something is missing (4.2 % of the speed); every interval is widened by what that can do.",
+    "Told by this model: tau_n = 1.13 (0.6627 to 1.597) s.",
     "Undecided, with and without it the model fits as well: torsionally flexible shaft; the intervals hold for both.",
 ]
 

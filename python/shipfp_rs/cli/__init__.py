@@ -71,7 +71,7 @@ def _frame(
 
 @contextlib.contextmanager
 def _orderly_end(asked: list[int]) -> Iterator[None]:
-    """Answer SIGTERM as Ctrl-C, so that temporary files, processes and semaphores are given back; `asked` notes it."""
+    """Answer SIGTERM as Ctrl-C, so that temporary files, processes and semaphores are given back; `asked` notes signals."""
 
     def end(number: int, _: object) -> None:
         asked.append(number)
@@ -80,11 +80,14 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, end)
+    # A shell's background commands ignore Ctrl-C.
+    heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, *[signal.SIGINT] * heeded)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -106,8 +109,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # CPython notes an interrupt within the exec of a text (dataclasses do that) and dies of it at its own end, caught or
         # not, unless a later text runs through.
         exec("")
-        _line("ended from outside" if asked else "interrupted")
-        return ENDED if asked else INTERRUPTED
+        ended = signal.SIGTERM in asked
+        _line("ended from outside" if ended else "interrupted")
+        return ENDED if ended else INTERRUPTED
     return status
 
 
@@ -126,7 +130,12 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
             return DONE
         except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
-        except Exception as error:  # the last line of defence: no traceback reaches the user
+        except BaseException as error:  # the last line of defence: no traceback reaches the user
+            # Libraries turn an interrupt into errors of their own: that of a class in the making, of a schema, or a panic.
+            if asked:
+                return INTERRUPTED
+            if not isinstance(error, Exception):
+                raise
             return _fail(error)
     return status or DONE
 

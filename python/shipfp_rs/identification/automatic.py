@@ -314,7 +314,10 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
     ]
     lines = [found.sentence]
     if known:
-        lines.append("Known: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + ".")
+        told = "Known" if fingerprint.adequate["stands"] else "Told by this model"
+        lines.append(
+            f"{told}: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + "."
+        )
     acting = [row["words"] for row in fingerprint.elements.values() if row["state"] == "on"]
     limits = [
         f"{row['words']} ({row['limit']['parameter']} {'above' if name == 'torque_limit' else 'below'} "

@@ -99,6 +99,12 @@ def usability(fingerprint: Fingerprint) -> Usability:
             f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}{also}: "
             "other values fit as well.",
         )
+    if not fingerprint.adequate["stands"]:
+        return Usability(
+            "usable except",
+            f"Usable for simulation and comparison, but the model misses {worst:.2g} % of the response that the set point "
+            "still explains.",
+        )
     but = f", {listed(rough)} only roughly" if rough else ""
     return Usability(
         "usable",

@@ -39,4 +39,5 @@ def something_missing(adequate: Mapping[str, Any]) -> str:
     missed = ", ".join(
         f"{value:.2g} % of the {OUTPUTS.get(name, name)}" for name, value in adequate["misses_pct"].items()
     )
-    return f"The residuals show that something small is missing ({missed}); every interval is widened by what that can do."
+    size = "something small" if adequate["stands"] else "something"
+    return f"The residuals show that {size} is missing ({missed}); every interval is widened by what that can do."

@@ -37,6 +37,10 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"fehlen \1 % der Antwort, die der Sollwert noch erklärt.",
     ),
     (
+        r"^Usable for simulation and comparison, but the model misses (\S+) % of the response that the set point still explains\.",
+        r"Brauchbar für Simulation und Vergleich, aber dem Modell fehlen \1 % der Antwort, die der Sollwert noch erklärt.",
+    ),
+    (
         r"^Usable for simulation, control tuning and comparison: the data tell every parameter, (.+) only roughly\.",
         r"Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter, \1 aber nur grob.",
     ),
@@ -46,6 +50,7 @@ PHRASES: tuple[tuple[str, str], ...] = (
     ),
     (r"^Known only together: ", "Nur gemeinsam bekannt: "),
     (r"^Known: ", "Bekannt: "),
+    (r"^Told by this model: ", "Nach diesem Modell: "),
     (r"^Acting elements: ", "Wirkende Elemente: "),
     (r"^Not found to act: ", "Keine Wirkung gefunden: "),
     (r"^Not identifiable from these data: ", "Aus diesen Daten nicht bestimmbar: "),
@@ -56,6 +61,10 @@ PHRASES: tuple[tuple[str, str], ...] = (
     (
         r"^The residuals show that something small is missing \((.+)\); every interval is widened by what that can do\.",
         r"Die Residuen zeigen, dass etwas Kleines fehlt (\1); jeder Bereich ist um das erweitert, was das anrichten kann.",
+    ),
+    (
+        r"^The residuals show that something is missing \((.+)\); every interval is widened by what that can do\.",
+        r"Die Residuen zeigen, dass etwas fehlt (\1); jeder Bereich ist um das erweitert, was das anrichten kann.",
     ),
     (
         r"^The data tell (\d+) of (\d+) free parameters apart; the response stays the same along: ",

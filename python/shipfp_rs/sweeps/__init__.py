@@ -19,7 +19,7 @@ from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of
 from shipfp_rs.sweeps.plan import Plan
-from shipfp_rs.sweeps.pools import MOST_WORKERS, Where, pool_of
+from shipfp_rs.sweeps.pools import MOST_WORKERS, Where, check_pool, pool_of
 from shipfp_rs.sweeps.store import SUMMARY, Store, opened
 from shipfp_rs.sweeps.worker import one_thread_for_linear_algebra
 
@@ -127,6 +127,7 @@ def sweep(
         raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
     if isinstance(executor, str):
         one_of("executor", executor, get_args(Where))
+    check_pool(executor, address)
     part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
     with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
         try:

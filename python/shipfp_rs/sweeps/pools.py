@@ -136,6 +136,20 @@ class Cluster:
         """Nothing to do: nannies start workers anew, and the scheduler takes any that comes."""
 
 
+def check_pool(executor: Where | Executor, address: str | None) -> None:
+    """Check that there can be such a pool, before anything is written.
+
+    Raises
+    ------
+    InputError
+        For a cluster's address without one, or where the packages for one are missing.
+    """
+    if address is not None and executor != "dask":
+        raise InputError(f"address {address!r}: expected executor 'dask' with it")
+    if executor == "dask":
+        _dask()
+
+
 @contextlib.contextmanager
 def pool_of(executor: Where | Executor, workers: int | None, address: str | None) -> Iterator[Pool]:
     """Give a pool and end it afterwards, a given executor excepted.
@@ -145,8 +159,7 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
     InputError
         Where there is no such pool, or the packages for it are missing.
     """
-    if address is not None and executor != "dask":
-        raise InputError(f"address {address!r}: expected executor 'dask' with it")
+    check_pool(executor, address)
     count = workers or available_workers()
     if isinstance(executor, Executor):
         yield Given(executor, workers or int(getattr(executor, "_max_workers", count)))
@@ -175,15 +188,18 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
         raise InputError(f"executor {executor!r}, expected 'processes', 'threads', 'dask' or an Executor")
 
 
-@contextlib.contextmanager
-def _client(address: str | None, workers: int) -> Iterator[Any]:
+def _dask() -> tuple[Any, Any]:
     try:
-        dask: Any = importlib.import_module("dask")
-        distributed: Any = importlib.import_module("distributed")
+        return importlib.import_module("dask"), importlib.import_module("distributed")
     except ImportError as error:
         raise InputError(
             f"a Dask cluster needs an optional package ({error}); pip install 'shipfp_rs[cluster]'"
         ) from error
+
+
+@contextlib.contextmanager
+def _client(address: str | None, workers: int) -> Iterator[Any]:
+    dask, distributed = _dask()
     if address is not None:
         try:
             client = distributed.Client(address, timeout=CONNECT_S)

@@ -21,6 +21,9 @@ from shipfp_rs.vessel.vessel import Vessel
 _FASTEST_SHIP = 100.0
 """Highest ship speed that is tried for a steady state [m/s]."""
 
+SLOWEST = 1e-3
+"""Part of the rated speed below which no engine turns."""
+
 
 @dataclass(frozen=True)
 class OperatingPoint:
@@ -99,7 +102,8 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     set_point = vessel.operating_point.n_e_rpm if n_e_rpm is None else n_e_rpm
     positive(f"vessel {vessel.name!r}: set point [rpm]", set_point)
     rated = vessel.engine.rated_speed_rpm
-    if hint := hints.likely(set_point, 0.1 * rated, 1.5 * rated, hints.SPEED_RPM, "rpm"):
+    hint = hints.likely(set_point, 0.1 * rated, 1.5 * rated, hints.SPEED_RPM, "rpm")
+    if hint or set_point < SLOWEST * rated:
         raise InputError(
             f"vessel {vessel.name!r}: set point is {set_point:g} rpm, expected one near {rated:g} rpm{hint}"
         )

@@ -1,12 +1,10 @@
 //! Bindings of the ship model.
 
-use numpy::{PyArray1, PyArray2, PyArray5};
+use numpy::PyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{
-    Sensitivities, Sums, Targets, Vector, borrow, filled_with_derivatives, hand_back, hand_back_sums, members,
-};
+use super::arrays::{Sensitivities, Sums, Targets, Vector, borrow, filled_with_derivatives, hand_back_sums};
 use super::guard;
 use crate::ship::{OFF, OUTPUTS, Output, PARAMETERS, Parameters, Record, Run, Task, simulate};
 
@@ -84,74 +82,6 @@ fn ship_products<'py>(
     hand_back_sums(py, sums.values, [rows, sums.columns], sums.count)
 }
 
-type OfMany<'py> = (Bound<'py, PyArray5<f64>>, Bound<'py, PyArray1<i64>>);
-
-/// The same of many ships [M, 32] on so many threads, 0 for all cores: ([M, O, W + 2, O, W + 2], samples counted [M]). The sums of
-/// one that diverges are infinite, and it counts no sample.
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn ship_products_batch<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    u: &Bound<'py, PyAny>,
-    load: &Bound<'py, PyAny>,
-    dt: f64,
-    substeps: usize,
-    hold: &str,
-    outputs: Vec<usize>,
-    measured: &Bound<'py, PyAny>,
-    offsets: &Bound<'py, PyAny>,
-    filters: &Bound<'py, PyAny>,
-    wrt: Vec<usize>,
-    threads: usize,
-) -> PyResult<OfMany<'py>> {
-    let ships = members(parameters, PARAMETERS.len(), Parameters::new)?;
-    let inputs = Inputs::borrow(u, load)?;
-    let run = inputs.run(dt, substeps, hold)?;
-    let (members, rows, columns) = (ships.len(), outputs.len(), wrt.len() + 2);
-    let targets = Targets::borrow(measured, offsets, filters, rows, run.samples())?;
-    let record = record(run, &outputs, wrt, &targets)?;
-    let work = ships.iter().fold(0_usize, |sum, ship| sum.saturating_add(record.work(ship)));
-    let sums = guard::run(py, work, |stop| record.batch(&ships, threads, stop))?;
-    let counts = sums.iter().map(|sums| i64::try_from(sums.count).unwrap_or(i64::MAX)).collect();
-    let values = sums.into_iter().flat_map(|sums| sums.values).collect();
-    Ok((hand_back(py, values, [members, rows, columns, rows, columns])?, hand_back(py, counts, [members])?))
-}
-
-/// The same without derivatives: ([M, O, 2, O, 2], samples counted [M]).
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn ship_scatter_batch<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    u: &Bound<'py, PyAny>,
-    load: &Bound<'py, PyAny>,
-    dt: f64,
-    substeps: usize,
-    hold: &str,
-    outputs: Vec<usize>,
-    measured: &Bound<'py, PyAny>,
-    offsets: &Bound<'py, PyAny>,
-    filters: &Bound<'py, PyAny>,
-    threads: usize,
-) -> PyResult<OfMany<'py>> {
-    ship_products_batch(
-        py,
-        parameters,
-        u,
-        load,
-        dt,
-        substeps,
-        hold,
-        outputs,
-        measured,
-        offsets,
-        filters,
-        vec![],
-        threads,
-    )
-}
-
 fn vector(parameters: &Bound<'_, PyAny>) -> PyResult<Parameters> {
     let vector: Vector<'_> = borrow("parameters", parameters)?;
     Ok(Parameters::new(vector.as_slice()?, "parameters")?)
@@ -191,7 +121,5 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
     module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;
     module.add_function(wrap_pyfunction!(ship_products, module)?)?;
-    module.add_function(wrap_pyfunction!(ship_products_batch, module)?)?;
-    module.add_function(wrap_pyfunction!(ship_scatter_batch, module)?)?;
     Ok(())
 }

@@ -22,7 +22,6 @@
 #![allow(clippy::match_same_arms)] // Each parameter keeps its own line.
 #![allow(clippy::out_of_bounds_indexing)] // The index is a constant below the branch's own limit.
 
-mod batch;
 mod events;
 mod march;
 mod output;

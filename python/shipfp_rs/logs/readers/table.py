@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,6 +25,10 @@ from shipfp_rs.logs.readers.time_numbers import Column
 from shipfp_rs.logs.readers.time_plan import TimePlan
 from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+
+# Arrow imports pandas at its first conversion, and takes an interrupt then for its absence.
+with contextlib.suppress(ImportError):
+    import pandas  # noqa: F401
 
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""
