@@ -249,6 +249,14 @@ def ship_products(
 ) -> tuple[NDArray[np.float64], int]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
+_Crossed = tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+]
 
 @final
 class PulseCrossings:
@@ -264,26 +272,8 @@ class PulseCrossings:
 class PulseTracker:
     def __new__(cls, threshold: float | None = None, hysteresis: float | None = None) -> Self: ...
     def look(self, samples: _Samples) -> None: ...
-    def cross(
-        self, samples: _Samples
-    ) -> tuple[
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-    ]: ...
-    def follow(
-        self, samples: _Samples, window: int
-    ) -> tuple[
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-    ]: ...
+    def cross(self, samples: _Samples) -> _Crossed: ...
+    def follow(self, samples: _Samples, window: int) -> _Crossed: ...
     @property
     def gaps(self) -> NDArray[np.int64]: ...
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 
@@ -64,3 +66,13 @@ def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[
         "bic": float(likelihood + parameters * np.log(samples)),
         "caic": float(likelihood + parameters * (np.log(samples) + 1.0)),
     }
+
+
+def missed_pct(row: Mapping[str, float | None], chance: float = 0.0) -> float:
+    """Return what a model misses of an output, as a part of the output's spread [%].
+
+    That is the root of the share of the whitened residual which the set point still explains, less what chance explains.
+    """
+    share = (row.get("input_explained_pct") or 0.0) / 100.0
+    rest = max(1.0 - (row.get("nrmse_pct") or 0.0) / 100.0, 0.0)
+    return float(100.0 * max(share - chance, 0.0) ** 0.5 * rest)

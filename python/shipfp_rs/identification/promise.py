@@ -114,7 +114,7 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
     others = {parameter.name: parameter.start for parameter in made.parameters}
     others["tau_prop"] = PROPELLER_PART * found["tau_n"]
     # A limit cuts off the stairs of a governor that samples, of which the records were cleared.
-    stairs = name == "torque_limit" and is_mean_sampled(made)
+    stairs = name == "torque_limit" and made.settings["mean_sampling"]
     gram = np.zeros((search.size + 1 + len(begins),) * 2)
     parts = search.parts(search.filtered(minimum.vector, minimum.noise), minimum.noise)
     for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
@@ -159,12 +159,6 @@ def _levels(search: WeightedProblem, minimum: Minimum) -> tuple[float, ...]:
         assert isinstance(block.data, Experiment)
         top = max(top, float(np.max(_engine_torque(search.structure, values, block.data))))
     return tuple(1.0 + share * top for share in LEVELS)
-
-
-def is_mean_sampled(structure: Structure) -> bool:
-    """Whether a structure has a governor that samples, by its mean."""
-    equations = bare(structure.equations)
-    return isinstance(equations, ShipEquations) and equations.mean_sampling
 
 
 def _roughly(structure: Structure) -> Structure:

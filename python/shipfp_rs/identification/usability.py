@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Usable, WhyNot, is_rough
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.wording import OUTPUTS
 
@@ -55,9 +56,7 @@ def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> di
     for name, row in fit.items():
         if name == "overall":
             continue
-        share = float(row.get("input_explained_pct") or 0.0) / 100.0
-        rest = max(1.0 - float(row["nrmse_pct"] or 0.0) / 100.0, 0.0)
-        misses[name] = 100.0 * max(share - float(INPUT_LAGS + 1) / samples, 0.0) ** 0.5 * rest
+        misses[name] = missed_pct(row, chance=(INPUT_LAGS + 1) / samples)
     return misses
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
+from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.structures.structure import Structure
 
 SMALL_PCT = 0.1
@@ -135,9 +135,7 @@ def _contradictions(
     followed = [
         f"{output} ({_chance(p)}, it explains {row['input_explained_pct']:.2g} % of what was left)"
         for output, row in rows.items()
-        if (p := row.get("input_correlation_p")) is not None
-        and p < threshold
-        and _missed_pct(row) > SMALL_PCT
+        if (p := row.get("input_correlation_p")) is not None and p < threshold and missed_pct(row) > SMALL_PCT
     ]
     if followed:
         return [
@@ -157,12 +155,6 @@ def _contradictions(
             + ", so the intervals may be too narrow."
         ]
     return []
-
-
-def _missed_pct(row: Mapping[str, float | None]) -> float:
-    """What the set point still explains of an output, as a part of the output's own spread [%]."""
-    left_pct = 100.0 - (row.get("nrmse_pct") or 0.0)
-    return left_pct * math.sqrt((row.get("input_explained_pct") or 0.0) / 100.0)
 
 
 def _chance(p: float) -> str:

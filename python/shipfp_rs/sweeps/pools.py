@@ -159,7 +159,6 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
     InputError
         Where there is no such pool, or the packages for it are missing.
     """
-    check_pool(executor, address)
     count = workers or available_workers()
     if isinstance(executor, Executor):
         yield Given(executor, workers or int(getattr(executor, "_max_workers", count)))
