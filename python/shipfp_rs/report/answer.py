@@ -59,15 +59,18 @@ def answer(
 
     `step` is the picture of the loop's answer to a step.
     """
-    lead = fingerprint.usable or (fingerprint.verdict[0] if fingerprint.verdict else "")
+    lead = _with_names(say.sentence(fingerprint.usable), fingerprint.parameters, say)
+    if not lead and fingerprint.verdict:
+        lead = say.sentence(fingerprint.verdict[0])
     failed = fingerprint.usability == "not usable"
     tone = TONES.get(fingerprint.usability, "")
-    lead = _with_names(say.sentence(lead), fingerprint.parameters, say)
     yield piece("lead", lead or say("No verdict was given."), tone)
     heading = (
         say("The model's figures, not the ship's") if failed else say("The ship, with intervals of 95 %")
     )
-    tables = [piece("facts", heading, ship_rows(fingerprint, say))]
+    # Where the search found no minimum there is nothing to tell, not even of the model.
+    told = fingerprint.why_not != "no minimum"
+    tables = [piece("facts", heading, ship_rows(fingerprint, say))] if told else []
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
@@ -82,19 +85,18 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return what to do about a fingerprint that can't be used; nothing for one that can."""
     if not fingerprint.why_not:
         return []
-    if fingerprint.why_not in ("no minimum", "nothing told"):
-        return [
-            say(
-                "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a "
-                "parameter known from elsewhere."
-            )
-        ]
-    return [
-        say(
-            "The figures hold for the model, not for the ship. Look where measurement and model part: a channel of another "
-            "record, a wrong calibration, or a load or limit that the model lacks."
-        )
-    ]
+    part = say(
+        "Look where measurement and model part: a channel of another record, a wrong calibration, or a load or limit "
+        "that the model lacks."
+    )
+    more = say(
+        "A longer record, a larger swing of the set point, a torque channel, or a parameter known from elsewhere would help."
+    )
+    if fingerprint.why_not == "nothing told":
+        return [more]
+    if fingerprint.why_not == "no minimum":
+        return [f"{part} {more}"]
+    return [f"{say('The figures hold for the model, not for the ship.')} {part}"]
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:

@@ -40,14 +40,17 @@ def parameters(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None, pictures: Pictures, say: Say
 ) -> Iterable[str]:
     """Yield the tables of parameters and combinations and the picture of their intervals."""
-    yield _estimates(
-        say("parameters with their 95 % intervals"), fingerprint.parameters, truth, say, formula=True
-    )
+    failed = bool(fingerprint.why_not)
+    if failed:
+        yield paragraph(say("These are figures of the model; of the ship they say nothing."))
+    about = say("parameters with their 95 % intervals")
+    yield _estimates(about, fingerprint.parameters, truth, say, formula=True, failed=failed)
     yield from _meanings(fingerprint, say)
     if fingerprint.derived:
         yield piece("heading", say("Combinations"))
         yield paragraph(say("Told better than their members, or though these are not told one by one."))
-        yield _estimates(say("combinations with their 95 % intervals"), fingerprint.derived, truth, say)
+        about = say("combinations with their 95 % intervals")
+        yield _estimates(about, fingerprint.derived, truth, say, failed=failed)
     text = fingerprint.to_csv()
     assert isinstance(text, str)
     yield link(say("All estimates as CSV"), "fingerprint.csv", "text/csv", text.encode())
@@ -113,6 +116,7 @@ def _estimates(
     say: Say,
     *,
     formula: bool = False,
+    failed: bool = False,
 ) -> str:
     truths = ["truth"] if truth else []
     formulas = ["formula"] if formula else []
@@ -140,7 +144,8 @@ def _estimates(
         reason = f": {row.reason}" if row.reason and row.reason != "given" else ""
         end = at_an_end(estimate, say) if row.status == "estimated" else ""
         told = say.word(row.status) + say.sentence(reason) + (f", {end}" if end else "")
-        cells.append(Cell(told, tone=TONES.get(row.status, "")))
+        # Green would say that the ship has this value.
+        cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
         rows.append(cells)
     return table(about, [say(text) for text in head], rows)
 

@@ -55,16 +55,16 @@ SENTENCES: Mapping[str, str] = {
     "{name}, {start} to {stop} s: measured, and the model's answer to the same set point.": (
         "{name}, {start} bis {stop} s: gemessen, und die Antwort des Modells auf denselben Sollwert."
     ),
-    "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a parameter known "
-    "from elsewhere.": (
-        "Mehr davon hilft: eine längere Aufzeichnung, ein größerer Ausschlag des Sollwerts, ein Drehmomentkanal oder ein Parameter "
-        "aus anderer Quelle."
+    "A longer record, a larger swing of the set point, a torque channel, or a parameter known from elsewhere would help.": (
+        "Es hilft: längere Aufzeichnung, größerer Ausschlag des Sollwerts, ein Drehmomentkanal, ein Parameter aus anderer Quelle."
     ),
-    "The figures hold for the model, not for the ship. Look where measurement and model part: a channel of another record, a "
-    "wrong calibration, or a load or limit that the model lacks.": (
-        "Die Zahlen gelten für das Modell, nicht für das Schiff. Zu prüfen, wo Messung und Modell auseinandergehen: ein Kanal aus "
-        "einer anderen Aufzeichnung, eine falsche Kalibrierung, eine Last oder Grenze, die dem Modell fehlt."
+    "The figures hold for the model, not for the ship.": "Die Zahlen gelten für das Modell, nicht für das Schiff.",
+    "Look where measurement and model part: a channel of another record, a wrong calibration, or a load or limit that the "
+    "model lacks.": (
+        "Zu prüfen, wo Messung und Modell auseinandergehen: ein Kanal aus einer anderen Aufzeichnung, eine falsche Kalibrierung, "
+        "eine Last oder Grenze, die dem Modell fehlt."
     ),
+    "These are figures of the model; of the ship they say nothing.": "Dies sind Zahlen des Modells; über das Schiff sagen sie nichts.",
     "Acts: {names}.": "Es wirkt: {names}.",
     "May act or not: {names}.": "Wirkt vielleicht: {names}.",
     "No effect found, either absent or too small to show: {names}.": "Keine Wirkung gefunden, nicht da oder zu schwach: {names}.",
