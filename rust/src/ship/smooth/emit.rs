@@ -13,7 +13,7 @@ use super::feed::Feed;
 use super::grid::{Piece, Time};
 use super::model::{Jets, Model};
 use super::power::Power;
-use super::reading::{OWN, Reading, weighed};
+use super::reading::{OWN, OfTorque, Reading, weighed};
 use super::slopes::{Course, LANES, Pack, get, put};
 use super::steps::Step;
 
@@ -83,7 +83,7 @@ impl<'a> Emit<'a> {
             run: *run,
             wrt: task.wrt,
             channels,
-            readings: task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt)).collect(),
+            readings: readings(model, task, OfTorque::FREE),
             points: Vec::with_capacity(outputs),
             room,
             packs,
@@ -305,6 +305,11 @@ impl<'a> Emit<'a> {
         self.block.from += count;
         Ok(())
     }
+}
+
+/// How each output is read.
+pub fn readings(model: &Model, task: &Task<'_>, of: OfTorque) -> Vec<Reading> {
+    task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt, of)).collect()
 }
 
 /// Lay packs, so many apart, into a row of a block for each lane.
