@@ -345,7 +345,7 @@ def test_odd_ships_end_in_a_result_or_one_line(values, more, hold):
 
 def test_ctrl_c_ends_a_long_run():
     """The kernel looks at the stop flag within a sample, too."""
-    values = {**SHIP, **TORQUE, "tau_act": 5e-5}
+    values = {**SHIP, **TORQUE, "rate_up": 1e3, "tau_act": 5e-5}
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()
     start = time.monotonic()

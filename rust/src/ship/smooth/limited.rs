@@ -15,9 +15,9 @@ use crate::ship::run::Run;
 use crate::stop::Stop;
 
 use super::emit::{Emit, readings};
-use super::history::{History, moved};
-use super::model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS};
-use super::outside::Outside;
+use super::history::{History, Window, moved};
+use super::model::{FLEXIBLE_TERMS, Jets, Model, Series, State, TERMS};
+use super::outside::{Outside, Over};
 use super::reading::{OfTorque, Reading};
 use super::slopes::{Derivatives, On, carry};
 use super::sources::Sources;
@@ -35,14 +35,10 @@ const LOOKS: usize = 8;
 /// Halvings that find a switch to rounding.
 const HALVINGS: usize = 52;
 
-/// Whether a ship switches only by limits of its torque that do not hold when the record begins.
+/// Whether a ship switches only by limits of its torque.
 pub fn is_limited(parameters: &Parameters, wrt: &[usize], run: &Run<'_>) -> bool {
     const OTHERS: [usize; 7] =
         [at::T_S, at::RATE_UP, at::RATE_DOWN, at::X_MAX, at::X_MIN, at::ANTI_WINDUP, at::K_D];
-    let of = |place: usize| parameters.of(place);
-    let n0 = of(at::INITIAL_N) - 1.0;
-    let torque = 1.0 + of(at::G) * n0 + of(at::INITIAL_F);
-    let high = of(at::M_MAX) + of(at::M_MAX_SLOPE) * n0;
     // Where two limits may cross, the lower one wins: another switch.
     let crossing = !parameters.is_off(at::M_MIN)
         && (!parameters.is_off(at::M_MAX_SLOPE) || wrt.contains(&at::M_MAX_SLOPE));
@@ -50,8 +46,6 @@ pub fn is_limited(parameters: &Parameters, wrt: &[usize], run: &Run<'_>) -> bool
         && !wrt.contains(&at::K_D)
         && run.hold == Hold::First
         && !crossing
-        && of(at::M_MIN) < torque
-        && torque < high
 }
 
 /// Simulate, and give every block of samples to `consume`.
@@ -75,6 +69,17 @@ enum Held {
     Low,
 }
 
+impl Held {
+    /// Parameters of the engine's torque meanwhile.
+    const fn torque(self) -> OfTorque {
+        match self {
+            Self::Not => OfTorque::FREE,
+            Self::High => OfTorque { slope: Some(at::M_MAX_SLOPE), rack: None, level: Some(at::M_MAX) },
+            Self::Low => OfTorque { slope: None, rack: None, level: Some(at::M_MIN) },
+        }
+    }
+}
+
 /// A limit: the torque at the speed of one, and its slope by the speed.
 #[derive(Debug, Clone, Copy)]
 struct Limit {
@@ -93,6 +98,16 @@ impl Limit {
         above[0] += 1.0 - self.level;
         above
     }
+}
+
+/// A piece up to a switch, if there is one.
+struct Reached {
+    /// So much of the piece that was proposed; next to nothing where the switch is at its start.
+    part: f64,
+    next: Option<(f64, Held)>,
+    window: Option<Window>,
+    over: Over,
+    end: State,
 }
 
 /// The ship while nothing or one of its limits holds, with all that differs.
@@ -115,14 +130,18 @@ impl Modes {
         let low = Limit { level: of(at::M_MIN), slope: 0.0 };
         let models = [free, free.held(high.level, high.slope), free.held(low.level, low.slope)];
         let sources = Sources::new(&free, task.wrt, set0, load0);
-        let held = |slope, level| OfTorque { slope, rack: None, level: Some(level) };
+        let torque = 1.0 + free.g * free.n0 + free.f0;
+        let now = if torque > high.level + high.slope * free.n0 {
+            Held::High
+        } else if torque < low.level {
+            Held::Low
+        } else {
+            Held::Not
+        };
         Self {
             models,
-            readings: [
-                Vec::new(),
-                readings(&models[1], task, held(Some(at::M_MAX_SLOPE), at::M_MAX)),
-                readings(&models[2], task, held(None, at::M_MIN)),
-            ],
+            readings: [Held::Not, Held::High, Held::Low]
+                .map(|held| readings(&models[held as usize], task, held.torque())),
             sources: [
                 sources.clone(),
                 sources.held(at::M_MAX, Some(at::M_MAX_SLOPE)),
@@ -130,7 +149,7 @@ impl Modes {
             ],
             high,
             low,
-            now: Held::Not,
+            now,
             fresh: false,
         }
     }
@@ -177,6 +196,37 @@ impl Modes {
         if most <= 0.0 { None } else { above_within(&series) }
     }
 
+    /// Over the piece to come, as far as nothing switches.
+    #[inline(always)]
+    fn reach<const EXPONENT: bool, const T: usize>(
+        &self,
+        state: &State,
+        steps: &mut Steps,
+        outside: &mut Outside<'_>,
+        run: &Run<'_>,
+        jets: &mut Jets,
+    ) -> Reached {
+        let (free, present) = (&self.models[0], &self.models[self.now as usize]);
+        let (mut part, mut next) = (1.0, None);
+        loop {
+            let (piece, window) = steps.propose(part);
+            let length = piece.length * run.dt;
+            let over = outside.over::<T>(free, &piece, window.as_ref(), 1.0 / length);
+            let end = present.jets::<EXPONENT, T>(state, [length, 1.0 / length], &over.feed, over.load, jets);
+            if next.is_none() {
+                next = self.switch::<T>(jets);
+                if let Some((at, _)) = next.filter(|&(at, _)| at < 1.0 - LEAST) {
+                    part = at;
+                    if part > LEAST {
+                        continue;
+                    }
+                }
+            }
+            return Reached { part, next, window, over, end };
+        }
+    }
+
+    /// A limit takes hold or lets go.
     fn turn(&mut self, next: Held, emit: &mut Emit<'_>) {
         std::mem::swap(&mut self.readings[self.now as usize], &mut emit.readings);
         self.now = next;
@@ -237,7 +287,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let places = history.as_ref().map_or(0, History::places);
         let mut outside = Outside::new(run, &model, places);
         let mut derivatives = Derivatives::<T>::start(&model, task.wrt, places, load0);
-        let mut emit = Emit::new(&model, task, run);
+        let mut emit = Emit::new(&model, (&modes.models[modes.now as usize], modes.now.torque()), task, run);
         let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
         let levels = match (model.t_d > 0.0, run.sharp) {
             (false, _) => 0,
@@ -258,26 +308,8 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
                 derivatives.backs = moved(&derivatives.backs, derivatives.packs(), &moves);
             }
             let present = modes.now as usize;
-            let mut part = 1.0;
-            let mut next = None;
-            let (window, over, end) = loop {
-                let (piece, window) = steps.propose(part);
-                let length = piece.length * run.dt;
-                let over = outside.over::<T>(&model, &piece, window.as_ref(), 1.0 / length);
-                let times = [length, 1.0 / length];
-                let end = modes.models[present]
-                    .jets::<EXPONENT, T>(&state, times, &over.feed, over.load, &mut jets);
-                if next.is_none() {
-                    next = modes.switch::<T>(&jets);
-                    if let Some((at, _)) = next.filter(|&(at, _)| at < 1.0 - LEAST) {
-                        part = at;
-                        if part > LEAST {
-                            continue;
-                        }
-                    }
-                }
-                break (window, over, end);
-            };
+            let reached = modes.reach::<EXPONENT, T>(&state, &mut steps, &mut outside, run, &mut jets);
+            let Reached { part, next, window, over, end } = reached;
             if let Some((_, held)) = next.filter(|_| part <= LEAST) {
                 modes.turn(held, &mut emit);
                 steps.expect(model.t_d / run.dt, levels);

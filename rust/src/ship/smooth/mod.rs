@@ -38,6 +38,7 @@ use grid::Grid;
 use history::History;
 use model::{FLEXIBLE_TERMS, Jets, Model, TERMS, is_flexible, total};
 use outside::Outside;
+use reading::OfTorque;
 use slopes::{Derivatives, On};
 use sources::Sources;
 use steps::Steps;
@@ -153,7 +154,7 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
         let mut outside = Outside::new(run, &model, places);
         let mut derivatives = Derivatives::<T>::start(&model, task.wrt, places, load0);
         let sources = Sources::new(&model, task.wrt, set0, load0);
-        let mut emit = Emit::new(&model, task, run);
+        let mut emit = Emit::new(&model, (&model, OfTorque::FREE), task, run);
         let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
         let mut state = model.start(load0);
         let mut jets = Jets::default();
