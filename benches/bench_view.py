@@ -3,8 +3,9 @@
 `python -m benches.bench_view` takes half an hour of log (18 million samples, five channels at 2 kHz, Parquet); `--full` the
 trial's 3.2 hours (114 million), `--hours 27.8` 10^9 samples. Reading and opening take turns, each in a process of its own
 on two cores, imports not timed. The processors' own seconds stand beside the clock's: where others use the machine they
-change less. Zoom and pan are timed in Chromium, from the call to the drawing made of the stretch's own tiles; without
-Playwright and Chromium they are left out. Build with `maturin develop --release` first.
+change less. Zoom and pan are timed in Chromium, from the call to the drawing made of the stretch's own tiles, and the
+wheel from the turn of it to the frame after that drawing; without Playwright and Chromium they are left out. The pointer
+stands where the zoom goes to, and a tenth of a second lies between two moves. Build with `maturin develop --release` first.
 """
 
 import argparse
@@ -18,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,22 @@ from benches.parts import apart, read_whole
 from benches.timing import print_table
 
 MOVES = 120
+NOTCHES = 24
+"""Turns of the wheel from all of a log of 10^9 samples down to single ones."""
+NOTCH = -240
+PAUSE_MS = 100
+"""Between two moves; a hand is slower."""
+WHEEL = """async () => {
+  const stage = document.getElementById("stage");
+  const turned = await new Promise((done) => stage.addEventListener("wheel", done, { once: true, passive: true }));
+  await shipfp.view.whenSettled();
+  await new Promise((done) => requestAnimationFrame(() => {
+    const { port1, port2 } = new MessageChannel();  // a message comes after the frame is painted
+    port1.onmessage = done;
+    port2.postMessage(null);
+  }));
+  return performance.now() - turned.timeStamp;
+}"""
 ON_SCREEN_MS, SERVER_MIB, PAGE_MIB = 50.0, 1024.0, 300.0
 """Aims: 95th percentile of zoom and pan, most memory of the server and of the page."""
 
@@ -67,8 +85,58 @@ def page_pid(browser: Any) -> int:
     return int(max((one for one in every if one["type"] == "renderer"), key=lambda one: one["cpuTime"])["id"])
 
 
-def on_screen(path: Path, moves: int) -> tuple[list[float], list[float], float, float] | None:
-    """Milliseconds of zooms and of pans until drawn, and the most memory of the server and of the page's process [MiB]."""
+@dataclass(frozen=True)
+class Moved:
+    """Milliseconds of moves until drawn, of the wheel's until painted; the most memory of server and page [MiB]."""
+
+    zooms: list[float]
+    pans: list[float]
+    wheel: list[float]
+    server_mib: float
+    page_mib: float
+
+
+def called(page: Any, moves: int) -> tuple[list[float], list[float]]:
+    """Time calls that zoom in and move aside, from all of a log down to its samples about one place after the other."""
+    chance = random.Random(0)
+    zooms, pans = [], []
+    first, last = page.evaluate("[shipfp.view.first, shipfp.view.last]")
+    for move in range(moves):
+        if move % 12 == 0:
+            about = chance.uniform(first, last)
+            page.evaluate(
+                "(about) => { shipfp.view.all(); shipfp.view.setPointer(about); return shipfp.view.whenSettled(); }",
+                about,
+            )
+            page.wait_for_timeout(PAUSE_MS)
+        kind, call = (pans, "shift(0.3)") if move % 4 == 3 else (zooms, "zoom(0.25)")
+        timed = (
+            f"async () => {{ const began = performance.now(); shipfp.view.{call}; "
+            "await shipfp.view.whenSettled(); return performance.now() - began; }"
+        )
+        kind.append(page.evaluate(timed))
+        page.wait_for_timeout(PAUSE_MS)
+    return zooms, pans
+
+
+def wheeled(page: Any, moves: int) -> list[float]:
+    """Time turns of the wheel from all of a log down to its samples, the pointer at one place after the other."""
+    chance = random.Random(1)
+    box = page.locator(".row canvas").first.bounding_box()
+    took = []
+    for move in range(moves):
+        if move % NOTCHES == 0:
+            page.mouse.move(box["x"] + chance.uniform(0.2, 0.9) * box["width"], box["y"] + 30)
+            page.evaluate("() => { shipfp.view.all(); return shipfp.view.whenSettled(); }")
+        page.wait_for_timeout(PAUSE_MS)
+        page.evaluate(f"() => {{ window.turning = ({WHEEL})(); }}")
+        page.mouse.wheel(0, NOTCH)
+        took.append(page.evaluate("window.turning"))
+    return took
+
+
+def on_screen(path: Path, moves: int) -> Moved | None:
+    """Open a log in Chromium and move about in it; None without Playwright and Chromium."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -87,25 +155,22 @@ def on_screen(path: Path, moves: int) -> tuple[list[float], list[float], float, 
             page.goto(address)
             page.wait_for_selector("body[data-ready]")
             page.wait_for_selector("body[data-faults]")  # inspection takes both processors until it is done
-            first, last = page.evaluate("[shipfp.view.first, shipfp.view.last]")
-            chance = random.Random(0)
-            zooms, pans = [], []
-            for move in range(moves):
-                if move % 12 == 0:  # from all of it down to samples, about a place of its own
-                    page.evaluate("() => { shipfp.view.all(); return shipfp.view.whenSettled(); }")
-                    about = chance.uniform(first, last)
-                kind, call = (pans, "shift(0.3)") if move % 4 == 3 else (zooms, f"zoom(0.25, {about})")
-                timed = (
-                    f"async () => {{ const began = performance.now(); shipfp.view.{call}; "
-                    "await shipfp.view.whenSettled(); return performance.now() - began; }"
-                )
-                kind.append(page.evaluate(timed))
-                page.wait_for_timeout(100)  # a hand is slower than this
-            memory = peak_mib(server.pid), peak_mib(page_pid(browser))
+            moved = Moved(
+                *called(page, moves), wheeled(page, moves), peak_mib(server.pid), peak_mib(page_pid(browser))
+            )
             browser.close()
         finally:
             server.terminate()
-    return zooms, pans, *memory
+    return moved
+
+
+def told(what: str, took: list[float]) -> str:
+    """Say how long moves took."""
+    late = sorted(took)[min(int(0.95 * len(took)), len(took) - 1)]
+    return (
+        f"{what} in Chromium: median {statistics.median(took):.0f} ms, 95th percentile {late:.0f} ms "
+        f"(aim {ON_SCREEN_MS:.0f} ms)"
+    )
 
 
 def main() -> None:
@@ -152,15 +217,13 @@ def main() -> None:
     if moved is None:
         print("zoom and pan: left out, they need Playwright and Chromium")
         return
-    zooms, pans, server_mib, page_mib = moved
-    every = sorted([*zooms, *pans])
-    late = every[min(int(0.95 * len(every)), len(every) - 1)]
     print(
-        f"{len(zooms)} zooms and {len(pans)} pans in Chromium: median {statistics.median(every):.0f} ms, "
-        f"95th percentile {late:.0f} ms (aim {ON_SCREEN_MS:.0f} ms)"
+        told(f"{len(moved.zooms)} zooms and {len(moved.pans)} pans until drawn", [*moved.zooms, *moved.pans])
     )
+    print(told(f"{len(moved.wheel)} turns of the wheel until painted", moved.wheel))
     print(
-        f"most memory: server {server_mib:.0f} MiB (aim {SERVER_MIB:.0f}), page {page_mib:.0f} MiB (aim {PAGE_MIB:.0f}); "
+        f"most memory: server {moved.server_mib:.0f} MiB (aim {SERVER_MIB:.0f}), "
+        f"page {moved.page_mib:.0f} MiB (aim {PAGE_MIB:.0f}); "
         "shared libraries and the pages of mapped files included"
     )
 

@@ -240,6 +240,58 @@ def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None
         (("fit", "overall", "aic"), "low", "fit.overall.aic: found 'low', expected null or a number"),
         (("elements", "twist", "state"), 1, "elements.twist.state: found 1, expected on or off or open"),
         (("parameters", "tau_n", "status"), True, "parameters.tau_n.status: found True, expected a text"),
+        (("parameters", "tau_n", "value"), 1e4, "parameters.tau_n.ci95: found ["),
+        (
+            ("settings", "optimum", "tau_n"),
+            50.0,
+            "settings.optimum.tau_n: found 50.0, expected a number within",
+        ),
+        (
+            ("settings", "optimum", "T_d"),
+            0.1,
+            "settings.optimum.T_d: found 0.1, expected 0.02, at which it is",
+        ),
+        (("settings", "optimum", "tau_n"), "1", "settings.optimum: found {"),
+        (("settings", "ridge"), {"a": 1}, "settings.ridge: found {'a': 1}, expected a table of values and"),
+        (("settings", "weighting"), "heavy", "settings.weighting: found 'heavy', expected determinant or"),
+        (
+            ("settings", "offsets"),
+            "none",
+            "settings.offsets: found 'none', expected true, false or 'relative'",
+        ),
+        (("settings", "starts"), 0, "settings.starts: found 0, expected a whole number of 1 or more"),
+        (("settings", "tolerance"), -1.0, "settings.tolerance: found -1.0, expected a positive number"),
+        (("settings", "converged"), "yes", "settings.converged: found 'yes', expected true or false"),
+        (("settings", "minima"), [1.0], "settings.minima: found [1.0], expected a list of tables"),
+        (("versions", "scipy"), "none", "versions.scipy: found 'none', expected a version, '1.2.3'"),
+        (("seed",), -1, "seed: found -1, expected null or a whole number of 0 or more"),
+        (("structure", "torque"), 5, "structure: linear: torque is 5, expected"),
+        (("structure", "outputs"), ["x"], "structure: "),
+        (
+            ("structure", "parameters", "tau_n", "start"),
+            "1.2",
+            "structure.parameters.tau_n.start: found '1.2', expected a number",
+        ),
+        (
+            ("structure", "parameters", "tau_n", "bounds"),
+            [1.0],
+            "structure.parameters.tau_n.bounds: found [1.0], expected null or two ends, each a number or null",
+        ),
+        (
+            ("structure", "parameters", "tau_n", "bounds"),
+            [2.0, 1.0],
+            "structure.parameters: parameter tau_n: bounds 2 to 1 hold no value between them",
+        ),
+        (
+            ("structure", "parameters", "tau_n", "tied"),
+            {"to": "tau", "factor": 1.0, "offset": 0.0},
+            "structure.parameters.tau_n.tied.to: no parameter 'tau'",
+        ),
+        (
+            ("structure", "parameters", "tau"),
+            {},
+            "structure.parameters.tau.start: found None, expected a number",
+        ),
     ],
 )
 def test_breakage_d3_a_damaged_fingerprint_is_refused_by_its_key(found, tmp_path, place, value, said) -> None:
@@ -258,3 +310,13 @@ def test_breakage_d3_a_damaged_fingerprint_is_refused_by_its_key(found, tmp_path
     with pytest.raises(fp.InputError) as caught:
         fp.Fingerprint.load(path)
     assert said in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_breakage_d3_what_a_search_writes_stands_together(found, tmp_path) -> None:
+    content = found.to_dict()
+    del content["settings"]["converged"]
+    path = tmp_path / "ship.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(fp.InputError, match=r"settings\.converged: found None, expected true or false"):
+        fp.Fingerprint.load(path)

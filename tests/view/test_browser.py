@@ -229,6 +229,36 @@ def test_it_obeys_keys_wheel_and_drag(visits):
     assert page.evaluate("shipfp.view.rows[0].columns[0].sparse")
 
 
+def test_the_next_turns_of_the_wheel_find_their_tiles_here(browser, spiky):
+    """Where the pointer rests, what four turns of a quarter each show is asked for ahead."""
+    with served(spiky[0].parent) as caller:
+        doc = caller.server.desk.open(spiky[0])
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        visit.page.evaluate("shipfp.view.setPointer(321.0)")
+        held = (
+            "() => [1, 4, 16, 64, 256].every((part) => shipfp.view.keys(321 - 321 / part, 321 + 679 / part)"
+        )
+        held += ".every((key) => shipfp.view.tiles.held.has(key)))"
+        visit.page.wait_for_function(held)
+        visit.page.wait_for_load_state("networkidle")
+        visit.page.route("**/api/tiles*", lambda route: route.abort())
+        visit.page.evaluate("() => { shipfp.view.zoom(1 / 256); return shipfp.view.whenSettled(); }")
+        assert visit.page.evaluate("shipfp.view.unsharp") is False
+        assert visit.page.evaluate("shipfp.view.rows[0].columns[0].level") == 1
+        visit.page.close()
+
+
+def test_a_page_whose_server_has_gone_says_so_and_does_not_ask_on(visits):
+    visit = visits()
+    visit.page.wait_for_load_state("networkidle")
+    visit.page.route("**/api/tiles*", lambda route: route.abort())
+    visit.asked.clear()
+    visit.show(60.0, 60.2)
+    visit.page.get_by_text("is shipfp view still running?").wait_for()
+    visit.page.wait_for_timeout(300)
+    assert 1 <= len([url for url in visit.asked if "api/tiles" in url]) < 5
+
+
 def test_two_cursors_tell_the_difference_of_two_samples(visits, tug):
     visit = visits()
     page = visit.page

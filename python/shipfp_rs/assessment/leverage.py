@@ -49,7 +49,7 @@ def leverage(
     -----
     D. C. Hoaglin and R. E. Welsch, "The hat matrix in regression and ANOVA", 10.1080/00031305.1978.10479237.
     """
-    if (weighting := fingerprint.settings["weighting"]) != "std":
+    if (weighting := fingerprint.settings.get("weighting")) != "std":
         raise InputError(f"leverage: the fit's weighting is {weighting!r}, expected 'std'")
     block = Block.build(data, structure, offsets=False, initial_state=False, weigh=True)
     values = dict(fingerprint.optimum)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
+from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Weighting
+from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.checks import is_one_line
+from shipfp_rs.support.arguments import Count, Positive, Whole, fits
+from shipfp_rs.support.checks import expect, is_one_line
 
 TABLES = (
     "parameters",
@@ -22,10 +27,42 @@ TABLES = (
 OPTIONAL_TABLES = ("residuals", "elements", "adequate", "si")
 ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
 """Tables of tables."""
-REBUILT = ("linear", "ship")
+REBUILT = ("linear", "ship", "joint")
 """Kinds of structures that a file tells whole."""
 STATES = ("on", "off", "open")
 """What the data can say of an element of the ship."""
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "weighting": get_args(Weighting),
+    "noise": get_args(NoiseModel),
+    "covariance": get_args(Covariance),
+    "intervals": get_args(Intervals),
+    "set_point": ("band-limited", "straight lines"),
+}
+"""Settings that are one of some words."""
+SETTINGS: Mapping[str, tuple[Any, str]] = {
+    "offsets": (bool | str, "true, false or 'relative'"),
+    "initial_state": (str | Mapping[str, float], "'estimated', 'zero' or a table of numbers"),
+    "huber": (Positive | None, "null or a positive number"),
+    "ridge": (Mapping[str, tuple[float, float]], "a table of values and weights, two numbers each"),
+    "random_search": (Whole, "a whole number of 0 or more"),
+    "starts": (Count, "a whole number of 1 or more"),
+    "max_evaluations": (Count, "a whole number of 1 or more"),
+    "tolerance": (Positive, "a positive number"),
+    "time_limit_s": (Positive | None, "null or a positive number"),
+    "structure": (str, "a text"),
+    "ladder": (Sequence[Mapping[str, Any]], "a list of tables"),
+    "optimum": (Mapping[str, float], "a table of numbers"),
+    "kalman_gain": (Mapping[str, float], "a table of numbers"),
+    "criterion": (float | None, "null or a number"),
+    "converged": (bool, "true or false"),
+    "message": (str, "a text"),
+    "minima": (Sequence[Mapping[str, Any]], "a list of tables"),
+    "alternatives": (Sequence[Mapping[str, Any]], "a list of tables"),
+}
+"""Settings that a search writes: an annotation of each value, and its words. Others are kept as they are."""
+VERSION = re.compile(r"\d+(\.\w+)+([+-][\w.]+)*")
+OF_A_SEARCH = ("optimum", "criterion", "converged", "message", "minima")
+"""Settings none of which stands without the others."""
 
 
 def require_layout(content: Mapping[str, Any]) -> None:
@@ -46,47 +83,45 @@ def require_layout(content: Mapping[str, Any]) -> None:
         for figure, found in row.items():
             _require_figure(f"fit.{name}.{figure}", found)
             is_share = not figure.endswith("_p") or found is None or 0.0 <= found <= 1.0
-            _require(is_share, f"fit.{name}.{figure}", found, "a probability")
+            expect(is_share, f"fit.{name}.{figure}", found, "a probability")
     for name, row in content.get("elements", {}).items():
-        _require(row.get("state") in STATES, f"elements.{name}.state", row.get("state"), " or ".join(STATES))
+        expect(row.get("state") in STATES, f"elements.{name}.state", row.get("state"), " or ".join(STATES))
     vessel, structure = content["vessel"], content["structure"]
-    _require(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
+    expect(vessel is None or isinstance(vessel, str), "vessel", vessel, "a text or null")
     for name, row in _table(structure.get("parameters", {}), "structure.parameters").items():
-        _table(row, f"structure.parameters.{name}")
+        expect_row(f"structure.parameters.{name}", row, ROW)
     if structure.get("kind") in REBUILT:
         Structure.from_dict(structure)
-    _require(isinstance(structure.get("name", ""), str), "structure.name", structure.get("name"), "a text")
+    expect(isinstance(structure.get("name", ""), str), "structure.name", structure.get("name"), "a text")
     outputs = structure.get("outputs", [])
     named = isinstance(outputs, list) and all(isinstance(output, str) for output in outputs)
-    _require(named, "structure.outputs", outputs, "a list of texts")
+    expect(named, "structure.outputs", outputs, "a list of texts")
     for key, words in (("usability", Usable), ("why_not", WhyNot)):
         found = content.get(key, "")
-        _require(found in get_args(words), key, found, "one of " + ", ".join(map(repr, get_args(words))))
+        expect(found in get_args(words), key, found, "one of " + ", ".join(map(repr, get_args(words))))
     for key, kind in (("verdict", str), ("data", dict)):
         entries = content[key]
-        _require(
+        expect(
             isinstance(entries, list) and all(isinstance(one, kind) for one in entries),
             key,
             entries,
             "a list",
         )
     _require_covariance(content["covariance"], content["parameters"])
-    optimum = _table(content["settings"].get("optimum", {}), "settings.optimum")
-    for name, value in optimum.items():
-        _require(_is_number(value), f"settings.optimum.{name}", value, "a number")
-    for name in content["parameters"] if "optimum" in content["settings"] else ():
-        _require(name in optimum, f"settings.optimum.{name}", "nothing", "a number")
+    _require_settings(content["settings"])
+    _require_software(content)
+    _require_optimum(content)
 
 
 def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) -> None:
     """Value, standard deviation and interval, none of which can be told without the value."""
     for text in texts:
-        _require(isinstance(row[text], str) and is_one_line(row[text]), f"{key}.{text}", row[text], "a text")
+        expect(isinstance(row[text], str) and is_one_line(row[text]), f"{key}.{text}", row[text], "a text")
     for figure in ("value", "std"):
         _require_figure(f"{key}.{figure}", row[figure])
     _require_interval(f"{key}.ci95", row["ci95"])
     value, ends = row["value"], row["ci95"]
-    _require(
+    expect(
         row["std"] is None or value is not None,
         f"{key}.value",
         None,
@@ -95,34 +130,84 @@ def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) ->
     if value is not None and ends is not None and None not in ends:
         width = ends[1] - ends[0]
         near = ends[0] - width <= value <= ends[1] + width
-        _require(near, f"{key}.ci95", ends, f"an interval about the value, {value:.4g}")
+        expect(near, f"{key}.ci95", ends, f"an interval about the value, {value:.4g}")
 
 
 def _require_figure(key: str, found: object) -> None:
-    _require(found is None or _is_number(found), key, found, "null or a number")
+    expect(found is None or _is_number(found), key, found, "null or a number")
 
 
 def _require_interval(key: str, ends: object) -> None:
-    fits = ends is None or (
-        isinstance(ends, list) and len(ends) == 2 and all(end is None or _is_number(end) for end in ends)
-    )
-    _require(fits, key, ends, "null or two numbers")
+    two = isinstance(ends, list) and len(ends) == 2 and all(end is None or _is_number(end) for end in ends)
+    expect(ends is None or two, key, ends, "null or two numbers")
+
+
+def _require_settings(settings: Mapping[str, Any]) -> None:
+    for name, (kind, words) in SETTINGS.items():
+        expect(
+            name not in settings or fits(settings[name], kind), f"settings.{name}", settings.get(name), words
+        )
+    for name, known in WORDS.items():
+        expect(
+            settings.get(name, known[0]) in known, f"settings.{name}", settings.get(name), " or ".join(known)
+        )
+    for name, known in (("offsets", ("relative",)), ("initial_state", ("estimated", "zero"))):
+        found = settings.get(name)
+        expect(not isinstance(found, str) or found in known, f"settings.{name}", found, SETTINGS[name][1])
+    for name in OF_A_SEARCH if any(name in settings for name in OF_A_SEARCH) else ():
+        expect(name in settings, f"settings.{name}", None, SETTINGS[name][1])
+
+
+def _require_software(content: Mapping[str, Any]) -> None:
+    seed = content["seed"]
+    expect(seed is None or fits(seed, Whole), "seed", seed, "null or a whole number of 0 or more")
+    for name, found in content["versions"].items():
+        is_version = isinstance(found, str) and VERSION.fullmatch(found) is not None
+        expect(is_version, f"versions.{name}", found, "a version, '1.2.3'")
+
+
+def _require_optimum(content: Mapping[str, Any]) -> None:
+    """Refuse values that a search can't have ended at: outside the bounds, or of a fixed parameter moved."""
+    if "optimum" not in content["settings"]:
+        return
+    optimum = content["settings"]["optimum"]
+    for name in content["parameters"]:
+        expect(name in optimum, f"settings.optimum.{name}", None, "a number")
+    rows = content["structure"].get("parameters", {})
+    for name, value in optimum.items():
+        _require_within(f"settings.optimum.{name}", value, rows.get(name, {}))
+    for name, estimate in content["parameters"].items():
+        if estimate["status"] in ("free", "prior") and estimate["value"] is not None:
+            _require_within(f"parameters.{name}.value", estimate["value"], rows.get(name, {}))
+
+
+def _require_within(key: str, value: float, row: Mapping[str, Any]) -> None:
+    """Refuse a value that the declaration of its parameter excludes."""
+    if row.get("fixed"):
+        expect(_is_near(value, row["start"]), key, value, f"{row['start']:.6g}, at which it is fixed")
+    elif row.get("bounds") is not None:
+        low, high = row["bounds"]
+        above = low is None or value >= low or _is_near(value, low)
+        below = high is None or value <= high or _is_near(value, high)
+        expect(above and below, key, value, f"a number within its bounds, {low} to {high}")
+
+
+def _is_near(value: float, other: float) -> bool:
+    return math.isclose(value, other, rel_tol=1e-9, abs_tol=1e-9)
 
 
 def _require_covariance(table: Mapping[str, Any], parameters: Mapping[str, Any]) -> None:
     names, matrix = table.get("names", []), table.get("matrix", [])
     known = isinstance(names, list) and all(isinstance(name, str) and name in parameters for name in names)
-    _require(known, "covariance.names", names, "names of parameters")
+    expect(known, "covariance.names", names, "names of parameters")
     square = (
         isinstance(matrix, list)
         and len(matrix) == len(names)
         and all(_is_row(row, len(names)) for row in matrix)
     )
-    _require(square, "covariance.matrix", matrix, f"{len(names)} rows of as many numbers")
+    expect(square, "covariance.matrix", matrix, f"{len(names)} rows of as many numbers")
     for place, row in enumerate(matrix):
-        _require(
-            row[place] >= 0.0, f"covariance.matrix[{place}][{place}]", row[place], "a variance, 0 or more"
-        )
+        expect(row[place] >= 0.0, f"covariance.matrix[{place}][{place}]", row[place], "a variance, 0 or more")
 
 
 def _is_row(row: object, size: int) -> bool:
@@ -134,13 +219,5 @@ def _is_number(value: object) -> bool:
 
 
 def _table(found: Any, key: str) -> Mapping[str, Any]:
-    _require(isinstance(found, dict), key, found, "a table")
+    expect(isinstance(found, dict), key, found, "a table")
     return dict(found)
-
-
-def _require(holds: bool, key: str, found: object, expected: str) -> None:
-    if not holds:
-        shown = repr(found)
-        raise ValueError(
-            f"{key}: found {shown if len(shown) < 60 else shown[:57] + '...'}, expected {expected}"
-        )

@@ -10,6 +10,9 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.ties import Tie, resolved, tied
+from shipfp_rs.support.arguments import fits
+from shipfp_rs.support.checks import expect
+from shipfp_rs.support.hints import suggestion
 
 LINEAR_OPTIONS = (
     "torque",
@@ -19,6 +22,19 @@ LINEAR_OPTIONS = (
     "dead_time_set_point",
 )
 SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampling")
+ROW: Mapping[str, tuple[Any, str]] = {
+    "start": (float, "a number"),
+    "bounds": (tuple[float | None, float | None] | None, "null or two ends, each a number or null"),
+    "fixed": (bool, "true or false"),
+    "prior": (tuple[float, float] | None, "null or a mean and a standard deviation"),
+    "tied": (Mapping[str, Any] | None, "null or a table"),
+}
+"""What the table of a parameter holds: an annotation of each value, and its words."""
+TIE: Mapping[str, tuple[Any, str]] = {
+    "to": (str, "the name of a parameter"),
+    "factor": (float, "a number"),
+    "offset": (float, "a number"),
+}
 
 
 def to_dict(structure: Any) -> dict[str, Any]:
@@ -68,16 +84,32 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
     try:
         made = ways[kind](content)
         rows = content["parameters"]
-        settings = {
-            key: value for key, value in content.items() if key not in ("name", "outputs", "parameters")
-        }
-        parameters = tuple(_parameter(parameter, rows[parameter.name]) for parameter in made.parameters)
-        ties = resolved({one.name: one.tied for one in parameters if one.tied is not None})
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"structure {content.get('name')!r}: found no table, or no key {error}; expected what Structure.to_dict writes"
         ) from error
-    return replace(made, parameters=parameters, equations=tied(made.equations, ties), settings=settings)
+    except InputError as error:
+        raise InputError(f"structure: {error}") from error
+    expect(isinstance(rows, Mapping), "structure.parameters", rows, "a table")
+    known = {parameter.name: parameter for parameter in made.parameters}
+    for name in (*rows, *known):
+        if name not in known:
+            raise InputError(
+                f"structure.parameters: no parameter {name!r} in {made.name!r}, {suggestion(name, list(known))}"
+            )
+        if name not in rows:
+            raise InputError(
+                f"structure.parameters: found no {name!r}, expected a table of its start and bounds"
+            )
+    parameters = tuple(_parameter(parameter, rows[name]) for name, parameter in known.items())
+    for parameter in parameters:
+        if parameter.tied is not None and parameter.tied.to not in known:
+            raise InputError(
+                f"structure.parameters.{parameter.name}.tied.to: no parameter {parameter.tied.to!r}, "
+                f"{suggestion(parameter.tied.to, list(known))}"
+            )
+    ties = resolved({one.name: one.tied for one in parameters if one.tied is not None})
+    return replace(made, parameters=parameters, equations=tied(made.equations, ties))
 
 
 def _options(content: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
@@ -85,17 +117,32 @@ def _options(content: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, An
 
 
 def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
+    key = f"structure.parameters.{declared.name}"
+    expect_row(key, row, ROW)
     lower, upper = declared.lower, declared.upper
     if row.get("bounds") is not None:  # older files have none for a fixed parameter
         low, high = row["bounds"]
         lower, upper = -math.inf if low is None else float(low), math.inf if high is None else float(high)
-    tie = row.get("tied")
-    return replace(
-        declared,
-        start=float(row["start"]),
-        lower=lower,
-        upper=upper,
-        fixed=bool(row["fixed"]),
-        prior=None if row["prior"] is None else (float(row["prior"][0]), float(row["prior"][1])),
-        tied=None if tie is None else Tie(str(tie["to"]), float(tie["factor"]), float(tie["offset"])),
-    )
+    prior, tie = row.get("prior"), row.get("tied")
+    if tie is not None:
+        expect_row(f"{key}.tied", tie, TIE)
+        expect(tie["factor"] != 0.0, f"{key}.tied.factor", tie["factor"], "a number that is not 0")
+    try:
+        return replace(
+            declared,
+            start=float(row["start"]),
+            lower=lower,
+            upper=upper,
+            fixed=row["fixed"],
+            prior=None if prior is None else (float(prior[0]), float(prior[1])),
+            tied=None if tie is None else Tie(tie["to"], float(tie["factor"]), float(tie["offset"])),
+        )
+    except InputError as error:
+        raise InputError(f"structure.parameters: {error}") from error
+
+
+def expect_row(key: str, row: Any, kinds: Mapping[str, tuple[Any, str]]) -> None:
+    """Refuse a table that lacks one of these keys or holds another kind of value under it."""
+    expect(isinstance(row, Mapping), key, row, "a table")
+    for part, (kind, words) in kinds.items():
+        expect(fits(row.get(part), kind), f"{key}.{part}", row.get(part), words)

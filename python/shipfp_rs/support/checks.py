@@ -51,3 +51,12 @@ def one_of(name: str, value: str, known: Iterable[str]) -> str:
     if value not in known:
         raise InputError(f"{name} is {value!r}, expected one of {', '.join(known)}")
     return value
+
+
+def expect(holds: bool, key: str, found: object, expected: str) -> None:
+    """Refuse what a file holds under a key: the key, what was found, shortened, and what was expected."""
+    if not holds:
+        shown = repr(found)
+        raise InputError(
+            f"{key}: found {shown if len(shown) < 60 else shown[:57] + '...'}, expected {expected}"
+        )

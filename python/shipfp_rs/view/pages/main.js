@@ -116,6 +116,7 @@ const start = async () => {
   new SpectrumPanel(view, doc);
   new ResultsPanel(document.getElementById("results"));
   listenToKeys(view, faults, toolbar(view, faults));
+  view.addEventListener("failed", (event) => say(`not drawn to the last sample: ${event.detail}; is shipfp view still running?`, "bad"));
   view.addEventListener("cursor", () => {
     const at = view.pointer ?? view.pinned;
     if (at === null || at === undefined) return;

@@ -10,7 +10,7 @@ export class Tiles {
     this.doc = doc;
     this.arrived = arrived;
     this.held = new Map();
-    this.asked = new Set();
+    this.asked = new Map(); // each with the answer that will bring it
   }
 
   clear() {
@@ -37,15 +37,18 @@ export class Tiles {
     return null;
   }
 
+  // Ask for tiles that are neither here nor asked for; resolves when every one has come, or did not.
   want(keys) {
     const missing = keys.filter((key) => !this.held.has(key) && !this.asked.has(key));
-    for (let first = 0; first < missing.length; first += AT_ONCE) this.fetch(missing.slice(first, first + AT_ONCE));
-    return missing.length;
+    for (let first = 0; first < missing.length; first += AT_ONCE) {
+      const part = missing.slice(first, first + AT_ONCE), answer = this.fetch(part);
+      part.forEach((key) => this.asked.set(key, answer));
+    }
+    return Promise.all(new Set(keys.map((key) => this.asked.get(key))));
   }
 
   async fetch(keys) {
     const epoch = this.epoch;
-    keys.forEach((key) => this.asked.add(key));
     try {
       const response = await fetch(`api/tiles?doc=${this.doc}&want=${keys.join(",")}`);
       if (!response.ok) throw new Error(await response.text());

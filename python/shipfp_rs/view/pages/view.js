@@ -6,11 +6,12 @@ import { clock, day, niceTime, short } from "./tools.js";
 
 const LEAST_SAMPLES = 4;
 const IDLE_MS = 80;
+const NEXT_ZOOMS = [1, 2, 3, 4].map((step) => FACTOR ** -step); // what the wheel will want next, nearest first
 
 export class View extends EventTarget {
   constructor(doc) {
     super();
-    this.tiles = new Tiles(doc, () => this.draw());
+    this.tiles = new Tiles(doc, () => { if (this.unsharp) this.draw(); });
     this.rows = [];
     this.marks = [];
     this.layers = { raw: true, processed: true, faults: true, calibrated: true };
@@ -106,8 +107,8 @@ export class View extends EventTarget {
     const middle = 0.5 * (from + to);
     this.from = Math.min(Math.max(middle - 0.5 * wide, this.first), this.last - wide);
     this.to = this.from + wide;
-    this.changed = performance.now();
-    this.want();
+    this.turn = this.tiles.error = null;
+    this.tiles.want(this.keys(this.from, this.to)); // before anything is drawn
     this.later();
     this.dispatchEvent(new Event("shown"));
   }
@@ -120,18 +121,31 @@ export class View extends EventTarget {
     this.show(about - share * wide, about + (1 - share) * wide);
   }
 
-  // The tiles of what is shown, asked for before anything is drawn.
-  want(from = this.from, to = this.to, finer = 0) {
+  // The tiles that a stretch is drawn from; a wider or nearer one's, as if it were shown.
+  keys(from, to, scale = to - from) {
     const keys = [];
     const count = Math.round(this.inner * (devicePixelRatio || 1));
     for (const row of this.visible()) {
       for (const series of row.series) {
-        const level = Math.max(levelFor(series, (to - from) / count) - finer, 0);
+        const level = levelFor(series, scale / count);
         const [first, last] = tilesOf(series, level, from, to);
         for (let index = first; index <= last; index++) keys.push(`${series.index}.${level}.${index}`);
       }
     }
-    return this.tiles.want(keys);
+    return keys;
+  }
+
+  // What is likely shown next: nearer about the pointer, then beside, then from further away. One request at a time and
+  // none once something else is shown, so that nothing that is looked at waits for what may be.
+  async lookAhead() {
+    const { from, to, pointer } = this, wide = to - from;
+    const about = pointer ?? 0.5 * (from + to), turn = (this.turn = {});
+    const near = NEXT_ZOOMS.map((factor) => this.keys(about - (about - from) * factor, about + (to - about) * factor));
+    const rest = [this.keys(from - wide, to + wide, wide), this.keys(about - (about - from) * FACTOR, about + (to - about) * FACTOR)];
+    for (const keys of [...near, ...rest]) {
+      await this.tiles.want(keys);
+      if (this.turn !== turn || this.tiles.error) return;
+    }
   }
 
   visible() {
@@ -160,17 +174,15 @@ export class View extends EventTarget {
     for (const row of this.visible()) row.draw(this, missing);
     this.drawAxis();
     this.place();
-    this.tiles.want(missing);
-    if (missing.length && !this.tiles.error) return;
+    this.unsharp = missing.length > 0;
+    if (this.unsharp && !this.tiles.error) {
+      this.tiles.want(missing);
+      return;
+    }
+    if (this.tiles.error) this.dispatchEvent(new CustomEvent("failed", { detail: this.tiles.error.message }));
     this.settled = performance.now();
     this.settling.splice(0).forEach((resolve) => resolve(this.settled));
-    clearTimeout(this.idle);
-    // What is likely asked for next: beside, and nearer.
-    this.idle = setTimeout(() => {
-      const wide = this.to - this.from;
-      this.want(this.from - wide, this.to + wide);
-      this.want(this.from, this.to, 1);
-    }, IDLE_MS);
+    if (!this.turn) this.lookAhead();
   }
 
   // Resolves when what is shown is drawn from its own tiles.
@@ -243,6 +255,8 @@ export class View extends EventTarget {
   setPointer(seconds) {
     this.pointer = seconds;
     this.place();
+    clearTimeout(this.rest);
+    this.rest = setTimeout(() => this.lookAhead(), IDLE_MS);
   }
 
   togglePin(seconds) {
