@@ -86,7 +86,6 @@ impl<const N: usize> WithSimd for Through<'_, '_, N> {
         if !plain.elements.lag {
             // A lag that is off acts like a dead time, to first order.
             terms.t_d = terms.t_d + terms.tau_act;
-            terms.tau_act = terms.tau_act.constant(0.0);
         }
         if plain.elements.sampled {
             let (t_0, t_s) = (task.parameters.of(at::T_0), task.parameters.of(at::T_S));
@@ -124,7 +123,6 @@ fn equations(task: &Task<'_>, run: &Run<'_>) -> Equations<f64> {
     let mut plain = Equations::new(terms, elements, first, first_load);
     if !elements.lag {
         plain.terms.t_d += terms.tau_act;
-        plain.terms.tau_act = 0.0;
     }
     plain
 }
