@@ -286,7 +286,7 @@ class _Recording:
         cleaner = Cleaner(rows, sensor, self.trial.processing, *within)
         turns_hz = np.nanmean(rpm) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
         found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm, factor, finer.rate_hz, turns_hz)
-        return None if found is None else dataclasses.asdict(found)
+        return None if found is None else found._asdict()
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Hand over the signals of a stretch, kept no longer here, and an account of how they were made."""

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from markupsafe import Markup
 
@@ -35,17 +35,19 @@ STILL_PICTURES = 12
 """Experiments that have a picture for readers without JavaScript, too."""
 
 
+class Content(TypedDict, total=False):
+    """What a report may hold beside a fingerprint and its experiments; see `write_report`."""
+
+    simulated: Sequence[Mapping[str, Any]]
+    responses: Responses
+    truth: Mapping[str, float] | None
+    title: str
+    language: Language
+    structure: Structure | None
+
+
 def write_report(
-    path: str | Path,
-    fingerprint: Fingerprint,
-    experiments: Sequence[Experiment],
-    *,
-    simulated: Sequence[Mapping[str, Any]] = (),
-    responses: Responses = (),
-    truth: Mapping[str, float] | None = None,
-    title: str = "Fingerprint",
-    language: Language = "en",
-    structure: Structure | None = None,
+    path: str | Path, fingerprint: Fingerprint, experiments: Sequence[Experiment], **content: Unpack[Content]
 ) -> Path:
     """Write the report of a fingerprint; the file appears whole or not at all.
 
@@ -78,19 +80,7 @@ def write_report(
     Path
         `path`.
     """
-    return write_text_atomically(
-        Path(path),
-        render(
-            fingerprint,
-            experiments,
-            simulated=simulated,
-            responses=responses,
-            truth=truth,
-            title=title,
-            language=language,
-            structure=structure,
-        ),
-    )
+    return write_text_atomically(Path(path), render(fingerprint, experiments, **content))
 
 
 def render(
