@@ -37,8 +37,6 @@ CANDIDATES = (
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
-SLOW = ("torque_limit", "rack_rate")
-"""Elements whose passes over a record take several times as long."""
 CUTS = "torque_limit"
 """Element that changes what holding does."""
 SAME = 0.5
@@ -51,10 +49,14 @@ NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
-SLOW_FALL = 1e-3
-"""The same for the last step of a fit with an element whose passes take long."""
 TRIAL_EVALUATIONS = 40
-"""Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
+"""Passes over the records at most of a trial that is given up unless it is worth more: enough to see that."""
+GAINS = ("K_p", "K_i", "vK_p", "vK_i")
+"""Parameters that an unstable loop has too much of."""
+STEADIER = 0.8
+"""Part of such gains with which a start is tried next."""
+STEADYINGS = 12
+"""Times that is tried."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
@@ -164,7 +166,7 @@ class Chooser:
             search = self.search(elements)
         for values in begins:
             try:
-                ends.append(search.minimise(self._vector(search, values)))
+                ends.append(search.minimise(self._stable(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
         if not ends:
@@ -187,7 +189,7 @@ class Chooser:
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
-        return self._held(Fitted(elements, search, search.refine(best)))
+        return self.refined(Fitted(elements, search, best))
 
     def _interpolated(self, elements: Sequence[str], search: Search, best: Minimum) -> tuple[Search, Minimum]:
         """Take the set point between its samples for what the outputs follow: straight lines, or a band-limited signal."""
@@ -253,7 +255,7 @@ class Chooser:
         """
         ordered = self.ordered(elements)
         search = replace(self.search(ordered), weights=origin.minimum.noise, enough=TRIAL_FALL, worth=worth)
-        if set(ordered) & set(SLOW):
+        if np.isfinite(worth):
             search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
             begin or {}
@@ -276,13 +278,12 @@ class Chooser:
         """Return what an element promises beside a fit."""
         return promise(name, origin.search, origin.minimum, self.structure((*origin.elements, name)))
 
-    def refined(self, fitted: Fitted) -> Fitted:
-        """Fit weights and noise models of its own to a structure."""
-        slow = set(fitted.elements) & set(SLOW)
+    def refined(self, fitted: Fitted, *, last: bool = False) -> Fitted:
+        """Fit weights and noise models of its own to a structure; to the end where it is the last fit of that structure."""
         search = replace(
             fitted.search,
             weights=None,
-            enough=SLOW_FALL if slow else None,
+            enough=None if last else TRIAL_FALL,
             worth=np.inf,
             max_evaluations=MOST_EVALUATIONS,
         )
@@ -310,6 +311,20 @@ class Chooser:
                 vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
                 vectors.append(vector)
         return vectors[1:] if new else vectors
+
+    def _stable(self, search: Search, values: Mapping[str, float]) -> Array:
+        """Start vector with the gains less until the loop is stable: that of a ship that was measured is."""
+        for _ in range(STEADYINGS):
+            vector = self._vector(search, values)
+            try:
+                search.require_stable(vector)
+            except SimulationError:
+                values = {
+                    name: value * (STEADIER if name in GAINS else 1.0) for name, value in values.items()
+                }
+                continue
+            break
+        return vector
 
     def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
         starts = {parameter.name: parameter.start for parameter in search.free}
