@@ -228,7 +228,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     InputError
         Where the parts do not go together.
     """
-    if not excitations:
+    if len(excitations) == 0:  # an empty array has no truth value
         raise InputError("excitations is empty, expected at least one")
     zero_or_more("pause_s", pause_s)
     first = excitations[0]

@@ -118,7 +118,7 @@ class LinearModel:
             Where the model has a dead time, or no output is given.
         """
         self._require_no_dead_time()
-        if not outputs:
+        if len(outputs) == 0:
             raise InputError(f"outputs is empty, expected at least one of {', '.join(get_args(Output))}")
         A = (
             np.array([[self.g - self.p - self.v * self.K_p, self.v * self.K_i], [-self.tau_n, 0.0]])
