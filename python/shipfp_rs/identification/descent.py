@@ -99,7 +99,10 @@ def descend(
     while True:
         promise = gauss_newton_step(place.point, walk.bounds).promise
         hopeless = HOPE * promise < place.objective - worth
-        creeps = promise < (REFUSED_REACH if any(refused) else WITHIN_REACH) and fallen[0] - place.objective < CREPT
+        creeps = (
+            promise < (REFUSED_REACH if any(refused) else WITHIN_REACH)
+            and fallen[0] - place.objective < CREPT
+        )
         if promise < enough or hopeless or creeps or damping > MOST_DAMPING:
             settled = promise < enough or creeps
             return Reached(place.point.vector, place.noise, walk.passes, "", settled, creeps)
