@@ -50,7 +50,7 @@ NEARBY_S = 0.02
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 40
-"""Passes over the records at most of a trial that is given up unless it is worth more: enough to see that."""
+"""Passes over the records at most of a trial: enough to see what an element is worth."""
 GAINS = ("K_p", "K_i", "vK_p", "vK_i")
 """Parameters that an unstable loop has too much of."""
 STEADIER = 0.8
@@ -61,6 +61,8 @@ PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
+LIGHTEST_ENGINE = 0.05
+"""The same of the engine's end of a shaft that twists."""
 DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
@@ -254,15 +256,21 @@ class Chooser:
         its cost below `worth` is given up.
         """
         ordered = self.ordered(elements)
-        search = replace(self.search(ordered), weights=origin.minimum.noise, enough=TRIAL_FALL, worth=worth)
-        if np.isfinite(worth):
-            search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
+        search = replace(
+            self.search(ordered),
+            weights=origin.minimum.noise,
+            enough=TRIAL_FALL,
+            worth=worth,
+            max_evaluations=TRIAL_EVALUATIONS,
+        )
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
             begin or {}
         )
         if "tau_n" in values:
             # Of the inertia that a shaft's twist divides, the propeller's is a part.
             values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
+        if "twist" in ordered and "tau_prop" in origin.search.names:
+            search = replace(search, structure=_both_ended(search.structure, values["tau_prop"]))
         # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
         clears = self.clock is not None and CUTS in set(ordered) ^ set(origin.elements)
         ends = []
@@ -342,6 +350,14 @@ def _is_exact(search: Search, minimum: Minimum) -> bool:
     count, scatter = mean_scatter(minimum.sums)
     spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
     return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
+
+
+def _both_ended(structure: Structure, behind: float) -> Structure:
+    """Return a structure whose shaft keeps some inertia on the engine's end beside what is behind the gauge."""
+    whole, least = structure["tau_n"], behind / (1.0 - LIGHTEST_ENGINE)
+    if whole.fixed or not whole.lower < least < whole.upper:
+        return structure
+    return structure.with_bounds(tau_n=(least, max(1.2 * least, whole.start), whole.upper))
 
 
 def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:

@@ -98,11 +98,12 @@ def render(
     say = Say(language)
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
+    step = loop.step_response(fingerprint, structure, figures, pictures, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
-        ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, pictures, say)),
+        ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements that act"), elements.choice(fingerprint, pictures, say)),
-        ("loop", say("The speed loop"), loop.section(fingerprint, structure, figures, pictures, say)),
+        ("loop", say("The speed loop"), loop.section(fingerprint, figures, say)),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
         ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
@@ -233,7 +234,9 @@ def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
         "settings": fingerprint.settings,
         "seed": fingerprint.seed,
     }
-    yield markup.details(say("Structure, settings and seed"), markup.piece("preformatted", _outline(content)))
+    yield markup.details(
+        say("Structure, settings and seed"), markup.piece("preformatted", _outline(content)), printed=False
+    )
 
 
 def _outline(content: Mapping[str, Any], indent: str = "") -> str:
