@@ -58,7 +58,7 @@ STEADIER = 0.8
 STEADYINGS = 12
 """Times that is tried."""
 PART_BEHIND = 0.9
-"""Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
+"""Lower bound on tau_n, as a part of tau_prop from the first regression: the whole inertia is not less than its part."""
 LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
 LIGHTEST_ENGINE = 0.05
@@ -222,7 +222,7 @@ class Chooser:
         return search
 
     def _cleared(self, search: Search, vector: Array) -> tuple[Search, list[Experiment], list[Array]]:
-        """Return the search of records less what a sampling governor does beyond its mean, and these records.
+        """Take off the records what a sampling governor does beyond its mean delay, and return the search of what is left.
 
         It holds what it gives, and reads the speed at one moment: at a frequency f its answer differs by up to some
         (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by serves.
