@@ -26,7 +26,7 @@ from shipfp_rs.processing.conditioning import about_local_point, detrended, set_
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
-from shipfp_rs.processing.low_pass import nearest_rate
+from shipfp_rs.processing.low_pass import SAME_RATE, nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -142,10 +142,13 @@ class _Recording:
         self._read()
 
     def _rows(self, sensor: SetPoint | Torque | Rack | Load | Tacho, kept_bytes: int = 0) -> Rows:
+        later_s = 0.0
+        if isinstance(sensor, SetPoint) and sensor.held:
+            later_s = 0.5 / self.log.channel(sensor.column).rate_hz
         return Rows(
             self.log,
             sensor.column,
-            delay_s=sensor.delay_s,
+            delay_s=sensor.delay_s - later_s,
             size=self._chunk,
             kept_bytes=kept_bytes,
             stopped=self._stopped,
@@ -257,6 +260,7 @@ class _Recording:
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
                 "governor_clock": clock,
+                "held_set_point": self._held_set_point(_label(window)),
                 **account,
             },
         )
@@ -320,6 +324,26 @@ class _Recording:
             "speed": speed.account,
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
+        }
+
+    def _held_set_point(self, label: str) -> dict[str, float] | None:
+        """How old a held set point is where the torque is told: (phase + slip t) modulo period at a time t of a window.
+
+        Two clocks of one nominal rate drift past each other, so that this age grows from none to a period and begins anew.
+        Where the torque is told at another rate all ages follow one another at once, and the low-pass takes them out.
+        """
+        sensor, torque = self.trial.channels.set_point, self.trial.channels.torque
+        if not sensor.held or torque is None:
+            return None
+        base, read, start_s = self._base.channel, self._rows(torque).channel, self.grids[label].start_s
+        period_s, slip = 1.0 / base.rate_hz, 1.0 - read.rate_hz / base.rate_hz
+        if abs(slip) > SAME_RATE:
+            return None
+        first_s, frame_s = read.start_s - start_s, base.start_s - 0.5 * period_s - start_s
+        return {
+            "period_s": period_s,
+            "phase_s": (first_s * (1.0 - slip) - frame_s) % period_s,
+            "slip": slip,
         }
 
     def _drives(self) -> list[str]:
