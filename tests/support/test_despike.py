@@ -101,8 +101,10 @@ def test_the_crest_of_a_coarsely_sampled_swing_is_no_spike() -> None:
     time = np.arange(2000) / 100.0
     swing = np.round(60.0 + 25.0 * np.sin(2.0 * np.pi * 3.0 * time))
     found = find_spikes(swing, 100.0, longest_s=0.05, threshold=6.0, least=0.05)
-    assert not ((found[:, 0] > 5) & (found[:, 1] < 1995)).any()  # at its ends only one side of a crest is seen
+    assert not (
+        (found[:, 0] > 5) & (found[:, 1] < 1995)
+    ).any()  # at its ends only one side of a crest is seen
     struck = swing.copy()
     struck[1003:1005] += 60.0
     found = find_spikes(struck, 100.0, longest_s=0.05, threshold=6.0, least=0.05)
-    assert [1003, 1005] in found.tolist()
+    assert any(start <= 1003 and stop >= 1005 for start, stop in found.tolist())

@@ -212,7 +212,9 @@ class Chooser:
     @property
     def _clears(self) -> bool:
         """Whether records are cleared of what holding does: the governor's, or the set point's between its samples."""
-        return self.clock is not None or (self.band_limited and "dM" in self.outputs)
+        # A brake torque would gain by it without a held set point, too: straight lines have images in it. Not tried yet.
+        held_set_point = any(one.held_set_point is not None for one in self.experiments)
+        return self.clock is not None or (held_set_point and self.band_limited and "dM" in self.outputs)
 
     def _held(self, fitted: Fitted) -> Fitted:
         """Return a fit to records less what holding does by a fit's end; where nothing is held that fit itself."""

@@ -26,7 +26,8 @@ from shipfp_rs.processing.conditioning import about_local_point, detrended, set_
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
-from shipfp_rs.processing.low_pass import SAME_RATE, nearest_rate
+from shipfp_rs.processing.held_set_point import age_at
+from shipfp_rs.processing.low_pass import nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -119,14 +120,8 @@ class _Recording:
         self._chunk = chunk
         self._stopped = threading.Event()
         channels = trial.channels
-        for key, sensor in (
-            ("set_point", channels.set_point),
-            ("torque", channels.torque),
-            ("rack", channels.rack),
-            ("actuator", channels.actuator),
-            ("load", channels.load),
-        ):
-            if sensor is not None:
+        for key in ("set_point", "torque", "rack", "actuator", "load"):
+            if (sensor := getattr(channels, key)) is not None:
                 require_unit(log, key, sensor)
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
@@ -142,13 +137,10 @@ class _Recording:
         self._read()
 
     def _rows(self, sensor: SetPoint | Torque | Rack | Load | Tacho, kept_bytes: int = 0) -> Rows:
-        later_s = 0.0
-        if isinstance(sensor, SetPoint) and sensor.held:
-            later_s = 0.5 / self.log.channel(sensor.column).rate_hz
         return Rows(
             self.log,
             sensor.column,
-            delay_s=sensor.delay_s - later_s,
+            delay_s=sensor.delay_s - getattr(sensor, "late", 0.0) / self.log.channel(sensor.column).rate_hz,
             size=self._chunk,
             kept_bytes=kept_bytes,
             stopped=self._stopped,
@@ -244,10 +236,11 @@ class _Recording:
         signals, account = self._signals(_label(window))
         settings = self.trial.processing
         require_loaded(_label(window), signals, point)
-        if window.kind == "chirp":
-            only = constant_frequency(signals["n_set"], self.rate_hz)
-            if only is not None:
-                account["faults"].append(self._no_chirp(_label(window), only).to_dict())
+        if (
+            window.kind == "chirp"
+            and (only := constant_frequency(signals["n_set"], self.rate_hz)) is not None
+        ):
+            account["faults"].append(self._no_chirp(_label(window), only).to_dict())
         experiment = Experiment(
             name=window.name,
             rate_hz=self.rate_hz,
@@ -327,24 +320,9 @@ class _Recording:
         }
 
     def _held_set_point(self, label: str) -> dict[str, float] | None:
-        """How old a held set point is where the torque is told: (phase + slip t) modulo period at a time t of a window.
-
-        Two clocks of one nominal rate drift past each other, so that this age grows from none to a period and begins anew.
-        Where the torque is told at another rate all ages follow one another at once, and the low-pass takes them out.
-        """
-        sensor, torque = self.trial.channels.set_point, self.trial.channels.torque
-        if not sensor.held or torque is None:
+        if not self.trial.channels.set_point.held or (torque := self.trial.channels.torque) is None:
             return None
-        base, read, start_s = self._base.channel, self._rows(torque).channel, self.grids[label].start_s
-        period_s, slip = 1.0 / base.rate_hz, 1.0 - read.rate_hz / base.rate_hz
-        if abs(slip) > SAME_RATE:
-            return None
-        first_s, frame_s = read.start_s - start_s, base.start_s - 0.5 * period_s - start_s
-        return {
-            "period_s": period_s,
-            "phase_s": (first_s * (1.0 - slip) - frame_s) % period_s,
-            "slip": slip,
-        }
+        return age_at(self._base.channel, self._rows(torque).channel, self.grids[label].start_s)
 
     def _drives(self) -> list[str]:
         """Channels that drive the model; where they are repaired all outputs are masked."""

@@ -66,6 +66,11 @@ class SetPoint(Section):
     """The engine holds each sample until the next one comes, as it does with what a bus asks for. What it follows is half
     a sample's period late then, which is not part of `delay_s`, and a torque that it tells as seldom shows the stairs."""
 
+    @property
+    def late(self) -> float:
+        """Part of a sample's period by which what the engine follows is later."""
+        return 0.5 if self.held else 0.0
+
 
 class Torque(Section):
     """The torque channel, calibrated to Nm."""
