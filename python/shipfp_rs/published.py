@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from types import NoneType
-from typing import TypeVar, get_args, get_type_hints
+from typing import NamedTuple, TypeVar, get_args, get_type_hints
 
 Row = TypeVar("Row")
 
@@ -50,8 +50,7 @@ class StaticTorque:
     error_pct: float
 
 
-@dataclass(frozen=True)
-class Quantity:
+class Quantity(NamedTuple):
     """A named number with its unit."""
 
     quantity: str
@@ -120,8 +119,7 @@ class FullScaleExperiment:
     jvs_stop_s: float
 
 
-@dataclass(frozen=True)
-class LogFaults:
+class LogFaults(NamedTuple):
     """Kinds of fault seen in an experiment's two logs, separated by blanks (Table 6.10)."""
 
     experiment: str
@@ -129,8 +127,7 @@ class LogFaults:
     jvs: str
 
 
-@dataclass(frozen=True)
-class SinePeriods:
+class SinePeriods(NamedTuple):
     """Stretch of the virtual multisine, four periods of one frequency (Table 5.1)."""
 
     frequency_hz: float

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import time
 from pathlib import Path
 
@@ -131,3 +132,45 @@ def test_an_error_that_a_signal_led_to_is_none(monkeypatch, capsys, number, stat
     monkeypatch.setattr(cli, "app", app)
     assert cli.main([]) == status
     assert "internal error" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that send signals")
+@pytest.mark.parametrize(("number", "status"), ENDS)
+def test_an_interrupt_that_a_library_swallows_comes_again(monkeypatch, number, status):
+    """Code in C that asks whether something can be imported takes an interrupt for a no."""
+    went_on = []
+
+    def app(*_, **__):
+        for _ in range(3):
+            try:
+                os.kill(os.getpid(), number) if not went_on else None
+                time.sleep(5.0)
+            except KeyboardInterrupt:
+                went_on.append(time.monotonic())
+        time.sleep(30.0)
+
+    monkeypatch.setattr(cli, "app", app)
+    before = signal.getsignal(signal.SIGALRM)
+    began = time.monotonic()
+    assert cli.main([]) == status
+    assert len(went_on) == 3
+    assert time.monotonic() - began < 5.0
+    assert signal.getsignal(signal.SIGALRM) is before
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("number", "status"), ENDS)
+def test_what_an_interrupted_command_puts_in_order_is_left_in_peace(monkeypatch, number, status):
+    done = []
+
+    def app(*_, **__):
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(5.0)
+        finally:
+            time.sleep(0.7)
+            done.append("in order")
+
+    monkeypatch.setattr(cli, "app", app)
+    assert cli.main([]) == status
+    assert done == ["in order"]

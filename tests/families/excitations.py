@@ -53,25 +53,17 @@ def asked_at(kind, start, table, times):
 
 @dataclass(frozen=True)
 class Excitation:
-    """One experiment on the set point.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    start_s
-        End of the steady running before it [s].
-    stop_s
-        End of the record [s].
-    table
-        chirp: (first frequency [Hz], growth [1/s], amplitude); multisine: frequency, amplitude, phase a row;
-        sines: start after `start_s` [s], frequency, amplitude a row; steps: time after `start_s`, level a row.
-    """
+    """One experiment on the set point."""
 
     kind: str
+    """One of `KINDS`."""
     start_s: float
+    """End of the steady running before it [s]."""
     stop_s: float
+    """End of the record [s]."""
     table: np.ndarray
+    """chirp: (first frequency [Hz], growth [1/s], amplitude); multisine: frequency, amplitude, phase a row;
+    sines: start after `start_s` [s], frequency, amplitude a row; steps: time after `start_s`, level a row."""
 
     @property
     def code(self) -> int:

@@ -343,9 +343,17 @@ def test_odd_ships_end_in_a_result_or_one_line(values, more, hold):
     ends({**values, **more}, hold)
 
 
+@pytest.mark.parametrize("lag", [4e-5, 6e-5])
+def test_a_rate_limit_beside_a_lag_far_below_a_sample(lag):
+    u = record(200)
+    without, _ = sensitivities({**SHIP, **RATE}, u)
+    found, _ = sensitivities({**SHIP, **RATE, "tau_act": lag}, u)
+    np.testing.assert_allclose(found, without, atol=2e-3)
+
+
 def test_ctrl_c_ends_a_long_run():
     """The kernel looks at the stop flag within a sample, too."""
-    values = {**SHIP, **TORQUE, "tau_act": 5e-5}
+    values = {**SHIP, **TORQUE, "rate_up": 1e3, "tau_act": 1e-4}
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()
     start = time.monotonic()

@@ -94,6 +94,10 @@ WRONG = {
         "data is a Structure, .*; swap it with structure",
     ),
     "a ship and its excitation swapped": (lambda: fp.simulate(SHORT, LAUNCH), "; swap it with excitation"),
+    "an empty array for a list": (
+        lambda: fp.signals.join(np.empty(0)),
+        "excitations is empty, expected at least one",
+    ),
     "a seed below zero": (
         lambda: fp.identify(TRIAL, LINEAR, seed=-1),
         "identify: seed is -1, expected a whole number of 0 or more",

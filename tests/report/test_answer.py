@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.si import in_si
+from shipfp_rs.assessment.si import in_si, operating_point
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.plot import intervals
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.loop import figures
+from shipfp_rs.report.loop import _step, figures
 
 TUG = fp.Vessel.load("stan-tug-1205")
 ELEMENTS = {
@@ -60,10 +60,11 @@ def text_of(page: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", bare))
 
 
-def test_the_first_screen_has_verdict_ship_loop_and_picture_before_the_first_heading(page: str) -> None:
+def test_the_first_screen_has_verdict_ship_loop_and_pictures_before_the_first_heading(page: str) -> None:
     screen = page[page.index("<main>") : page.index("<h2")]
     assert '<p class="answer good">Usable for simulation, control tuning and comparison' in screen
-    assert screen.count("<svg") == 1
+    assert screen.count("<svg") == 2
+    assert "Answer to a step of the set point" in screen
     for words in (
         "The ship, with intervals of 95 %",
         "inertia of the whole drive train",
@@ -119,7 +120,7 @@ def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
         "T_set": Estimate(1e-4, 1e-3, (-0.001, 0.002), "s"),
     }
     (line,) = open_questions(replace(found, parameters=rough), Say())
-    assert line.startswith("Told only roughly: inertia time constant (tau_n).")
+    assert line.startswith("Told only roughly: inertia of the whole drive train (tau_n).")
     assert "T_set" not in line  # that it is short is what is told of it
 
 
@@ -136,7 +137,7 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
 
 
 @pytest.mark.parametrize(
-    ("language", "summary", "meaning"),
+    ("language", "heading", "meaning"),
     [
         (
             "en",
@@ -150,12 +151,51 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
         ),
     ],
 )
-def test_the_symbols_of_the_table_are_explained_below_it(found, language, summary, meaning) -> None:
-    fold = re.search(
-        rf"(?s)<details><summary>{summary}</summary>(.*?)</details>", render(found, [], language=language)
-    )
-    assert meaning in fold[1]
-    assert fold[1].count("<li>") == len(found.parameters)
+def test_the_symbols_of_the_table_are_explained_below_it(found, language, heading, meaning) -> None:
+    told = re.search(rf"(?s)<h3>{heading}</h3>(.*?)</ul>", render(found, [], language=language))[1]
+    assert meaning in told
+    assert told.count("<li>") == len(found.parameters)
+    speed_rpm, torque_Nm, _ = operating_point(found)
+    assert f"{speed_rpm:.4g} rpm" in told.replace(",", ".")  # what they are normalised to
+    assert f"{torque_Nm:.4g} Nm" in told.replace(",", ".")
+
+
+def test_the_verdict_has_names_for_symbols(found) -> None:
+    page = render(replace(found, usable=SENTENCES["some"], **judged("some")), [])
+    lead = re.search(r'<p class="answer[^>]*>([^<]*)', page)[1]
+    assert "do not determine the inertia of the whole drive train and the slope of engine torque" in lead
+
+
+def test_a_delay_that_may_be_none_is_told_by_its_greatest_value(found) -> None:
+    short = {
+        "T_set": Estimate(5e-5, 6e-4, (0.0, 0.0014), "s"),
+        "T_d": Estimate(0.05, 6e-4, (0.049, 0.051), "s"),
+    }
+    rows = {
+        symbol: (value, told)
+        for _, symbol, value, told, _ in ship_rows(replace(found, parameters=short), Say())
+    }
+    assert rows["T_set"] == ("at most 0.00140\u00a0s", "may be none")
+    assert rows["T_d"][0].startswith("0.05")
+
+
+def test_nothing_moves_in_the_picture_before_the_dead_times_are_over() -> None:
+    structure = fp.Structure.ship(["dead_time_loop", "dead_time_set_point"], torque="brake")
+    values = {"tau_n": 1.0, "g": -0.5, "vK_p": 4.0, "vK_i": 6.0, "p": 2.0, "T_d": 0.06, "T_set": 0.25}
+    times = np.arange(0.0, 3.0, 0.005)
+    rows = _step(structure, values, times)
+    for row in rows.values():
+        assert not row[times < 0.31 - 1e-9].any()
+    # Against the exact loop, by small steps of time.
+    n, total, late, command = 0.0, 0.0, 60, np.zeros(3200)
+    speed = np.zeros(3200)
+    for k in range(3200):
+        error = (1.0 if k >= 250 else 0.0) - n
+        command[k] = 4.0 * error + 6.0 * total
+        speed[k] = n
+        total += 1e-3 * error
+        n += 1e-3 * ((command[k - late] if k >= late else 0.0) - 0.5 * n - 2.0 * n)
+    np.testing.assert_allclose(rows["dn"], speed[np.rint(times * 1000).astype(int)], atol=0.01)
 
 
 def test_statistics_stand_behind_a_fold_with_plain_names(page: str, found) -> None:
@@ -179,7 +219,9 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
     rows = {row[0]: row[2] for row in ship_rows(partly, Say())}
     assert rows["inertia time constant"] == "not identifiable"
     assert rows["proportional gain over inertia"].endswith("1/s")
-    assert open_questions(partly, Say())[0].startswith("Cannot be told: inertia time constant (tau_n)")
+    assert open_questions(partly, Say())[0].startswith(
+        "Cannot be told: inertia of the whole drive train (tau_n)"
+    )
 
 
 SENTENCES = {

@@ -7,12 +7,15 @@ import re
 from pathlib import Path
 from string import Formatter
 
+import numpy as np
 import pytest
 
 import shipfp_rs.report
 from shipfp_rs.errors import InputError
+from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report.charts import BUTTONS, HELP
 from shipfp_rs.report.elements import STATES
+from shipfp_rs.report.findings import FIGURES
 from shipfp_rs.report.german import ELEMENTS as GERMAN_ELEMENTS
 from shipfp_rs.report.german import SENTENCES
 from shipfp_rs.report.language import Say
@@ -43,9 +46,14 @@ def said_in(source: Path) -> set[str]:
 
 
 def test_every_sentence_of_the_report_has_a_german_one() -> None:
-    said = set().union(*map(said_in, SOURCES)) | {*BUTTONS, HELP, *STATES.values()}
+    said = set().union(*map(said_in, SOURCES)) | {*BUTTONS, HELP, *STATES.values(), *FIGURES.values()}
     assert len(said) > 100
     assert said - set(SENTENCES) == set()
+
+
+def test_every_figure_of_a_fit_has_a_name() -> None:
+    figures = information_criteria(np.eye(2), 100, 3)
+    assert set(figures) <= set(FIGURES)
 
 
 def test_german_sentences_have_the_same_gaps() -> None:

@@ -152,7 +152,8 @@ def test_the_verdict_s_first_sentence_comes_first(page, fingerprint) -> None:
         "Usable for simulation and comparison, but the data do not determine v: other values fit as well."
     )
     usable = replace(fingerprint, usable=sentence, usability="usable except")
-    assert f'<p class="answer warn">{sentence}' in render(usable, [])
+    named = sentence.replace("determine v:", "determine the slope of engine torque with fuel rack:")
+    assert f'<p class="answer warn">{named}' in render(usable, [])
 
 
 def test_figures_are_rounded_to_two_digits_of_their_uncertainty(page) -> None:

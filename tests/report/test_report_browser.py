@@ -327,7 +327,8 @@ def test_it_prints_with_its_plots_without_its_buttons_and_in_ink_on_white(visit)
     page.emulate_media(media="print")
     assert not page.locator(".toolbar").first.is_visible()
     assert page.locator(".plot svg").first.is_visible()
-    assert page.locator("details pre").first.is_visible()  # no one can unfold paper
+    assert page.locator("details table").first.is_visible()  # no one can unfold paper
+    assert not page.locator("details pre").first.is_visible()  # settings, for a program to read
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     page.set_viewport_size({"width": 700, "height": 1000})  # A4 less its margins
     assert page.evaluate("document.documentElement.scrollWidth") <= 700

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,9 +17,9 @@ from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.linearised import loop_of, open_loop, require_linear, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Values
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
-QUANTILE = 1.959964
 TOLD = 1e-4
 """Part of a figure's own size by which it may change along a direction that the data leave open."""
 PADE = 5
@@ -32,7 +32,6 @@ LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
 
-Values = Mapping[str, float]
 Figure = Callable[[Values], float]
 
 
@@ -235,14 +234,14 @@ def _estimate(
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
     others = _others(fingerprint, figure)
     if not others:
-        return Estimate(value, std, (value - QUANTILE * std, value + QUANTILE * std), unit)
+        return Estimate(value, std, (value - DEVIATIONS_95 * std, value + DEVIATIONS_95 * std), unit)
     if value > 0.0 and all(found > 0.0 for _, found in others):
         # What can't be below zero has an interval that is even about its logarithm.
         logs = [(name, float(np.log(found))) for name, found in others]
-        low, high = np.exp(_widened(float(np.log(value)), QUANTILE * std / value, logs)).tolist()
+        low, high = np.exp(_widened(float(np.log(value)), DEVIATIONS_95 * std / value, logs)).tolist()
     else:
-        low, high = _widened(value, QUANTILE * std, others)
-    return Estimate(value, (high - low) / (2.0 * QUANTILE), (low, high), unit)
+        low, high = _widened(value, DEVIATIONS_95 * std, others)
+    return Estimate(value, (high - low) / (2.0 * DEVIATIONS_95), (low, high), unit)
 
 
 def _others(fingerprint: Fingerprint, figure: Figure) -> list[tuple[str, float]]:

@@ -17,10 +17,10 @@ from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.ties import declared
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 SAME_DIRECTION = 1e-8
 """Part of the strongest direction of the correlations below which a quantity repeats the others."""
-QUANTILE = float(norm.ppf(0.975))
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,9 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
         change=change,
         change_pct=100.0 * change / abs(before.value) if before.value else float("nan"),
         ci95=(change - down, change + up),
-        p=float(2.0 * norm.sf(QUANTILE * abs(change) / facing)) if facing > 0.0 else float(change == 0.0),
+        p=float(2.0 * norm.sf(DEVIATIONS_95 * abs(change) / facing))
+        if facing > 0.0
+        else float(change == 0.0),
         significant=False,
     )
 
@@ -203,7 +205,7 @@ def _sides(estimate: Estimate) -> tuple[float, float]:
     """Lengths of both halves of the interval; where a bound cut one short it is as long as the other."""
     assert estimate.value is not None
     assert estimate.std is not None
-    half = QUANTILE * estimate.std
+    half = DEVIATIONS_95 * estimate.std
     if estimate.ci95 is None:
         return half, half
     low, high = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value

@@ -20,28 +20,11 @@ from shipfp_rs.support.arrays import Array
 def predict(
     fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None
 ) -> Mapping[str, Array]:
-    """Simulate the fitted model with an experiment's set point.
+    """Simulate the fitted model with an experiment's set point, as `Fingerprint.predict` does.
 
-    Parameters
-    ----------
-    fingerprint
-        Its parameters are taken as the search left them; where the data leave some open, any choice along the
-        open directions gives the same outputs.
-    experiment
-        Set point and measured outputs; the initial state and a constant offset of each output are fitted to them
-        by least squares.
-    structure
-        The fingerprint's; None rebuilds it.
-
-    Returns
-    -------
-    dict
-        Signal name to normalised deviation, shape (N,).
-
-    Raises
-    ------
-    InputError
-        Where the structure has equations of a user's own and is not given, or the experiment lacks an output.
+    The parameters are taken as the search left them; where the data leave some open, any choice along the open
+    directions gives the same outputs. `InputError` where the structure has equations of a user's own and is not given, or
+    the experiment lacks an output.
     """
     structure = structure or structure_of(fingerprint)
     return simulated_about(structure, fingerprint.optimum, experiment)

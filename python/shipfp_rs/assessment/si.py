@@ -45,7 +45,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     -----
     Eq. 3.23 of the thesis: tau_n = 2 pi I_p n_s0 / M_s0 with n_s0 in rev/s of the shaft; dM/dn = g M_0 / n_0.
     """
-    point = _operating_point(fingerprint)
+    point = operating_point(fingerprint)
     if point is None:
         return {}
     engine_rpm, torque, signal = point
@@ -84,7 +84,7 @@ def _scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
     }
 
 
-def _operating_point(fingerprint: Fingerprint) -> tuple[float, float, str] | None:
+def operating_point(fingerprint: Fingerprint) -> tuple[float, float, str] | None:
     """Return engine speed [rpm], torque [Nm] and the torque's signal, means over the experiments; None without a torque."""
     speeds, torques, signal = [], [], ""
     for record in fingerprint.data:

@@ -53,7 +53,9 @@ def validate(
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Fits of every fingerprint to every experiment; printed, a table for each output.
+    """Fits of every fingerprint to every experiment.
+
+    Printed, it is a table for each output.
 
     Parameters
     ----------

@@ -36,6 +36,8 @@ from shipfp_rs.errors import IdentificationError, InputError, InternalError, Shi
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
 """Errors of the system itself; any other error of a file is about a name that the user gave."""
+AGAIN_S = 0.2
+"""Time after which an interrupt that a library swallowed is raised again."""
 LONGEST_WORD = 300
 """Longest name that a line shows whole, in characters."""
 
@@ -75,7 +77,14 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
 
     def end(number: int, _: object) -> None:
         asked.append(number)
+        if hasattr(signal, "setitimer"):  # not on Windows
+            before.setdefault(signal.SIGALRM, signal.signal(signal.SIGALRM, again))
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
         raise KeyboardInterrupt
+
+    def again(*_: object) -> None:
+        if not _is_ending():
+            raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -86,8 +95,18 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     try:
         yield
     finally:
+        if asked and hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _is_ending() -> bool:
+    """Whether an interrupt is on its way out; a library that took it for an error of its own has swallowed it."""
+    error = sys.exception()
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

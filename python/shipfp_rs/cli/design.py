@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, a_path, as_typed, positive
+from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, a_path, as_typed, number_option
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
@@ -59,28 +59,15 @@ def design(
         ),
     ],
     duration: Annotated[
-        float | None,
-        typer.Option(
-            parser=positive,
-            metavar="S",
-            help="Length of the whole trial, s; without it what --accuracy takes.",
-        ),
+        float | None, number_option("S", "Length of the whole trial, s; without it what --accuracy takes.")
     ] = None,
     amplitude: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="RPM",
-            help="Largest deviation, engine rpm; default 3 % of the operating speed.",
-        ),
+        number_option("RPM", "Largest deviation, engine rpm; default 3 % of the operating speed."),
     ] = None,
     accuracy: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="PERCENT",
-            help="Wanted standard deviation of each parameter over its value, %.",
-        ),
+        number_option("PERCENT", "Wanted standard deviation of each parameter over its value, %."),
     ] = None,
     parameter: Annotated[
         list[str] | None,
@@ -92,19 +79,13 @@ def design(
     criterion: Annotated[
         Criterion, typer.Option(help="Small volume of the ellipsoid (D) or small sum of variances (A).")
     ] = Criterion.D,
-    rate_limit: Annotated[
-        float | None, typer.Option(parser=positive, metavar="RPM/S", help="Largest rate of change, rpm/s.")
-    ] = None,
+    rate_limit: Annotated[float | None, number_option("RPM/S", "Largest rate of change, rpm/s.")] = None,
     avoid: Annotated[
         list[str] | None,
         typer.Option(metavar="LOW:HIGH", help="Band to stay out of, Hz, may be repeated: 2.4:2.8"),
     ] = None,
-    lowest: Annotated[
-        float | None, typer.Option(parser=positive, metavar="HZ", help="Lowest frequency, Hz.")
-    ] = None,
-    highest: Annotated[
-        float | None, typer.Option(parser=positive, metavar="HZ", help="Highest frequency, Hz.")
-    ] = None,
+    lowest: Annotated[float | None, number_option("HZ", "Lowest frequency, Hz.")] = None,
+    highest: Annotated[float | None, number_option("HZ", "Highest frequency, Hz.")] = None,
     longest: Annotated[
         int | None, typer.Option(min=1, max=10**9, help="Longest waveform of the signal generator, samples.")
     ] = None,
@@ -118,20 +99,12 @@ def design(
         ),
     ] = None,
     speed_noise: Annotated[
-        float | None,
-        typer.Option(
-            parser=positive, metavar="PERCENT", help="Noise of the speed over the operating speed, %."
-        ),
+        float | None, number_option("PERCENT", "Noise of the speed over the operating speed, %.")
     ] = None,
     torque_noise: Annotated[
-        float | None,
-        typer.Option(
-            parser=positive, metavar="PERCENT", help="Noise of the torque over the operating torque, %."
-        ),
+        float | None, number_option("PERCENT", "Noise of the torque over the operating torque, %.")
     ] = None,
-    noise_corner: Annotated[
-        float, typer.Option(parser=positive, metavar="HZ", help="Frequency above which both fall, Hz.")
-    ] = 10.0,
+    noise_corner: Annotated[float, number_option("HZ", "Frequency above which both fall, Hz.")] = 10.0,
     out: OutFolder = Path("shipfp-design"),
     force: Force = False,
     json: Json = False,

@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -73,6 +73,16 @@ def new_file(path: Path, *, force: bool) -> Path:
     if path.is_file() and not force:
         raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
     return path
+
+
+def number_option(metavar: str, told: str, parser: Callable[[str | float], float] = positive) -> Any:
+    """Declare an option that takes a number, a positive one unless another parser is given."""
+    return typer.Option(parser=parser, metavar=metavar, help=told)
+
+
+def results_option(told: str) -> Any:
+    """Declare the folder that `shipfp reproduce` may write."""
+    return typer.Option("--out", metavar="DIR", parser=a_path, help=told)
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON, and nothing else, on stdout.")]

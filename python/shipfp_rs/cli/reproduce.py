@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import MOST_DRAWS, Json, a_path
+from shipfp_rs.cli.options import MOST_DRAWS, Json, results_option
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 
 if TYPE_CHECKING:
@@ -49,12 +49,7 @@ FITS = {
 
 @reproduce.command()
 def fullscale(
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", parser=a_path, help="Folder for fullscale.json and the figures."
-        ),
-    ] = None,
+    out: Annotated[Path | None, results_option("Folder for fullscale.json and the figures.")] = None,
     json: Json = False,
 ) -> None:
     """Repeat chapters 6 and 7 from the tug's published numbers: Tables 6.8 to 7.3, and with --out their figures."""
@@ -66,10 +61,7 @@ def fullscale(
 
 @reproduce.command()
 def virtual(
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for virtual.json and the figures."),
-    ] = None,
+    out: Annotated[Path | None, results_option("Folder for virtual.json and the figures.")] = None,
     json: Json = False,
 ) -> None:
     """Repeat chapters 3 to 5 on the virtual ship: Tables 3.4 to 5.2, and with --out their figures."""
@@ -115,10 +107,7 @@ def twin(
             "--draws", min=1, max=MOST_DRAWS, metavar="N", help="Ships whose short chirp is identified."
         ),
     ] = 1,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for twin.json and the figure."),
-    ] = None,
+    out: Annotated[Path | None, results_option("Folder for twin.json and the figure.")] = None,
     json: Json = False,
 ) -> None:
     """Identify the tug's trial on a simulated ship whose parameters are known: Table 7.1 with the truth beside it."""

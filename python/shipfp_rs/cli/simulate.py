@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shipfp_rs.cli.options import Json, Replace, Seed, a_path, as_typed, new_file, not_negative, positive
+from shipfp_rs.cli.options import (
+    Json,
+    Replace,
+    Seed,
+    a_path,
+    as_typed,
+    new_file,
+    not_negative,
+    number_option,
+)
 from shipfp_rs.cli.output import print_json, print_text, progress
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.structures.combinations import true_values
@@ -49,26 +58,16 @@ def simulate(
     ],
     excitation: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.chirp,
     amplitude_rpm: Annotated[
-        float | None,
-        typer.Option(
-            parser=positive, metavar="RPM", help="Amplitude, engine rpm; default 3 % of the operating speed."
-        ),
+        float | None, number_option("RPM", "Amplitude, engine rpm; default 3 % of the operating speed.")
     ] = None,
-    duration: Annotated[
-        float, typer.Option(parser=positive, metavar="S", help="Length of the excitation, s.")
-    ] = 300.0,
+    duration: Annotated[float, number_option("S", "Length of the excitation, s.")] = 300.0,
     rate: Annotated[
-        float | None,
-        typer.Option(
-            parser=positive, metavar="HZ", help="Sample rate, Hz; default 100, or 2000 for a raw log."
-        ),
+        float | None, number_option("HZ", "Sample rate, Hz; default 100, or 2000 for a raw log.")
     ] = None,
     noise: Annotated[
         float,
-        typer.Option(
-            parser=not_negative,
-            metavar="SHARE",
-            help="White noise on speeds and torques, over each signal's own deviation.",
+        number_option(
+            "SHARE", "White noise on speeds and torques, over each signal's own deviation.", not_negative
         ),
     ] = 0.0,
     raw: Annotated[

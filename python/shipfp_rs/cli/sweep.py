@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shipfp_rs.cli.options import MOST_SEED, MOST_WORKERS, Json, a_path, as_typed, positive
+from shipfp_rs.cli.options import MOST_SEED, MOST_WORKERS, Json, a_path, as_typed, number_option
 from shipfp_rs.cli.output import print_json, print_table, print_text
 from shipfp_rs.errors import InputError
 
@@ -64,12 +64,7 @@ def sweep(
         int | None, typer.Option(min=1, help="Draws made in one go; default 50, fewer in a small sweep.")
     ] = None,
     accuracy: Annotated[
-        float,
-        typer.Option(
-            parser=positive,
-            metavar="PERCENT",
-            help="Wanted relative error, %, for the length that a trial must have.",
-        ),
+        float, number_option("PERCENT", "Wanted relative error, %, for the length that a trial must have.")
     ] = 10.0,
     seed: Annotated[
         int | None, typer.Option(min=0, max=MOST_SEED, help="Seed in place of the file's.")

@@ -283,12 +283,13 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
 
 def _wanted(plan: Plan, parameters: Sequence[str] | None) -> tuple[str, ...]:
     known = tuple(plan.prediction.relative_pct)
-    for name in parameters or ():
+    chosen = known if parameters is None or len(parameters) == 0 else tuple(parameters)
+    for name in chosen:
         if name not in known:
             raise InputError(
                 f"parameters: {name!r} is not identifiable here, expected some of {', '.join(known)}"
             )
-    return tuple(parameters or known)
+    return chosen
 
 
 def _judged(plan: Plan, accuracy_pct: float, parameters: Sequence[str] | None) -> Plan:

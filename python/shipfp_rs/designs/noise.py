@@ -20,6 +20,8 @@ LEAST_LEVEL = 1e-9
 class Noise:
     """Stationary noise with a first-order spectrum.
 
+    Its density is flat up to the corner frequency and falls with its square above.
+
     Parameters
     ----------
     level

@@ -19,7 +19,7 @@ from shipfp_rs.designs.run_sheet import Stretch, as_html, as_text
 from shipfp_rs.designs.spectrum import Criterion
 from shipfp_rs.designs.waveforms import Kind
 from shipfp_rs.signals import Excitation
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, attributes
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.json_files import json_text
 
@@ -106,10 +106,7 @@ class Plan:
         """Return the JSON form, without the time series."""
         signal = self.excitation
         return {
-            "subject": self.subject,
-            "kind": self.kind,
-            "criterion": self.criterion,
-            "set_point_rpm": self.set_point_rpm,
+            **attributes(self, "subject", "kind", "criterion", "set_point_rpm"),
             "excitation": {
                 "duration_s": signal.duration,
                 "rate_hz": signal.rate_hz,

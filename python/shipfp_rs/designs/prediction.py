@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
 
 from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.quantities import quantities
@@ -18,8 +17,7 @@ from shipfp_rs.identification.estimates import why_unknown, with_tied
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import Sensitivity, describe
 from shipfp_rs.signals import Excitation
-
-QUANTILE = float(norm.ppf(0.975))
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
             )
     for name, quantity in quantities(subject, sensitivity).items():
         std = float(np.sqrt(quantity.gradient @ covariance @ quantity.gradient))
-        interval = quantity.value - QUANTILE * std, quantity.value + QUANTILE * std
+        interval = quantity.value - DEVIATIONS_95 * std, quantity.value + DEVIATIONS_95 * std
         estimate = Estimate(quantity.value, std, interval, quantity.unit, quantity.status)
         (parameters if name in parameters else derived)[name] = estimate
         relative[name] = 100.0 * std / (abs(quantity.value) or 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import check_fields, checked, told
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, EvenlySampled
 from shipfp_rs.support.checks import positive
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
@@ -42,7 +42,7 @@ _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment(Tabular):
+class Experiment(Tabular, EvenlySampled):
     """Signals of one stretch of a trial, uniformly sampled, NaN where a sample was masked.
 
     Parameters
@@ -141,16 +141,6 @@ class Experiment(Tabular):
 
     def __len__(self) -> int:
         return len(self.signals["n_set"])
-
-    @property
-    def time(self) -> Array:
-        """Time from the first sample [s], shape (N,)."""
-        return np.arange(len(self)) / self.rate_hz
-
-    @property
-    def duration(self) -> float:
-        """Length [s]."""
-        return len(self) / self.rate_hz
 
     @property
     def governor_clock(self) -> tuple[float, float] | None:

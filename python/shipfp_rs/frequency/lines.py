@@ -115,10 +115,8 @@ def fit_sine(
 
     Parameters
     ----------
-    samples
-        Signal, shape (N,), NaN where a sample is missing.
-    rate_hz
-        Sample rate [Hz].
+    samples, rate_hz
+        As of `fit_lines`.
     near_hz
         Frequency within a bin 1/T of the sine's [Hz]; None: the highest peak of the spectrum.
     harmonics

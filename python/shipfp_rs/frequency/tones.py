@@ -69,10 +69,10 @@ def stepped_sine_response(
     """
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
     names = chosen_signals(given, signals)
-    if segments and len(given) != 1:
+    if len(segments) > 0 and len(given) != 1:
         raise InputError(f"segments: found with {len(given)} experiments, expected with one")
     windows: list[tuple[Experiment, float | None]] = [(experiment, None) for experiment in given]
-    if segments:
+    if len(segments) > 0:
         windows = [
             (given[0].window(s.start_s, min(s.stop_s, given[0].duration), name=s.label), s.frequency_hz)
             for s in segments

@@ -10,8 +10,7 @@ import numpy as np
 from shipfp_rs.identification.choose import Choice
 from shipfp_rs.identification.promise import PROPELLER_PART, Neglect
 from shipfp_rs.structures.elements import ELEMENTS
-
-QUANTILE = 1.96
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 
 def alternatives(choice: Choice) -> list[dict[str, Any]]:
@@ -33,7 +32,7 @@ def _moved(choice: Choice, name: str, ways: tuple[Neglect, ...]) -> Iterator[dic
     search, parameters = choice.best.search, ELEMENTS[name].parameters
     values = _of(search.values(choice.best.minimum.vector), search.structure.names)
     for way in ways:
-        strength = max(way.estimate, 0.0) + QUANTILE * way.deviation
+        strength = max(way.estimate, 0.0) + DEVIATIONS_95 * way.deviation
         strength = strength ** (1.0 / way.power)
         if not np.isfinite(strength):
             continue

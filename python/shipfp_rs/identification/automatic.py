@@ -25,6 +25,7 @@ from shipfp_rs.identification.wording import something_missing
 from shipfp_rs.structures.combinations import slope_of
 from shipfp_rs.structures.elements import ELEMENTS, SHORTEST_S
 from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 SIGNALS: Mapping[str, Torque] = {"M_g": "gauge", "M_s": "brake", "M_b": "brake"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
@@ -199,16 +200,16 @@ def _beyond(estimate: Estimate, slope: float, neglect: Neglect, most: float) -> 
     if slope == 0.0 or not np.isfinite([slope, neglect.estimate, neglect.deviation]).all():
         return 0.0, 0.0
     best = max(neglect.estimate, 0.0)
-    seen = best + np.linspace(0.0, 1.0, 41) * 1.96 * neglect.deviation
+    seen = best + np.linspace(0.0, 1.0, 41) * DEVIATIONS_95 * neglect.deviation
     seen = np.concatenate([np.linspace(0.0, best, 21), seen])
     rise = np.square((seen - neglect.estimate) / neglect.deviation)
     rise -= np.square((best - neglect.estimate) / neglect.deviation)
-    left = np.sqrt(np.maximum(1.0 - rise / 1.96**2, 0.0))
+    left = np.sqrt(np.maximum(1.0 - rise / DEVIATIONS_95**2, 0.0))
     moved = slope * seen ** (1.0 / neglect.power)
     assert estimate.ci95 is not None
     assert estimate.value is not None
     low, high = estimate.ci95[0] - estimate.value, estimate.ci95[1] - estimate.value
-    inside = (rise <= 1.96**2 * (1.0 + 1e-9)) & (seen <= most**neglect.power)
+    inside = (rise <= DEVIATIONS_95**2 * (1.0 + 1e-9)) & (seen <= most**neglect.power)
     inside[0] = True  # without the element
     lowest, highest = np.min((moved + low * left)[inside]), np.max((moved + high * left)[inside])
     return max(low - lowest, 0.0), max(highest - high, 0.0)
@@ -297,7 +298,7 @@ def widened_by_bias(fingerprint: Fingerprint, bias: Mapping[str, float]) -> Fing
         if bound == 0.0 or estimate.ci95 is None or estimate.value is None:
             continue
         low, high = (
-            estimate.value + sign * float(np.hypot(end - estimate.value, 1.96 * bound))
+            estimate.value + sign * float(np.hypot(end - estimate.value, DEVIATIONS_95 * bound))
             for sign, end in zip((-1.0, 1.0), estimate.ci95, strict=True)
         )
         std = None if estimate.std is None else float(np.hypot(estimate.std, bound))

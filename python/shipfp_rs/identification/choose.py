@@ -75,12 +75,17 @@ def choose(chooser: Chooser) -> Choice:
         current, gains = _forward(chooser, kept, level, ladder)
         if current is kept:
             break
+    current = chooser.refined(current, last=True)
+    for name in (name for name in UNSEEN if name in chooser.candidates and name not in current.elements):
+        promise = chooser.promise(current.base, name)
+        gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
+        ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
     better = min(rivals, key=cost, default=None)
     if better is not None and cost(better) < cost(current.base) - SAME:
         # What fits best stands for all; the others stay its rivals.
         rivals = [one for one in rivals if one is not better] + [current]
-        current = chooser.refined(better)
+        current = chooser.refined(better, last=True)
     evidence = rises | {name: gain.fall for name, gain in gains.items() if name not in rises}
     states: dict[str, State] = {}
     for name in chooser.candidates:
@@ -176,11 +181,11 @@ def _gains(
     # What a large misfit asks for need not show in the small: then each is tried.
     contradicted = dispersion(current) > CONTRADICTED
     for name in chooser.candidates:
-        if name in current.elements:
+        if name in current.elements or name in UNSEEN:
             continue
         promise = chooser.promise(still, name)
         gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
-        if name in UNSEEN or (promise.fall < HOPELESS * level and not contradicted):
+        if promise.fall < HOPELESS * level and not contradicted:
             ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
             continue
         trial = chooser.with_elements(current, (*current.elements, name), promise.start)

@@ -37,8 +37,6 @@ CANDIDATES = (
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
-SLOW = ("torque_limit", "rack_rate")
-"""Elements whose passes over a record take several times as long."""
 CUTS = "torque_limit"
 """Element that changes what holding does."""
 SOFTENS = (CUTS, "actuator_lag")
@@ -53,14 +51,20 @@ NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
-SLOW_FALL = 1e-3
-"""The same for the last step of a fit with an element whose passes take long."""
 TRIAL_EVALUATIONS = 40
-"""Passes over the records at most while such an element is on trial: enough to see whether it is worth more."""
+"""Passes over the records at most of a trial: enough to see what an element is worth."""
+GAINS = ("K_p", "K_i", "vK_p", "vK_i")
+"""Parameters that an unstable loop has too much of."""
+STEADIER = 0.8
+"""Part of such gains with which a start is tried next."""
+STEADYINGS = 12
+"""Times that is tried."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
+LIGHTEST_ENGINE = 0.05
+"""The same of the engine's end of a shaft that twists."""
 DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
@@ -168,7 +172,7 @@ class Chooser:
             search = self.search(elements)
         for values in begins:
             try:
-                ends.append(search.minimise(self._vector(search, values)))
+                ends.append(search.minimise(self._stable(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
         if not ends:
@@ -191,7 +195,7 @@ class Chooser:
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
-        return self._held(Fitted(elements, search, search.refine(best)))
+        return self.refined(Fitted(elements, search, best))
 
     def _interpolated(self, elements: Sequence[str], search: Search, best: Minimum) -> tuple[Search, Minimum]:
         """Take the set point between its samples for what the outputs follow: straight lines, or a band-limited signal."""
@@ -270,15 +274,21 @@ class Chooser:
         its cost below `worth` is given up.
         """
         ordered = self.ordered(elements)
-        search = replace(self.search(ordered), weights=origin.minimum.noise, enough=TRIAL_FALL, worth=worth)
-        if set(ordered) & set(SLOW):
-            search = replace(search, max_evaluations=TRIAL_EVALUATIONS)
+        search = replace(
+            self.search(ordered),
+            weights=origin.minimum.noise,
+            enough=TRIAL_FALL,
+            worth=worth,
+            max_evaluations=TRIAL_EVALUATIONS,
+        )
         values = dict(zip(origin.search.unknowns, map(float, origin.minimum.vector), strict=True)) | dict(
             begin or {}
         )
         if "tau_n" in values:
             # Of the inertia that a shaft's twist divides, the propeller's is a part.
             values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
+        if "twist" in ordered and "tau_prop" in origin.search.names:
+            search = replace(search, structure=_both_ended(search.structure, values["tau_prop"]))
         # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
         changed = set(ordered) ^ set(origin.elements)
         clears = self._clears and bool(changed & {CUTS} if self.clock is not None else changed & {*SOFTENS})
@@ -295,13 +305,12 @@ class Chooser:
         """Return what an element promises beside a fit."""
         return promise(name, origin.search, origin.minimum, self.structure((*origin.elements, name)))
 
-    def refined(self, fitted: Fitted) -> Fitted:
-        """Fit weights and noise models of its own to a structure."""
-        slow = set(fitted.elements) & set(SLOW)
+    def refined(self, fitted: Fitted, *, last: bool = False) -> Fitted:
+        """Fit weights and noise models of its own to a structure; to the end where it is the last fit of that structure."""
         search = replace(
             fitted.search,
             weights=None,
-            enough=SLOW_FALL if slow else None,
+            enough=None if last else TRIAL_FALL,
             worth=np.inf,
             max_evaluations=MOST_EVALUATIONS,
         )
@@ -330,6 +339,20 @@ class Chooser:
                 vectors.append(vector)
         return vectors[1:] if new else vectors
 
+    def _stable(self, search: Search, values: Mapping[str, float]) -> Array:
+        """Start vector with the gains less until the loop is stable: that of a ship that was measured is."""
+        for _ in range(STEADYINGS):
+            vector = self._vector(search, values)
+            try:
+                search.require_stable(vector)
+            except SimulationError:
+                values = {
+                    name: value * (STEADIER if name in GAINS else 1.0) for name, value in values.items()
+                }
+                continue
+            break
+        return vector
+
     def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
         starts = {parameter.name: parameter.start for parameter in search.free}
         vector = np.array([values.get(name, starts.get(name, 0.0)) for name in search.unknowns])
@@ -346,6 +369,14 @@ def _is_exact(search: Search, minimum: Minimum) -> bool:
     count, scatter = mean_scatter(minimum.sums)
     spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
     return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
+
+
+def _both_ended(structure: Structure, behind: float) -> Structure:
+    """Return a structure whose shaft keeps some inertia on the engine's end beside what is behind the gauge."""
+    whole, least = structure["tau_n"], behind / (1.0 - LIGHTEST_ENGINE)
+    if whole.fixed or not whole.lower < least < whole.upper:
+        return structure
+    return structure.with_bounds(tau_n=(least, max(1.2 * least, whole.start), whole.upper))
 
 
 def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:

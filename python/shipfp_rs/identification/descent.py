@@ -30,6 +30,8 @@ CREPT, CREEPING = 1e-3, 20
 """Fall of the deviance in that many passes below which a descent creeps, ..."""
 WITHIN_REACH = 0.01
 """... which ends it where a plain step promises no more: the minimum is within a tenth of a standard deviation."""
+REFUSED_REACH = 0.1
+"""The same where a plain step was tried in these passes, and the deviance did not fall: what it promises is not there."""
 HOPE = 3.0
 """How much farther than promised the deviance may fall."""
 
@@ -93,11 +95,14 @@ def descend(
     except (SimulationError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise IdentificationError(f"the start vector can't be evaluated: {error}; choose another") from None
     damping = NEAR_DAMPING if near else FAR_DAMPING
-    fallen = deque([np.inf], maxlen=CREEPING)
+    fallen, refused = deque([np.inf], maxlen=CREEPING), deque([False], maxlen=CREEPING)
     while True:
         promise = gauss_newton_step(place.point, walk.bounds).promise
         hopeless = HOPE * promise < place.objective - worth
-        creeps = promise < WITHIN_REACH and fallen[0] - place.objective < CREPT
+        creeps = (
+            promise < (REFUSED_REACH if any(refused) else WITHIN_REACH)
+            and fallen[0] - place.objective < CREPT
+        )
         if promise < enough or hopeless or creeps or damping > MOST_DAMPING:
             settled = promise < enough or creeps
             return Reached(place.point.vector, place.noise, walk.passes, "", settled, creeps)
@@ -107,6 +112,7 @@ def descend(
             return Reached(place.point.vector, place.noise, walk.passes, f"{time_limit_s:.3g} s")
         fallen.append(place.objective)
         trial, kept_promise = walk.tried(place, damped_step(place.point, walk.bounds, damping))
+        refused.append(damping == 0.0 and trial is None)
         damping = next_damping(damping, kept_promise)
         place = trial or place
 

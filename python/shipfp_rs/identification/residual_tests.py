@@ -18,6 +18,7 @@ from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
 from shipfp_rs.identification.search import AR_ORDER, Search
 from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
 from shipfp_rs.optimise.normal_equations import Products, orthonormal
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -28,8 +29,6 @@ INPUT_LAGS = 12
 """Number of lags of the set point besides zero, in geometric steps, since missing dynamics may be fast or slow."""
 INPUT_REACH = 10
 """The longest lag, as a part of the record."""
-BAND = 1.96
-"""Standard deviations of a normal variable that hold 95 %."""
 OPEN = 1e-8
 """A direction of the lagged set points counts as explained by the fit where less than this part of its size is left."""
 
@@ -132,7 +131,7 @@ def whiteness(
             pairs[index] += np.count_nonzero(valid[lag:] & valid[:-lag])
     known = pairs > 0
     correlation = np.divide(products, pairs, out=np.zeros(lags), where=known)
-    band = np.divide(BAND, np.sqrt(pairs), out=np.full(lags, np.inf), where=known)
+    band = np.divide(DEVIATIONS_95, np.sqrt(pairs), out=np.full(lags, np.inf), where=known)
     statistic = float(np.sum(pairs * correlation**2)) * (samples + 2) / max(samples, 1)
     return ResidualTest(steps, correlation, band, statistic, int(known.sum()) - fitted)
 
@@ -302,7 +301,7 @@ def _test(
     return ResidualTest(
         lags,
         products / length,
-        BAND * np.sqrt(np.maximum(np.diag(unit), 0.0)) / length,
+        DEVIATIONS_95 * np.sqrt(np.maximum(np.diag(unit), 0.0)) / length,
         float(np.sum(along**2 / strength[told])),
         int(told.sum()),
     )

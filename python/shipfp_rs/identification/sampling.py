@@ -16,6 +16,7 @@ from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.ties import bare
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 AGREE = 5.0
 """Deviations within which the governor's clocks of several experiments are one."""
@@ -127,7 +128,7 @@ def with_clock(fingerprint: Fingerprint, clock: tuple[float, float] | None) -> F
     period, std = clock
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     values = {name: estimate.value for name, estimate in parameters.items()}
-    ends = (period - 1.96 * std, period + 1.96 * std)
+    ends = (period - DEVIATIONS_95 * std, period + DEVIATIONS_95 * std)
     parameters["T_s"] = Estimate(period, std, ends, "s", "prior")
     shift = _of_the_sum(values, period)
     for group in (parameters, derived):

@@ -192,10 +192,7 @@ class Told:
     def to_pandas(self) -> pd.DataFrame:
         """Return a `pandas.DataFrame`, a row for each symbol: name, value, std, low, high, unit, status, reason.
 
-        Raises
-        ------
-        InputError
-            Where pandas is not installed.
+        `InputError` where pandas is not installed.
         """
         pandas = package("pandas")
         frame: pd.DataFrame = pandas.DataFrame.from_records(self._records(), columns=COLUMNS, index="symbol")

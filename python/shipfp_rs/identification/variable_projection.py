@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ REMEMBERED = 8
 """Number of points whose sums are kept, since new weights then need no new pass over the data."""
 
 
-@dataclass(frozen=True)
-class _Pass:
+class _Pass(NamedTuple):
     """Sums of one pass over the data, at a full vector (Q,)."""
 
     vector: Array

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.support.arrays import attributes
+
 Samples = npt.NDArray[Any]
 Blocks = Callable[[str, int, int], Iterator[Samples]]
 """(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
@@ -45,6 +47,11 @@ class Channel:
     samples: int
     start_s: float = 0.0
     resolution: float = 0.0
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """Name, unit, rate, samples and start, by name."""
+        return attributes(self, "name", "unit", "rate_hz", "samples", "start_s")
 
     @property
     def stop_s(self) -> float:

@@ -178,7 +178,7 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     InputError
         Where some logs have a date and others do not, or the recordings do not overlap in time.
     """
-    if not logs:
+    if len(logs) == 0:
         raise InputError("merge: no log, expected two or more")
     dated = [log for log in logs if log.start_utc is not None]
     if dated and len(dated) < len(logs):

@@ -242,17 +242,10 @@ class Log:
 
         Parameters
         ----------
-        name
-            Of the channel.
         size
             Longest array, in samples.
-        start_s, stop_s
-            Stretch on the log's clock [s]; None: from the channel's start, to its end.
-
-        Raises
-        ------
-        InputError
-            Where there is no such channel, or the stretch is empty or outside it.
+        name, start_s, stop_s
+            Channel and stretch, as `rows` takes them and raises errors on them.
         """
         first, last = self.rows(name, start_s, stop_s)
         left = last - first

@@ -20,18 +20,12 @@ DISTINCT = 1e-8
 
 @dataclass(frozen=True)
 class Products:
-    """Sums over samples of the products of all pairs of columns, in all pairs of outputs.
-
-    Parameters
-    ----------
-    sums
-        Of the model's derivatives by the unknowns, and of the residual last, shape (O, C, O, C).
-    count
-        Number of samples that count.
-    """
+    """Sums over samples of the products of all pairs of columns, in all pairs of outputs."""
 
     sums: Array
+    """Of the model's derivatives by the unknowns, and of the residual last, shape (O, C, O, C)."""
     count: int
+    """Number of samples that count."""
 
     @classmethod
     def of(cls, residual: Array, jacobian: Array, count: int) -> Products:

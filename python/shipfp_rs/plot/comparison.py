@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs.assessment.comparison import QUANTILE
 from shipfp_rs.assessment.propagation import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import COMPARED, dress
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def draw(fingerprints: Mapping[str, Fingerprint]) -> Figure:
 
 def _band(ax: Axes, x: np.ndarray, value: np.ndarray, deviation: np.ndarray, color: str, label: str) -> None:
     ax.fill_between(
-        x, value - QUANTILE * deviation, value + QUANTILE * deviation, color=color, alpha=0.25, lw=0
+        x, value - DEVIATIONS_95 * deviation, value + DEVIATIONS_95 * deviation, color=color, alpha=0.25, lw=0
     )
     ax.plot(x, value, color=color, lw=1.3, label=f"{label} (band: 95 %)")
 

@@ -75,11 +75,7 @@ def responses(
     signal
         Name of the signal.
     axes
-        Two, amplitude and phase; made where None.
-
-    Returns
-    -------
-    sequence of Axes
+        As of `bode`.
     """
     amplitude, phase = panels = panels_of(axes, 2, sharex=True)
     for index, (label, curve) in enumerate(curves.items()):

@@ -12,6 +12,7 @@ from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Mask
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +89,7 @@ def fit(
         model = experiment.operating_point[name] * (1.0 + np.asarray(deviation, dtype=np.float64))
         measured, color = experiment.signals[name], COLOURS[name]
         if stretch_s is not None:
-            half = 1.96 * float(np.nanstd(measured - model))
+            half = DEVIATIONS_95 * float(np.nanstd(measured - model))
             times, low = envelope(time, model[rows] - half)
             _, high = envelope(time, model[rows] + half)
             ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % band")

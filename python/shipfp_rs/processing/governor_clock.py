@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
@@ -57,8 +57,7 @@ QUARTZ = 2e-5
 """Part by which a logger's clock may be off, and with it what it tells of another."""
 
 
-@dataclass(frozen=True)
-class GovernorClock:
+class GovernorClock(NamedTuple):
     """A governor's sampling period [s], its standard deviation [s], and the power of its lines over the noise's."""
 
     period_s: float

@@ -171,9 +171,8 @@ class _Recording:
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
         self.set_point: dict[str, _Cleaned] = found[0]
-        self.levels: dict[str, dict[str, _Cleaned]] = dict(
-            zip(channels.levels, found[1 : len(levels)], strict=True)
-        )
+        self.levels: dict[str, dict[str, _Cleaned]]
+        self.levels = dict(zip(channels.levels, found[1 : len(levels)], strict=True))
         self.trains: list[PulseTrain] = found[len(levels) :]
         by_name = {train.name: train for train in self.trains}
         for name, tacho in channels.tachos.items():
@@ -283,7 +282,7 @@ class _Recording:
         cleaner = Cleaner(rows, sensor, self.trial.processing, *within)
         turns_hz = np.nanmean(rpm) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
         found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm, factor, finer.rate_hz, turns_hz)
-        return None if found is None else dataclasses.asdict(found)
+        return None if found is None else found._asdict()
 
     def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Hand over the signals of a stretch, kept no longer here, and an account of how they were made."""

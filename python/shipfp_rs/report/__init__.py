@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from markupsafe import Markup
 
@@ -35,17 +35,19 @@ STILL_PICTURES = 12
 """Experiments that have a picture for readers without JavaScript, too."""
 
 
+class Content(TypedDict, total=False):
+    """What a report may hold beside a fingerprint and its experiments; see `write_report`."""
+
+    simulated: Sequence[Mapping[str, Any]]
+    responses: Responses
+    truth: Mapping[str, float] | None
+    title: str
+    language: Language
+    structure: Structure | None
+
+
 def write_report(
-    path: str | Path,
-    fingerprint: Fingerprint,
-    experiments: Sequence[Experiment],
-    *,
-    simulated: Sequence[Mapping[str, Any]] = (),
-    responses: Responses = (),
-    truth: Mapping[str, float] | None = None,
-    title: str = "Fingerprint",
-    language: Language = "en",
-    structure: Structure | None = None,
+    path: str | Path, fingerprint: Fingerprint, experiments: Sequence[Experiment], **content: Unpack[Content]
 ) -> Path:
     """Write the report of a fingerprint; the file appears whole or not at all.
 
@@ -78,19 +80,7 @@ def write_report(
     Path
         `path`.
     """
-    return write_text_atomically(
-        Path(path),
-        render(
-            fingerprint,
-            experiments,
-            simulated=simulated,
-            responses=responses,
-            truth=truth,
-            title=title,
-            language=language,
-            structure=structure,
-        ),
-    )
+    return write_text_atomically(Path(path), render(fingerprint, experiments, **content))
 
 
 def render(
@@ -108,11 +98,12 @@ def render(
     say = Say(language)
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
+    step = loop.step_response(fingerprint, structure, figures, pictures, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
-        ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, pictures, say)),
+        ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements that act"), elements.choice(fingerprint, pictures, say)),
-        ("loop", say("The speed loop"), loop.section(fingerprint, structure, figures, pictures, say)),
+        ("loop", say("The speed loop"), loop.section(fingerprint, figures, say)),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
         ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
@@ -243,7 +234,9 @@ def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
         "settings": fingerprint.settings,
         "seed": fingerprint.seed,
     }
-    yield markup.details(say("Structure, settings and seed"), markup.piece("preformatted", _outline(content)))
+    yield markup.details(
+        say("Structure, settings and seed"), markup.piece("preformatted", _outline(content)), printed=False
+    )
 
 
 def _outline(content: Mapping[str, Any], indent: str = "") -> str:

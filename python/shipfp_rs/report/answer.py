@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -39,6 +40,10 @@ AT_AN_END = 0.05
 CHANNELS = ("T_M", "T_n", "T_0")
 """Parameters of the measurement, no part of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
+DELAYS = ("T_d", "T_set", "tau_act", "T_s")
+"""Parameters that may be none: what the data tell is how long they are at most."""
+NONE = 0.02
+"""Part of a delay's greatest value below which its least one is none."""
 
 
 def answer(
@@ -46,23 +51,32 @@ def answer(
     experiments: Sequence[Experiment],
     simulated: Sequence[Mapping[str, Any]],
     loop: Mapping[str, Estimate],
+    step: str,
     pictures: Pictures,
     say: Say,
 ) -> Iterable[str]:
-    """Yield the verdict's first sentence, the ship and its loop beside a picture, and what can't be told."""
-    lead = fingerprint.usable or (fingerprint.verdict[0] if fingerprint.verdict else "")
+    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what can't be told.
+
+    `step` is the picture of the loop's answer to a step.
+    """
+    lead = _with_names(say.sentence(fingerprint.usable), fingerprint.parameters, say)
+    if not lead and fingerprint.verdict:
+        lead = say.sentence(fingerprint.verdict[0])
     failed = fingerprint.usability == "not usable"
     tone = TONES.get(fingerprint.usability, "")
-    yield piece("lead", say.sentence(lead) or say("No verdict was given."), tone)
+    yield piece("lead", lead or say("No verdict was given."), tone)
     heading = (
         say("The model's figures, not the ship's") if failed else say("The ship, with intervals of 95 %")
     )
-    tables = [piece("facts", heading, ship_rows(fingerprint, say))]
+    # Where the search found no minimum there is nothing to tell, not even of the model.
+    told = fingerprint.why_not != "no minimum"
+    tables = [piece("facts", heading, ship_rows(fingerprint, say))] if told else []
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
-    picture = _picture(experiments, simulated, pictures, say)
-    yield piece("columns", [part for part in (Markup("\n").join(tables), picture) if part])
+    drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
+    columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
+    yield piece("columns", [column for column in columns if column])
     for line in (*next_steps(fingerprint, say), *acting(fingerprint, say), *open_questions(fingerprint, say)):
         yield piece("paragraph", line, "open")
 
@@ -71,19 +85,18 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return what to do about a fingerprint that can't be used; nothing for one that can."""
     if not fingerprint.why_not:
         return []
-    if fingerprint.why_not in ("no minimum", "nothing told"):
-        return [
-            say(
-                "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a "
-                "parameter known from elsewhere."
-            )
-        ]
-    return [
-        say(
-            "The figures hold for the model, not for the ship. Look where measurement and model part: a channel of another "
-            "record, a wrong calibration, or a load or limit that the model lacks."
-        )
-    ]
+    part = say(
+        "Look where measurement and model part: a channel of another record, a wrong calibration, or a load or limit "
+        "that the model lacks."
+    )
+    more = say(
+        "A longer record, a larger swing of the set point, a torque channel, or a parameter known from elsewhere would help."
+    )
+    if fingerprint.why_not == "nothing told":
+        return [more]
+    if fingerprint.why_not == "no minimum":
+        return [f"{part} {more}"]
+    return [f"{say('The figures hold for the model, not for the ship.')} {part}"]
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
@@ -109,8 +122,8 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     return [" ".join(told)] if told else []
 
 
-def interval(row: Row, estimate: Estimate, say: Say) -> str:
-    """Write an interval; one that begins on a bound has one end only."""
+def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -> str:
+    """Write an interval, and where the estimate is at its end that it is; one that begins on a bound has one end only."""
     if estimate.ci95 is None:
         return ""
     if estimate.ci95[1] == np.inf:
@@ -118,10 +131,12 @@ def interval(row: Row, estimate: Estimate, say: Say) -> str:
     if estimate.status == "at_bound" and estimate.value is not None:
         below, above = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
         return say.number(f"≤ {row.high}" if above >= below else f"≥ {row.low}")
-    return say("{low} to {high}", low=row.low, high=row.high) + _at_an_end(estimate, say)
+    told = say("{low} to {high}", low=row.low, high=row.high)
+    end = at_an_end(estimate, say) if with_end else ""
+    return f"{told}, {end}" if end else told
 
 
-def _at_an_end(estimate: Estimate, say: Say) -> str:
+def at_an_end(estimate: Estimate, say: Say) -> str:
     """Say that an estimate lies at an end of its interval, which looks like a mistake to who is not told."""
     if estimate.value is None or estimate.ci95 is None:
         return ""
@@ -129,7 +144,7 @@ def _at_an_end(estimate: Estimate, say: Say) -> str:
     share = (estimate.value - low) / (high - low) if low < high < np.inf else 0.5
     if AT_AN_END <= share <= 1.0 - AT_AN_END:
         return ""
-    return f", {say('estimate at its lower end') if share < 0.5 else say('estimate at its upper end')}"
+    return say("estimate at its lower end") if share < 0.5 else say("estimate at its upper end")
 
 
 def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str, str]]:
@@ -149,17 +164,19 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         told = interval(row, estimate, say) or say.word(row.status)
         if not row.value:
             value, told = say.word(row.status), ""
+        if row.name in DELAYS and estimate.ci95 and estimate.ci95[0] < NONE * estimate.ci95[1]:
+            value = f"{say('at most {high}', high=row.high)}\u00a0{unit_shown(row.unit)}"
+            told = say("may be none")
         name = say.name(row.name)
         quantity = fingerprint.si.get(QUANTITIES.get(row.name, ""))
         if quantity is None or not row.value or quantity["unit"] in ("-", row.unit):
             rows.append((name or row.name, row.name if name else "", value, told, ""))
             continue
-        inertia = {
-            "tau_n": say("inertia of the whole drive train, seen from the propeller shaft"),
-            "tau_prop": say("inertia behind the torque gauge, seen from the propeller shaft"),
-        }.get(row.name, name)
-        alone = told.removesuffix(_at_an_end(known[row.name], say))  # said once, of the interval in SI units
-        normalised = f"{row.name} = {value} ({alone})"
+        inertia = name
+        if row.name in ("tau_n", "tau_prop"):
+            inertia = say("{inertia}, seen from the propeller shaft", inertia=short_name(row.name, say))
+        alone = interval(row, estimate, say, with_end=False)  # said once, of the interval in SI units
+        normalised = f"{row.name} = {value} ({alone})" if alone else f"{row.name} = {value}"
         rows.append((inertia, "", *_in_si(known[row.name], quantity, say), normalised))
     return rows
 
@@ -263,12 +280,32 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
         return ""
     return say(
         "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.",
-        names=", ".join(linked),
+        names=_listed(linked, say),
+    )
+
+
+def short_name(symbol: str, say: Say) -> str:
+    """Return what a sentence calls a parameter: an inertia by what turns, anything else by its plain name."""
+    turning = {
+        "tau_n": say("inertia of the whole drive train"),
+        "tau_prop": say("inertia behind the torque gauge"),
+    }
+    return turning.get(symbol) or say.name(symbol) or symbol
+
+
+def _with_names(sentence: str, symbols: Iterable[str], say: Say) -> str:
+    """Return a sentence with plain names for the symbols that it lists."""
+    either = "|".join(re.escape(symbol) for symbol in sorted(symbols, key=len, reverse=True))
+    if not either:
+        return sentence
+    article = "the " if say.language == "en" else ""
+    return re.sub(
+        rf"(?<![\w(/])({either})(?![\w)/])", lambda found: article + short_name(found[1], say), sentence
     )
 
 
 def _listed(symbols: Iterable[str], say: Say) -> str:
-    return ", ".join(f"{say.name(symbol) or symbol} ({symbol})" for symbol in symbols)
+    return ", ".join(f"{short_name(symbol, say)} ({symbol})" for symbol in symbols)
 
 
 def _picture(

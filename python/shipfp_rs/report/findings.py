@@ -6,33 +6,51 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from markupsafe import Markup
-
 from shipfp_rs import plot
+from shipfp_rs.assessment.si import operating_point
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
-from shipfp_rs.report.answer import interval, unit_shown
+from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, bullets, details, link, number, paragraph, piece, table
+from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
 
 TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
+FIGURES: Mapping[str, str] = {
+    "mse": "mean squared error",
+    "samples": "samples",
+    "deviance": "deviance: minus twice the logarithm of the likelihood",
+    "fpe": "final prediction error (FPE)",
+    "aic": "Akaike's criterion (AIC)",
+    "aicc": "Akaike's criterion for few samples (AICc)",
+    "bic": "Bayesian criterion (BIC)",
+    "caic": "consistent Akaike criterion (CAIC)",
+    "structure_p": "probability of such residuals, were the structure right (p)",
+    "structure_misses_pct": "explained by the set point of what was left [%]",
+    "chi_squared": "chi-squared",
+    "degrees_of_freedom": "degrees of freedom",
+}
+"""Figure of a fit to what the report calls it."""
+NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
 
 
 def parameters(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None, pictures: Pictures, say: Say
 ) -> Iterable[str]:
     """Yield the tables of parameters and combinations and the picture of their intervals."""
-    yield _estimates(
-        say("parameters with their 95 % intervals"), fingerprint.parameters, truth, say, formula=True
-    )
-    yield _meanings(fingerprint, say)
+    failed = bool(fingerprint.why_not)
+    if failed:
+        yield paragraph(say("These are figures of the model; of the ship they say nothing."))
+    about = say("parameters with their 95 % intervals")
+    yield _estimates(about, fingerprint.parameters, truth, say, formula=True, failed=failed)
+    yield from _meanings(fingerprint, say)
     if fingerprint.derived:
         yield piece("heading", say("Combinations"))
         yield paragraph(say("Told better than their members, or though these are not told one by one."))
-        yield _estimates(say("combinations with their 95 % intervals"), fingerprint.derived, truth, say)
+        about = say("combinations with their 95 % intervals")
+        yield _estimates(about, fingerprint.derived, truth, say, failed=failed)
     text = fingerprint.to_csv()
     assert isinstance(text, str)
     yield link(say("All estimates as CSV"), "fingerprint.csv", "text/csv", text.encode())
@@ -56,25 +74,39 @@ def parameters(
         )
 
 
-def _meanings(fingerprint: Fingerprint, say: Say) -> str:
-    """Return a fold that says what each symbol means, and what gains and slopes are normalised to."""
+def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
+    """Yield what each symbol means, and what gains and slopes are normalised to."""
     told = [f"{name}: {meaning}." for name in fingerprint.parameters if (meaning := say.meaning(name))]
     if not told:
-        return ""
-    notes = [
-        say(
-            "Gains and slopes are normalised: they count changes in per cent of the value at the operating point."
+        return
+    yield piece("heading", say("What the symbols mean"))
+    notes = []
+    if set(NORMALISED) & set(fingerprint.parameters):
+        notes.append(
+            say(
+                "Gains and slopes are normalised: they count changes in per cent of the value at the operating point."
+            )
         )
-    ]
+        point = operating_point(fingerprint)
+        if point is not None:
+            speed_rpm, torque_Nm, _ = point
+            notes.append(
+                say(
+                    "That is an engine speed of {speed} rpm and a torque of {torque} Nm where it was measured.",
+                    speed=f"{speed_rpm:.4g}",
+                    torque=f"{torque_Nm:.4g}",
+                )
+            )
     if "vK_p" in fingerprint.parameters:
         notes.append(
             say(
-                "Speed and torque show the governor's gains K_p and K_i only times v, the per cent of engine torque that "
-                "1 % more fuel rack brings; a fuel rack channel would tell them apart."
+                "v is the per cent of engine torque that 1 % more fuel rack brings. Speed and torque show the "
+                "governor's gains K_p and K_i only as the products vK_p and vK_i; a fuel rack channel would tell v apart."
             )
         )
-    content = [paragraph(" ".join(notes)), bullets(told)]
-    return details(say("What the symbols mean"), Markup("\n").join(content))
+    if notes:
+        yield paragraph(" ".join(notes))
+    yield bullets(told)
 
 
 def _estimates(
@@ -84,6 +116,7 @@ def _estimates(
     say: Say,
     *,
     formula: bool = False,
+    failed: bool = False,
 ) -> str:
     truths = ["truth"] if truth else []
     formulas = ["formula"] if formula else []
@@ -96,7 +129,10 @@ def _estimates(
             Cell(say.name(row.name)),
             number(row.value, key=estimate.value),
             number(row.std, key=estimate.std),
-            number(interval(row, estimate, say), key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0]),
+            number(
+                interval(row, estimate, say, with_end=False),
+                key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
+            ),
             Cell(unit_shown(row.unit)),
         ]
         if truth:
@@ -106,7 +142,10 @@ def _estimates(
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
         reason = f": {row.reason}" if row.reason and row.reason != "given" else ""
-        cells.append(Cell(say.word(row.status) + say.sentence(reason), tone=TONES.get(row.status, "")))
+        end = at_an_end(estimate, say) if row.status == "estimated" else ""
+        told = say.word(row.status) + say.sentence(reason) + (f", {end}" if end else "")
+        # Green would say that the ship has this value.
+        cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
         rows.append(cells)
     return table(about, [say(text) for text in head], rows)
 
@@ -179,7 +218,7 @@ def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     overall = {key: value for key, value in fingerprint.fit.get("overall", {}).items() if value is not None}
     if overall:
         rows = [
-            [Cell(say.word(key)), number(f"{value:.6g}", key=value)]
+            [Cell(say(FIGURES[key]) if key in FIGURES else key), number(f"{value:.6g}", key=value)]
             for key, value in overall.items()
             if key != "nrmse_pct"
         ]

@@ -35,12 +35,11 @@ SENTENCES: Mapping[str, str] = {
     "no limit": "keine Grenze",
     "estimate at its lower end": "Schätzwert am unteren Ende",
     "estimate at its upper end": "Schätzwert am oberen Ende",
-    "inertia of the whole drive train, seen from the propeller shaft": (
-        "Trägheitsmoment des ganzen Antriebsstrangs, auf die Propellerwelle bezogen"
-    ),
-    "inertia behind the torque gauge, seen from the propeller shaft": (
-        "Trägheitsmoment hinter der Messstelle, auf die Propellerwelle bezogen"
-    ),
+    "inertia of the whole drive train": "Trägheitsmoment des ganzen Antriebsstrangs",
+    "inertia behind the torque gauge": "Trägheitsmoment hinter der Messstelle",
+    "{inertia}, seen from the propeller shaft": "{inertia}, auf die Propellerwelle bezogen",
+    "at most {high}": "höchstens {high}",
+    "may be none": "vielleicht keine",
     "nothing was found that would let the loop swing at higher gains": (
         "nichts gefunden, was den Kreis bei höherer Verstärkung schwingen ließe"
     ),
@@ -56,16 +55,16 @@ SENTENCES: Mapping[str, str] = {
     "{name}, {start} to {stop} s: measured, and the model's answer to the same set point.": (
         "{name}, {start} bis {stop} s: gemessen, und die Antwort des Modells auf denselben Sollwert."
     ),
-    "More of the same kind would help: a longer record, a larger swing of the set point, a torque channel, or a parameter known "
-    "from elsewhere.": (
-        "Mehr davon hilft: eine längere Aufzeichnung, ein größerer Ausschlag des Sollwerts, ein Drehmomentkanal oder ein Parameter "
-        "aus anderer Quelle."
+    "A longer record, a larger swing of the set point, a torque channel, or a parameter known from elsewhere would help.": (
+        "Es hilft: längere Aufzeichnung, größerer Ausschlag des Sollwerts, ein Drehmomentkanal, ein Parameter aus anderer Quelle."
     ),
-    "The figures hold for the model, not for the ship. Look where measurement and model part: a channel of another record, a "
-    "wrong calibration, or a load or limit that the model lacks.": (
-        "Die Zahlen gelten für das Modell, nicht für das Schiff. Zu prüfen, wo Messung und Modell auseinandergehen: ein Kanal aus "
-        "einer anderen Aufzeichnung, eine falsche Kalibrierung, eine Last oder Grenze, die dem Modell fehlt."
+    "The figures hold for the model, not for the ship.": "Die Zahlen gelten für das Modell, nicht für das Schiff.",
+    "Look where measurement and model part: a channel of another record, a wrong calibration, or a load or limit that the "
+    "model lacks.": (
+        "Zu prüfen, wo Messung und Modell auseinandergehen: ein Kanal aus einer anderen Aufzeichnung, eine falsche Kalibrierung, "
+        "eine Last oder Grenze, die dem Modell fehlt."
     ),
+    "These are figures of the model; of the ship they say nothing.": "Dies sind Zahlen des Modells; über das Schiff sagen sie nichts.",
     "Acts: {names}.": "Es wirkt: {names}.",
     "May act or not: {names}.": "Wirkt vielleicht: {names}.",
     "No effect found, either absent or too small to show: {names}.": "Keine Wirkung gefunden, nicht da oder zu schwach: {names}.",
@@ -87,10 +86,13 @@ SENTENCES: Mapping[str, str] = {
     "Gains and slopes are normalised: they count changes in per cent of the value at the operating point.": (
         "Verstärkungen und Steigungen sind normiert: Sie zählen Änderungen in Prozent des Werts am Betriebspunkt."
     ),
-    "Speed and torque show the governor's gains K_p and K_i only times v, the per cent of engine torque that 1 % more fuel rack "
-    "brings; a fuel rack channel would tell them apart.": (
-        "Drehzahl und Drehmoment zeigen K_p und K_i des Reglers nur mal v, den Prozent Motormoment, die 1 % mehr Füllung bringt; "
-        "ein Kanal der Füllung würde sie trennen."
+    "That is an engine speed of {speed} rpm and a torque of {torque} Nm where it was measured.": (
+        "Das sind eine Motordrehzahl von {speed} rpm und ein Drehmoment von {torque} Nm, wo es gemessen wurde."
+    ),
+    "v is the per cent of engine torque that 1 % more fuel rack brings. Speed and torque show the governor's gains K_p and K_i "
+    "only as the products vK_p and vK_i; a fuel rack channel would tell v apart.": (
+        "v sind die Prozent Motormoment, die 1 % mehr Füllung bringt. Drehzahl und Drehmoment zeigen K_p und K_i des Reglers nur "
+        "als Produkte vK_p und vK_i; ein Kanal der Füllung würde v davon trennen."
     ),
     "Combinations": "Kombinationen",
     "Told better than their members, or though these are not told one by one.": (
@@ -144,7 +146,7 @@ SENTENCES: Mapping[str, str] = {
     ),
     "poles, margins and gains of the loop": "Pole, Reserven und Verstärkungen des Kreises",
     "figure": "Größe",
-    "why not": "warum nicht",
+    "note": "Anmerkung",
     "time [s]": "Zeit [s]",
     "{name}: signals, model, and what the model leaves over, against time": "{name}: Signale, Modell und Rest über der Zeit",
     "every sample is in the page": "jeder Messwert steht in der Seite",
@@ -255,6 +257,19 @@ SENTENCES: Mapping[str, str] = {
     "explained [%]": "erklärt [%]",
     "figures of all outputs together": "Kennzahlen aller Ausgänge zusammen",
     "value": "Wert",
+    "mean squared error": "mittleres Fehlerquadrat",
+    "deviance: minus twice the logarithm of the likelihood": "Devianz: minus zweimal der Logarithmus der Likelihood",
+    "final prediction error (FPE)": "Fehler der Vorhersage (FPE)",
+    "Akaike's criterion (AIC)": "Kriterium von Akaike (AIC)",
+    "Akaike's criterion for few samples (AICc)": "Kriterium von Akaike für wenige Messwerte (AICc)",
+    "Bayesian criterion (BIC)": "Bayessches Kriterium (BIC)",
+    "consistent Akaike criterion (CAIC)": "konsistentes Kriterium von Akaike (CAIC)",
+    "probability of such residuals, were the structure right (p)": (
+        "Wahrscheinlichkeit solcher Residuen, wäre die Struktur richtig (p)"
+    ),
+    "explained by the set point of what was left [%]": "vom Rest durch den Sollwert erklärt [%]",
+    "chi-squared": "Chi-Quadrat",
+    "degrees of freedom": "Freiheitsgrade",
     "No residual test: what was fitted has no order in time.": (
         "Kein Test der Residuen: Was angepasst wurde, hat keine zeitliche Folge."
     ),
@@ -324,13 +339,6 @@ WORDS: Mapping[str, str] = {
     "pole 2, real": "Pol 2, Realteil",
     "pole 2, imaginary": "Pol 2, Imaginärteil",
     "there is none": "es gibt keine",
-    "mse": "mittleres Fehlerquadrat",
-    "samples": "Messwerte",
-    "deviance": "Devianz",
-    "structure_p": "Struktur, p",
-    "structure_misses_pct": "der Struktur fehlt [%]",
-    "chi_squared": "Chi-Quadrat",
-    "degrees_of_freedom": "Freiheitsgrade",
     "double crossings (A)": "doppelte Durchgänge (A)",
     "lost pulses (B)": "verlorene Impulse (B)",
     "torque spikes (C)": "Drehmomentspitzen (C)",

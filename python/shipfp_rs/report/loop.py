@@ -13,11 +13,11 @@ from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
-from shipfp_rs.report.answer import interval, unit_shown
+from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, number, paragraph, table
 from shipfp_rs.report.pictures import NARROW, Pictures
-from shipfp_rs.structures.linearised import StateSpace, state_space
+from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 INSTANTS = 400
 LONGER = 2.5
 """Length of the picture over the time of recovery."""
+PADE = 5
+SHOWN = ("dn", "dM")
+"""Outputs in the picture."""
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
@@ -39,14 +42,8 @@ def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[st
         return {}
 
 
-def section(
-    fingerprint: Fingerprint,
-    structure: Structure | None,
-    loop: Mapping[str, Estimate],
-    pictures: Pictures,
-    say: Say,
-) -> Iterable[str]:
-    """Yield the step response and the table of the loop's figures."""
+def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) -> Iterable[str]:
+    """Yield the table of the loop's figures."""
     if not loop:
         return
     yield paragraph(say("From the model linearised about the operating point, for small motions."))
@@ -57,47 +54,71 @@ def section(
                 "its limit."
             )
         )
-    recovery = loop["recovery time"].value
-    if recovery:
-        model = structure or Structure.from_dict(fingerprint.structure)
-        space = state_space(model, fingerprint.optimum, 5)
-        times = np.linspace(0.0, LONGER * recovery, INSTANTS)
-        rows = space.step(times)
-        text = "time_s," + ",".join(f"{output}_pct" for output in space.outputs) + "\n"
-        text += "\n".join(",".join(f"{value:.9g}" for value in line) for line in np.vstack([times, rows]).T)
-        yield pictures.draw(
-            len(space.outputs),
-            lambda axes: _draw(axes, space, times, rows, say),
-            say(
-                "Answer to a step of the set point by 1 %; the speed stays within 5 % of the step after the dotted line."
-            ),
-            height=1.6,
-            width=NARROW,
-            table=text,
-        )
     yield table(
         say("poles, margins and gains of the loop"),
-        [say(text) for text in ("figure", "estimate", "95 % interval", "unit", "why not")],
+        [say(text) for text in ("figure", "estimate", "95 % interval", "unit", "note")],
         [
             [
                 Cell(say.name(row.name) or say.word(row.name)),
                 number(row.value, key=loop[row.name].value),
-                number(interval(row, loop[row.name], say)),
+                number(interval(row, loop[row.name], say, with_end=False)),
                 Cell(unit_shown(row.unit)),
-                Cell(say.word(say.sentence(row.reason)), tone="note"),
+                Cell(say.word(say.sentence(row.reason)) or at_an_end(loop[row.name], say), tone="note"),
             ]
             for row in rounded_rows(loop)
         ],
     )
 
 
-def _draw(axes: Sequence[Axes], space: StateSpace, times: Array, rows: Array, say: Say) -> None:
-    for ax, output, row in zip(axes, space.outputs, rows, strict=True):
+def step_response(
+    fingerprint: Fingerprint,
+    structure: Structure | None,
+    loop: Mapping[str, Estimate],
+    pictures: Pictures,
+    say: Say,
+) -> str:
+    """Draw the loop's answer to a step of the set point; nothing for a loop that does not recover."""
+    recovery = loop["recovery time"].value if loop else None
+    if not recovery:
+        return ""
+    model = structure or Structure.from_dict(fingerprint.structure)
+    times = np.linspace(0.0, LONGER * recovery, INSTANTS)
+    rows = {name: row for name, row in _step(model, fingerprint.optimum, times).items() if name in SHOWN}
+    text = "time_s," + ",".join(f"{output}_pct" for output in rows) + "\n"
+    text += "\n".join(
+        ",".join(f"{value:.9g}" for value in line) for line in np.vstack([times, *rows.values()]).T
+    )
+    return pictures.draw(
+        len(rows),
+        lambda axes: _draw(axes, times, rows, recovery, say),
+        say(
+            "Answer to a step of the set point by 1 %; the speed stays within 5 % of the step after the dotted line."
+        ),
+        height=1.6,
+        width=NARROW,
+        table=text,
+    )
+
+
+def _step(structure: Structure, optimum: Mapping[str, float], times: Array) -> dict[str, Array]:
+    """Return the outputs after a step of the set point at time 0; the dead time before the loop is kept exactly.
+
+    Before the loop's own dead time is over nothing moves: its Pade approximation, which does, is cut there.
+    """
+    known = loop_of(structure, optimum)[1]
+    space = state_space(structure, {**optimum, "T_set": 0.0, "T_n": 0.0, "T_M": 0.0}, PADE)
+    since = times - known.get("T_set", 0.0)
+    rows = space.step(np.maximum(since, 0.0))
+    rows[:, since < known.get("T_d", 0.0) + 0.5 * known.get("T_s", 0.0)] = 0.0
+    return dict(zip(space.outputs, rows, strict=True))
+
+
+def _draw(axes: Sequence[Axes], times: Array, rows: Mapping[str, Array], recovery: float, say: Say) -> None:
+    for ax, (output, row) in zip(axes, rows.items(), strict=True):
         ax.plot(times, row, color=BLUE if output == "dn" else ORANGE, lw=1.6)
         if output == "dn":
-            inside = np.flatnonzero(np.abs(row - 1.0) > 0.05)
             ax.axhline(1.0, color=GREY, lw=0.8, ls="--")
-            ax.axvline(times[inside[-1]], color=GREY, lw=1.0, ls=":")
+            ax.axvline(recovery, color=GREY, lw=1.0, ls=":")
         dress(ax, f"{say.word(wording.OUTPUTS.get(output, output))} [%]", legend=False)
     axes[-1].set_xlabel(say("time [s]"))
     axes[-1].set_xlim(0.0, times[-1])

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from shipfp_rs import published
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.support.arrays import attributes
 
 Way = Literal["printed", "truth", "thesis", "ours"]
 
@@ -27,10 +29,7 @@ class Row:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {
-            "table": self.table,
-            "case": self.case,
-            "way": self.way,
-            "structure": self.structure,
+            **attributes(self, "table", "case", "way", "structure"),
             "parameters": dict(self.parameters),
             "fit": dict(self.fit),
             "notes": self.notes,
@@ -50,6 +49,12 @@ class Reproduction:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form, {"rows": [...], "verdict": [...]}."""
         return {"rows": [row.to_dict() for row in self.rows], "verdict": list(self.verdict)}
+
+
+def printed_row(result: published.Result, table: str, structure: str, **others: float | None) -> Row:
+    """Make a row of a printed result; `others` are fits besides those of speed and torque."""
+    fit = {"dn": result.fit_n_pct, "dM": result.fit_m_pct, **others}
+    return Row(table, result.case, "printed", structure, result.parameters, fit, result.signal)
 
 
 def row_of(

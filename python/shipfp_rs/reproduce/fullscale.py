@@ -13,9 +13,10 @@ from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import Weighting
-from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, row_of
+from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, printed_row, row_of
 from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks
 from shipfp_rs.reproduce.fullscale_validation import cross_validation
+from shipfp_rs.reproduce.virtual_data import BOUNDS
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -97,13 +98,7 @@ def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
 def thesis_structure() -> Structure:
     """Return the structure of section 7.2: exponent 2, torque of the engine; start and bounds of eq. 7.3 to 7.8."""
     start = {"tau_n": 1.2, "g": -0.5, "v": 1.0, "K_p": 10.0, "K_i": 3.0}
-    bounds = {
-        "tau_n": (0.01, 5.0),
-        "g": (-3.0, -0.01),
-        "v": (0.01, 5.0),
-        "K_p": (0.01, 15.0),
-        "K_i": (0.01, 10.0),
-    }
+    bounds = {name: BOUNDS[name] for name in start}
     return Structure.linear(torque="brake", name="thesis").with_start(**start).with_bounds(**bounds)
 
 
@@ -172,7 +167,7 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
     """Refit Table 7.1 (ii) the thesis's way, then with the extended structure, and say what can't be known."""
     vessel = Vessel.load(VESSEL)
     rows: list[Row] = before_the_fit(vessel)
-    rows += [_printed(result) for result in published.full_scale_results()]
+    rows += [printed_row(result, "7.1", "thesis") for result in published.full_scale_results()]
     fingerprints: dict[str, Fingerprint] = {}
     jobs = _jobs()
     for done, job in enumerate(jobs):
@@ -208,18 +203,6 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
 def best_of(found: Reproduction) -> Fingerprint:
     """Return the fit of the structure that the data support, each point weighted, with nothing known from elsewhere."""
     return found.fingerprints[f"{WEIGHTED}: {extended_structure().name}"]
-
-
-def _printed(result: published.Result) -> Row:
-    return Row(
-        table="7.1",
-        case=result.case,
-        way="printed",
-        structure="thesis",
-        parameters=result.parameters,
-        fit={"dn": result.fit_n_pct, "dM": result.fit_m_pct},
-        notes=result.signal,
-    )
 
 
 def _counts(fingerprint: Fingerprint) -> list[Row]:

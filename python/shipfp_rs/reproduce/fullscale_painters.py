@@ -31,6 +31,7 @@ from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def set_point_line(material: Material, figure: Figure) -> str:
     ):
         upper.plot(line, calibration(line), color=color, label=label)
         lower.plot(line, calibration(line) - ours(line), color=color)
-    error = 1.96 * ours.standard_error(line)
+    error = DEVIATIONS_95 * ours.standard_error(line)
     lower.fill_between(line, -error, error, color=style.BLUE, alpha=0.2, lw=0.0)
     upper.plot(volts, speed, "o", color=style.ORANGE, label="Table 6.11")
     lower.plot(volts, speed - ours(volts), "o", color=style.ORANGE)

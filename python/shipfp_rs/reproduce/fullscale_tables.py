@@ -16,6 +16,7 @@ from shipfp_rs.reproduce import Row, Way
 from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.vessel.vessel import Vessel
 
 TORQUE_COEFFICIENT = 0.02709
@@ -99,7 +100,7 @@ def _fitted(
         absolute_sigma=True,
     )
     left = law(speed / speed.mean(), *values) - torque
-    return float(values[-1]), 1.96 * math.sqrt(covariance[-1, -1]), float(np.sqrt(np.mean(left**2)))
+    return float(values[-1]), DEVIATIONS_95 * math.sqrt(covariance[-1, -1]), float(np.sqrt(np.mean(left**2)))
 
 
 def _static_torque(vessel: Vessel) -> list[Row]:
@@ -185,7 +186,7 @@ def _set_point_line() -> list[Row]:
             "least squares",
             "ours",
             line,
-            f"line less measured speed [rpm]; slope +- {1.96 * slope_std:.2f} rpm/V",
+            f"line less measured speed [rpm]; slope +- {DEVIATIONS_95 * slope_std:.2f} rpm/V",
         ),
     ]
 

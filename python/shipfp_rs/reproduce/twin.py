@@ -24,6 +24,7 @@ from shipfp_rs.reproduce.fullscale_trial import VESSEL
 from shipfp_rs.reproduce.twin_trial import EVERYTHING, Twin
 from shipfp_rs.simulation.replay import answered
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.vessel.vessel import Vessel
 
 LOGGER = logging.getLogger("shipfp_rs")
@@ -34,8 +35,6 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "chirps C21-C23": ("C21", "C22", "C23"),
 }
 CHIRP, ALL = "chirp C11", "all"
-AGREE = 1.96
-"""Joint standard deviations within which two estimates of one value lie in 95 of 100 cases."""
 STEPS = ("St1", "St2")
 FREE = ("p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set")
 SHOWN = ("tau_n", "g", *FREE)
@@ -188,7 +187,7 @@ def agreements(found: Sequence[Outcome]) -> dict[str, float]:
             np.mean(
                 [
                     _distance(outcome.told[one].parameters[name], outcome.told[other].parameters[name])
-                    < AGREE
+                    < DEVIATIONS_95
                     for outcome in found
                     if outcome.told
                     for one, other in combinations(PARTS, 2)

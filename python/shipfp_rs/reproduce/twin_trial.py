@@ -65,24 +65,16 @@ def drawn(seed: int) -> Vessel:
 
 @dataclass(frozen=True)
 class Twin:
-    """A ship's trial as a raw log, and the truth.
-
-    Parameters
-    ----------
-    vessel
-        The ship.
-    log
-        Set point, torque and three pulse trains at 2 kHz, with noise and faults, in moving water.
-    recorded
-        Where the experiments lie in it.
-    processed
-        Experiments by rate and name, once they have been asked for.
-    """
+    """A ship's trial as a raw log, and the truth."""
 
     vessel: Vessel
+    """The ship."""
     log: Log
+    """Set point, torque and three pulse trains at 2 kHz, with noise and faults, in moving water."""
     recorded: Truth
+    """Where the experiments lie in it."""
     processed: dict[float, dict[str, Experiment]] = field(default_factory=dict, repr=False)
+    """Experiments by rate and name, once they have been asked for."""
 
     @classmethod
     def of(cls, seed: int, names: Sequence[str] = EVERYTHING, *, still: bool = False) -> Twin:

@@ -12,7 +12,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import Weighting
-from shipfp_rs.reproduce import Reproduction, Row, Way, virtual_tables, virtual_verdict
+from shipfp_rs.reproduce import Reproduction, Row, Way, printed_row, virtual_tables, virtual_verdict
 from shipfp_rs.reproduce.virtual_data import (
     VESSEL,
     euler_bias,
@@ -158,20 +158,8 @@ def _row(job: _Job, fingerprint: Fingerprint, steps: Experiment, truth: Mapping[
 
 
 def _printed(result: published.Result) -> Row:
-    return Row(
-        table="5.2",
-        case=result.case,
-        way="printed",
-        structure="linear",
-        parameters=result.parameters,
-        fit={
-            "dn": result.fit_n_pct,
-            "dM": result.fit_m_pct,
-            "validation dn": result.validation_n_pct,
-            "validation dM": result.validation_m_pct,
-        },
-        notes=result.signal,
-    )
+    validation = {"validation dn": result.validation_n_pct, "validation dM": result.validation_m_pct}
+    return printed_row(result, "5.2", "linear", **validation)
 
 
 def _true_parameters() -> tuple[Row, ...]:

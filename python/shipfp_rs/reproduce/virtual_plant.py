@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,14 +11,13 @@ import numpy.typing as npt
 
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment, Hold
-from shipfp_rs.structures.equations import Against, Equations
+from shipfp_rs.structures.equations import Against, Equations, Sums
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Names, Values
 from shipfp_rs.vessel.drive_train import OFF, DriveTrain, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
-Values = Mapping[str, Any]
 """By name; one of them may be complex, to differentiate by it."""
 COMPLEX_STEP = 1e-30
 """The square of it vanishes beside 1, so derivatives of the parameters are exact to rounding."""
@@ -87,13 +86,11 @@ class PlantEquations(Equations):
     gauge: bool
     states: tuple[str, ...] = ("initial dn", "initial dE")
 
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return self.sensitivities(values, experiment, ())[0]
 
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         scale, shift = self._normal(experiment)
         rows, slopes = _core.drive_train_sensitivities(*self._run(values, experiment, names))
@@ -104,9 +101,7 @@ class PlantEquations(Equations):
         """One pass of the Rust kernel."""
         return True
 
-    def products(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
-    ) -> tuple[Array, int]:
+    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
         """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         scale, shift = self._normal(experiment)
         run = self._run(values, experiment, names)
@@ -119,7 +114,7 @@ class PlantEquations(Equations):
         off = {name: value for name, value in OFF.items() if name not in OF_THE_PLANT}
         return DriveTrain({**train.values, **off}, train.strength, np.empty((3, 0)))
 
-    def _parameters(self, train: DriveTrain, values: Values, before: float) -> npt.NDArray[Any]:
+    def _parameters(self, train: DriveTrain, values: Mapping[str, Any], before: float) -> npt.NDArray[Any]:
         vessel = self.vessel
         known: Mapping[str, Any] = {
             **train.values,
@@ -132,7 +127,7 @@ class PlantEquations(Equations):
         }
         return np.array([known[name] for name in _core.DRIVE_TRAIN_PARAMETERS])
 
-    def _run(self, values: Values, experiment: Experiment, names: Sequence[str]) -> _Run:
+    def _run(self, values: Values, experiment: Experiment, names: Names) -> _Run:
         """Return what both kernels ask for."""
         dt, train = 1.0 / experiment.rate_hz, self._train()
         set_point = experiment.signals["n_set"] / 60.0

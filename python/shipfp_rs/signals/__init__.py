@@ -1,4 +1,7 @@
-"""Excitations: what is put on the set point of the engine speed, as deviations from the operating point."""
+"""Excitations: what is put on the set point of the engine speed, as deviations from the operating point.
+
+Every function raises `InputError` where an argument is out of its range.
+"""
 
 from shipfp_rs.signals.chirps import Law, chirp
 from shipfp_rs.signals.excitation import Excitation, Segment, join

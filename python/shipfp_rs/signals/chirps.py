@@ -31,6 +31,8 @@ def chirp(
 ) -> Excitation:
     """Return a sine whose frequency runs from `start_hz` to `stop_hz` (section 5.1.2).
 
+    It excites the whole range in one run; its crest factor is that of a sine.
+
     Parameters
     ----------
     start_hz, stop_hz
@@ -44,15 +46,8 @@ def chirp(
     avoid_hz
         Bands (low, high) around resonances [Hz], which the frequency jumps over; the phase goes on, and the rest of
         the range gets their time.
-    rate_hz
-        Sample rate [Hz].
-    name
-        Label.
-
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
+    rate_hz, name
+        Sample rate [Hz] and label.
     """
     below_nyquist("start_hz", start_hz, rate_hz)
     below_nyquist("stop_hz", stop_hz, rate_hz)

@@ -14,7 +14,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Hold
 from shipfp_rs.signals.checks import zero_or_more
 from shipfp_rs.support.arguments import check_fields, checked, told
-from shipfp_rs.support.arrays import Array, same
+from shipfp_rs.support.arrays import Array, EvenlySampled, same
 from shipfp_rs.support.checks import at_most, positive
 from shipfp_rs.support.files import ending_in, write_text_atomically
 
@@ -30,7 +30,7 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(EvenlySampled):
     """Deviations of the set point, uniformly sampled.
 
     Parameters
@@ -80,16 +80,6 @@ class Excitation:
 
     def __len__(self) -> int:
         return len(self.samples)
-
-    @property
-    def time(self) -> Array:
-        """Time from the first sample [s], shape (N,)."""
-        return np.arange(len(self)) / self.rate_hz
-
-    @property
-    def duration(self) -> float:
-        """Length [s]."""
-        return len(self) / self.rate_hz
 
     @property
     def amplitude_rpm(self) -> float:
@@ -238,7 +228,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     InputError
         Where the parts do not go together.
     """
-    if not excitations:
+    if len(excitations) == 0:  # an empty array has no truth value
         raise InputError("excitations is empty, expected at least one")
     zero_or_more("pause_s", pause_s)
     first = excitations[0]

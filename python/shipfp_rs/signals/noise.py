@@ -25,6 +25,8 @@ def prbs(
 ) -> Excitation:
     """Return a pseudo-random binary sequence of greatest length, 2^order - 1 bits a period.
 
+    It has the most power of all signals of its amplitude, much of it above what a ship follows.
+
     Parameters
     ----------
     order
@@ -37,20 +39,13 @@ def prbs(
         Number of periods.
     seed
         Chooses where in the sequence the signal starts.
-    rate_hz
-        Sample rate [Hz].
-    name
-        Label.
+    rate_hz, name
+        Sample rate [Hz] and label.
 
     Returns
     -------
     Excitation
         With one segment for each period.
-
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
     """
     if not 2 <= order <= 20:
         raise InputError(f"order is {order}, expected 2 to 20")
@@ -77,6 +72,8 @@ def band_limited_noise(
 ) -> Excitation:
     """Return Gaussian noise whose spectrum is flat between two frequencies and empty outside.
 
+    The same seed gives the same samples.
+
     Parameters
     ----------
     low_hz, high_hz
@@ -89,15 +86,8 @@ def band_limited_noise(
         Seed of the draw.
     avoid_hz
         Bands (low, high) around resonances [Hz], left empty too.
-    rate_hz
-        Sample rate [Hz].
-    name
-        Label.
-
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
+    rate_hz, name
+        Sample rate [Hz] and label.
     """
     below_nyquist("low_hz", low_hz, rate_hz)
     below_nyquist("high_hz", high_hz, rate_hz)

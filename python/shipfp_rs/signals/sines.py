@@ -38,20 +38,13 @@ def sine_sequence(
         Amplitude [rpm].
     avoid_hz
         Bands (low, high) around resonances [Hz]; frequencies in them are left out.
-    rate_hz
-        Sample rate [Hz].
-    name
-        Label.
+    rate_hz, name
+        Sample rate [Hz] and label.
 
     Returns
     -------
     Excitation
         With one segment for each frequency.
-
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
 
     Examples
     --------
@@ -105,6 +98,8 @@ def multisine(
     name: str = "multisine",
 ) -> Excitation:
     """Return all frequencies at once, with phases that keep the crest factor low.
+
+    A period excites every line at once, so that it takes as long as the slowest of them.
 
     Parameters
     ----------

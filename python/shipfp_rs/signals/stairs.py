@@ -30,15 +30,8 @@ def steps(
         Time at each level [s].
     lead_s
         Time at the operating point before the first step [s].
-    rate_hz
-        Sample rate [Hz].
-    name
-        Label.
-
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
+    rate_hz, name
+        Sample rate [Hz] and label.
 
     Examples
     --------

@@ -56,11 +56,6 @@ def standard(
     seed
         Of "prbs" and "noise".
 
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
-
     Examples
     --------
     >>> standard("steps", 50.0, 65.0).kind

@@ -6,7 +6,7 @@ import dataclasses
 import logging
 import math
 from collections.abc import Mapping
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy import signal
@@ -114,11 +114,12 @@ def simulate(
     LOGGER.info(
         "simulate: %s, %s, %d samples of %d steps", vessel.name, excitation.name, len(excitation), steps
     )
-    run = (set_point, 1.0 / excitation.rate_hz, steps)
-    if train.extends_the_plant:
-        clean = _whole(train, point, envelope, run, excitation.hold)
-    else:
-        clean = _plant(vessel, point, envelope, run, method, excitation.hold)
+    run = _Run(set_point, 1.0 / excitation.rate_hz, steps, excitation.hold)
+    clean = (
+        _whole(train, point, envelope, run)
+        if train.extends_the_plant
+        else _plant(vessel, point, envelope, run, method)
+    )
     if seed is None:
         seed = int(np.random.default_rng().integers(2**32))
     return Experiment(
@@ -142,31 +143,38 @@ def simulate(
     )
 
 
+class _Run(NamedTuple):
+    """Set point of the engine speed [rev/s], sample interval [s], steps a sample, and how the set point is held."""
+
+    set_point: Array
+    dt: float
+    steps: int
+    hold: Hold
+
+
+_Limit = tuple[Array, Array]
+"""Torque limit [Nm] over engine speed [rev/s]: speeds, torques; both empty without one."""
+
+
 def _plant(
-    vessel: Vessel,
-    point: OperatingPoint,
-    envelope: tuple[Array, Array],
-    run: tuple[Array, float, int],
-    method: Method,
-    hold: Hold,
+    vessel: Vessel, point: OperatingPoint, envelope: _Limit, run: _Run, method: Method
 ) -> dict[str, Array]:
     """Signals of the plant of eq. 3.1-3.11."""
-    set_point, dt, steps = run
     n_s, E_n, X_f, M_b = _core.simulate_plant(
         plant_about(vessel, point),
         *envelope,
-        set_point,
-        dt,
-        steps,
+        run.set_point,
+        run.dt,
+        run.steps,
         method,
-        hold,
+        run.hold,
         np.array([point.n_s, 0.0]),
     )
     M_s = M_b * vessel.gearbox.ratio * vessel.gearbox.efficiency
     M_p = vessel.torque_coefficient * n_s * np.abs(n_s) ** (vessel.propeller.torque_exponent - 1.0)
     propeller_side = vessel.propeller_side_inertia / vessel.inertia
     return {
-        "n_set": 60.0 * set_point,
+        "n_set": 60.0 * run.set_point,
         "n_e": 60.0 * vessel.gearbox.ratio * n_s,
         "n_s": n_s,
         "M_b": M_b,
@@ -177,13 +185,7 @@ def _plant(
     }
 
 
-def _whole(
-    train: DriveTrain,
-    point: OperatingPoint,
-    envelope: tuple[Array, Array],
-    run: tuple[Array, float, int],
-    hold: Hold,
-) -> dict[str, Array]:
+def _whole(train: DriveTrain, point: OperatingPoint, envelope: _Limit, run: _Run) -> dict[str, Array]:
     """Signals of the whole drive train."""
     start = {
         "X_0": point.X_f,
@@ -193,9 +195,9 @@ def _whole(
         "set_point_before": point.n_e,
         "crank_angle": 0.0,
     }
-    rows = _core.simulate_drive_train(*train.tables(envelope, **start), *run, hold)
+    rows = _core.simulate_drive_train(*train.tables(envelope, **start), *run)
     found = dict(zip(("n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"), rows, strict=False))
-    return {"n_set": 60.0 * run[0], **found, "n_e": 60.0 * found["n_e"]}
+    return {"n_set": 60.0 * run.set_point, **found, "n_e": 60.0 * found["n_e"]}
 
 
 def _substeps(vessel: Vessel, train: DriveTrain, point: OperatingPoint, rate_hz: float) -> int:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from shipfp_rs.support.arrays import Values
+
 COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] = {
     "vK_p": ("-", lambda q: q["v"] * q["K_p"]),
     "vK_i": ("1/s", lambda q: q["v"] * q["K_i"]),
@@ -19,7 +21,7 @@ COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] =
 """Combinations of the linear structure's parameters that are tried: unit and value. A KeyError means not applicable."""
 
 
-def _product(values: Mapping[str, float], letter: str) -> float:
+def _product(values: Values, letter: str) -> float:
     name = f"vK_{letter}"
     return values[name] if name in values else values["v"] * values[f"K_{letter}"]
 

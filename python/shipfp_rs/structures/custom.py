@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,10 +14,9 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.parameter import Parameter
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 from shipfp_rs.support.derivatives import Differences, by_part
 
-Values = Mapping[str, float]
 Matrices = Callable[[Values], tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]]
 Simulate = Callable[[Values, Experiment], npt.ArrayLike]
 Response = Callable[[Values, Array], npt.ArrayLike]
@@ -51,9 +50,7 @@ class MatrixEquations(Equations):
         """Return the normalised outputs, shape (O, N)."""
         return self.sensitivities(values, experiment, ())[0]
 
-    def sensitivities(
-        self, values: Values, experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         (A, B, C, D), slopes = self._slopes(values, names)
         states = tuple(f"initial x{index + 1}" for index in range(len(B)))
@@ -71,7 +68,7 @@ class MatrixEquations(Equations):
         return simulated, rows
 
     def response(
-        self, values: Values, frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
         model, slopes = self._slopes(values, names)
@@ -79,7 +76,7 @@ class MatrixEquations(Equations):
         rows = [_core.statespace_response(*slopes[name], frequency_hz) for name in names]
         return response, np.array(rows).reshape(len(names), *response.shape)
 
-    def _slopes(self, values: Values, names: Sequence[str]) -> tuple[Model, dict[str, Model]]:
+    def _slopes(self, values: Values, names: Names) -> tuple[Model, dict[str, Model]]:
         """Return the model, and by parameter the model whose output is the derivative by it."""
         model, moved = self._model(values), [p for p in self.parameters if p.name in names]
         if not moved:
@@ -141,9 +138,7 @@ class FunctionEquations(Equations):
         """Return the normalised outputs, shape (O, N)."""
         return np.asarray(self._rows(self.function, values, experiment, len(experiment)), dtype=np.float64)
 
-    def sensitivities(
-        self, values: Values, experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         moved = [next(p for p in self.parameters if p.name == name) for name in names]
 
@@ -154,7 +149,7 @@ class FunctionEquations(Equations):
         return _differentiated(self.differences, at, values, moved)
 
     def response(
-        self, values: Values, frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
         if self.frequency_function is None:

@@ -15,7 +15,7 @@ from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.ties import Tie, bare, followed, resolved, tied
 from shipfp_rs.support import hints
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Values
 from shipfp_rs.support.html import shown
 
 
@@ -84,7 +84,7 @@ class Declared:
         """Tied parameters, each with what it is of one that is not."""
         return resolved({p.name: p.tied for p in self.parameters if p.tied is not None})
 
-    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+    def complete(self, values: Values) -> dict[str, float]:
         """Return values by name in which the tied parameters follow the others."""
         return followed(values, self.ties)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Names
 
 SHORTEST_S = 2e-3
 """Shortest dead time and lag of an element that acts [s]; a shorter one can't be told from none, which is its absence."""
@@ -67,7 +67,7 @@ ELEMENTS: dict[str, Element] = {
 """All elements by name, in the order in which structures list their parameters."""
 
 
-def chosen(names: Sequence[str]) -> tuple[Element, ...]:
+def chosen(names: Names) -> tuple[Element, ...]:
     """Return the elements of these names in the table's order.
 
     Raises

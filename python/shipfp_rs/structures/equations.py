@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 
 class Against(NamedTuple):
@@ -22,6 +21,10 @@ class Against(NamedTuple):
     """FIR filter of each output's residual (O, T), the sample's own tap first."""
     sharp: bool = True
     """Whether the outputs must be exact; otherwise an error far below the noise may buy time."""
+
+
+Sums = tuple[Array, int]
+"""Sums of products of residuals and sensitivities of each output, filtered, and the number of samples."""
 
 
 class Equations(ABC):
@@ -53,17 +56,15 @@ class Equations(ABC):
         return False
 
     @abstractmethod
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
 
     @abstractmethod
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
 
     def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F).
 
@@ -74,9 +75,7 @@ class Equations(ABC):
         """
         raise InputError("this structure has no frequency response; fit it to an Experiment")
 
-    def products(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
-    ) -> tuple[Array, int]:
+    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
         """Return sums of products of residuals and sensitivities of each output, filtered, and the number of samples.
 
         The columns of the sums (O, W + 2, O, W + 2) are the derivatives with respect to `names`, what an offset of the
@@ -84,11 +83,11 @@ class Equations(ABC):
         """
         raise NotImplementedError
 
-    def stable(self, values: Mapping[str, float]) -> bool:
+    def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable; True where the equations can't tell."""
         return True
 
-    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+    def curved(self, names: Names, vector: Array, step: Array, held: int | None = None) -> Array:
         """Return where a step from values of these names leads along the curve on which the outputs change least.
 
         To first order that is their sum, which it is where the equations know no better. The entry `held` takes its

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import bare, tied
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 STATES = ("dn", "dE")
 
@@ -67,17 +67,15 @@ class InnovationsEquations(Equations):
         """Those in which the prediction is linear."""
         return (*self.linear.states, *(self._offsets if self.offsets else ()))
 
-    def stable(self, values: Mapping[str, float]) -> bool:
+    def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable."""
         return self.linear.stable(self._own(values))
 
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the predicted normalised outputs, shape (O, N)."""
         return self.sensitivities(values, experiment, ())[0]
 
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the predicted outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N).
 
         Raises
@@ -115,12 +113,12 @@ class InnovationsEquations(Equations):
         return simulated + offset + observed @ correction, direct + observed @ _propagated(closed, forcing)
 
     def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response of the linear structure, which no gain changes."""
         return self.linear.response(self._own(values), frequency_hz, names)
 
-    def _own(self, values: Mapping[str, float]) -> dict[str, float]:
+    def _own(self, values: Values) -> dict[str, float]:
         foreign = {*self._offsets, *self._gains}
         return {name: value for name, value in values.items() if name not in foreign}
 
@@ -139,7 +137,7 @@ class InnovationsEquations(Equations):
         return measured
 
     def _model(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
+        self, values: Values, experiment: Experiment, names: Names
     ) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """Phi (2, 2), C (O, 2) and their derivatives: what a unit initial state becomes, without a set point."""
         still = Experiment(

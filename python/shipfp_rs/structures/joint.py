@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -12,7 +12,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.ties import Behind
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Names, Values
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class PartEquations(Behind):
     names: Mapping[str, str]
     """The joint structure's names to the equations' own."""
 
-    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+    def _values(self, values: Values) -> dict[str, float]:
         states = {name: value for name, value in values.items() if name in self.states}
         return states | {own: values[name] for name, own in self.names.items()}
 
-    def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
+    def _chain(self, names: Names) -> tuple[list[str], Array]:
         own = [self.names.get(name, name) for name in names]
         here = [name in self.names or name in self.states for name in names]
         return [name for name, is_here in zip(own, here, strict=True) if is_here], np.eye(len(names))[:, here]
@@ -48,7 +48,7 @@ class JointEquations(Equations):
         """Unknowns of an experiment in which the outputs are linear."""
         return next(iter(self.parts.values())).linear_in
 
-    def stable(self, values: Mapping[str, float]) -> bool:
+    def stable(self, values: Values) -> bool:
         """Whether every trial's loop is stable, as far as its equations can tell."""
         return all(part.stable(values) for part in self.parts.values())
 
@@ -66,16 +66,14 @@ class JointEquations(Equations):
             )
         return self.parts[name]
 
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs of an experiment that has the name of a part, shape (O, N)."""
         return self.part(experiment.name).simulate(values, experiment)
 
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         return self.part(experiment.name).sensitivities(values, experiment, names)
 
-    def response(self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]) -> NoReturn:
+    def response(self, values: Values, frequency_hz: Array, names: Names) -> NoReturn:
         """Refuse: without a name there is no telling whose response is meant."""
         raise InputError("joint structure: a response is one part's; give structure.part(name)")

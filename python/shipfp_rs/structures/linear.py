@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Against, Equations
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.structures.equations import Against, Equations, Sums
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 _INDEX = {name: index for index, name in enumerate(_core.LINEAR_PARAMETERS)}
 # vK_p and vK_i are the kernel's K_p and K_i with v = 1.
@@ -34,7 +33,7 @@ class LinearEquations(Equations):
         return [_core.LINEAR_OUTPUTS.index(torque if output == "dM" else output) for output in self.outputs]
 
     @staticmethod
-    def _kernel_parameters(values: Mapping[str, float]) -> Array:
+    def _kernel_parameters(values: Values) -> Array:
         parameters = np.zeros(len(_core.LINEAR_PARAMETERS))
         parameters[_INDEX["v"]] = 1.0
         for name, value in values.items():
@@ -43,10 +42,10 @@ class LinearEquations(Equations):
         return parameters
 
     @staticmethod
-    def _initial(values: Mapping[str, float]) -> Array:
+    def _initial(values: Values) -> Array:
         return np.array([values.get("initial dn", 0.0), values.get("initial dE", 0.0)])
 
-    def stable(self, values: Mapping[str, float]) -> bool:
+    def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable: exact without dead time, with the loop's T_d as its [5/6] Pade form."""
         q = dict(zip(_core.LINEAR_PARAMETERS, self._kernel_parameters(values), strict=True))
         damping, vK_p, vK_i = q["p"] - q["g"], q["v"] * q["K_p"], q["v"] * q["K_i"]
@@ -63,7 +62,7 @@ class LinearEquations(Equations):
         system[2:, 1] = vK_i * odd * (-1.0) ** order / q["T_d"]
         return bool(np.linalg.eigvals(system).real.max() < 0.0)
 
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return _core.simulate_linear(
             self._kernel_parameters(values),
@@ -74,9 +73,7 @@ class LinearEquations(Equations):
             self._kernel_outputs,
         )
 
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         return _core.linear_sensitivities(
             self._kernel_parameters(values),
@@ -93,9 +90,7 @@ class LinearEquations(Equations):
         """One pass of the Rust kernel."""
         return True
 
-    def products(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
-    ) -> tuple[Array, int]:
+    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
         """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         return _core.linear_products(
             self._kernel_parameters(values),
@@ -109,7 +104,7 @@ class LinearEquations(Equations):
         )
 
     def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
         return _core.linear_response_sensitivities(

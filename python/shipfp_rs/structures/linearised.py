@@ -12,9 +12,8 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.transfer import DERIVATIVE_FILTER, Place, TransferFunctions
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
-Values = Mapping[str, float]
 Form = Array
 """A signal as what it takes of each state and, last, of the set point."""
 

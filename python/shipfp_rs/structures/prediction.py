@@ -8,15 +8,13 @@ import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Values
 
 CURVED, SETTLED = 30, 1e-9
 """Steps at most to the initial state of a model that is not linear in it, and a step that is the last."""
 
 
-def simulated_about(
-    structure: Structure, values: Mapping[str, float], experiment: Experiment
-) -> Mapping[str, Array]:
+def simulated_about(structure: Structure, values: Values, experiment: Experiment) -> Mapping[str, Array]:
     """Return the normalised outputs by signal, the initial state and an offset of each fitted to what was measured.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,10 +9,10 @@ import numpy as np
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
-from shipfp_rs.structures.equations import Against, Equations
+from shipfp_rs.structures.equations import Against, Equations, Sums
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.transfer import Place, TransferFunctions
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
@@ -69,7 +68,7 @@ class ShipEquations(Equations):
         }
         return [_core.SHIP_OUTPUTS.index(names.get(output, output)) for output in self.outputs]
 
-    def vector(self, values: Mapping[str, float]) -> Array:
+    def vector(self, values: Values) -> Array:
         """Return the kernel's parameters (32,) for values by name; what has none is off."""
         vector = np.array(_core.SHIP_OFF)
         vector[_INDEX["v"]] = 1.0
@@ -85,14 +84,14 @@ class ShipEquations(Equations):
             vector[_INDEX["rate_down"]] = values["rate"]
         return vector
 
-    def _columns(self, names: Sequence[str]) -> list[int]:
+    def _columns(self, names: Names) -> list[int]:
         return [_INDEX[_KERNEL.get(name, name)] for name in names]
 
     def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
         load = experiment.normalised("M_load") if self.loaded else np.empty(0)
         return 1.0 + experiment.dn_set, load, 1.0 / experiment.rate_hz, 0, experiment.hold
 
-    def stable(self, values: Mapping[str, float]) -> bool:
+    def stable(self, values: Values) -> bool:
         """Whether the loop is stable about the operating point, judged without lag and sampling."""
         known = {
             name: values[name]
@@ -101,7 +100,7 @@ class ShipEquations(Equations):
         }
         return LinearEquations(self.outputs, gauge=self.gauge).stable(known)
 
-    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+    def curved(self, names: Names, vector: Array, step: Array, held: int | None = None) -> Array:
         """Return where a step leads that is straight in 1 / tau_n, in the ratios to tau_n, and in all else.
 
         Divided by tau_n the equations are linear in these but for T_d and p, and the data tell the ratios far better than
@@ -128,14 +127,12 @@ class ShipEquations(Equations):
         after[g] = after[p] - slope
         return np.asarray(after)
 
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         inputs = self._inputs(experiment)
         return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self.sharp)
 
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         return _core.ship_sensitivities(
             self.vector(values),
@@ -145,9 +142,7 @@ class ShipEquations(Equations):
             self.sharp,
         )
 
-    def products(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
-    ) -> tuple[Array, int]:
+    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
         """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
         return _core.ship_products(
             self.vector(values),
@@ -159,7 +154,7 @@ class ShipEquations(Equations):
         )
 
     def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) of the linearisation and its derivatives with respect to `names`, shape (W, O, F)."""
         place: Place = "propeller" if self.propeller_speed else "engine"

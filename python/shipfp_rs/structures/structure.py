@@ -19,6 +19,15 @@ from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.support.arguments import checked
 
 
+def _gains(products: bool) -> tuple[Parameter, ...]:
+    letter = "v" if products else ""
+    return (
+        *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
+        Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
+        Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
+    )
+
+
 class Structure(Editable):
     """A parametric model: parameters with unit, bounds and start, outputs, equations.
 
@@ -71,13 +80,10 @@ class Structure(Editable):
         require_outputs(outputs, torque)
         require_no_rack(outputs, dead_time=dead_time_loop)
         gauge = torque == "gauge" and "dM" in outputs
-        letter = "v" if products else ""
         parameters = (
             Parameter("tau_n", "s", 1.2, 0.01, 10.0),
             Parameter("g", "-", -0.5, -10.0, 1.0),
-            *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
-            Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
-            Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
+            *_gains(products),
             Parameter("p", "-", 2.0, 1.0, 4.0, fixed=not free_exponent),
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 10.0),) if gauge else ()),
             *((Parameter("T_d", "s", 0.05, 0.0, 0.5),) if dead_time_loop else ()),
@@ -163,13 +169,10 @@ class Structure(Editable):
         require_outputs(outputs, torque)
         gauge = torque == "gauge" and "dM" in outputs
         acting = chosen(elements)
-        letter = "v" if products else ""
         parameters = (
             Parameter("tau_n", "s", 1.2, 0.01, 20.0),
             Parameter("g", "-", -0.5, -10.0, 3.0),
-            *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
-            Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
-            Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
+            *_gains(products),
             Parameter("p", "-", 2.0, -1.0, 5.0),
             *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge or "twist" in elements else ()),
             *(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Against, Equations
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.structures.equations import Against, Equations, Sums
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def resolved(ties: Ties) -> dict[str, Tie]:
     return found
 
 
-def followed(values: Mapping[str, float], ties: Ties) -> dict[str, float]:
+def followed(values: Values, ties: Ties) -> dict[str, float]:
     """Return values in which the tied parameters have what resolved ties make of the others."""
     return {**values, **{name: tie(values[tie.to]) for name, tie in ties.items() if tie.to in values}}
 
@@ -112,37 +112,33 @@ class Behind(Equations):
         """Whether the equations know a valley."""
         return self.equations.has_valley
 
-    def stable(self, values: Mapping[str, float]) -> bool:
+    def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable, as far as the equations can tell."""
         return self.equations.stable(self._values(values))
 
-    def curved(self, names: Sequence[str], vector: Array, step: Array, held: int | None = None) -> Array:
+    def curved(self, names: Names, vector: Array, step: Array, held: int | None = None) -> Array:
         """Return where a step leads along the equations' own valley, as they have it without ties."""
         return self.equations.curved(names, vector, step, held)
 
-    def simulate(self, values: Mapping[str, float], experiment: Experiment) -> Array:
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return self.equations.simulate(self._values(values), experiment)
 
-    def sensitivities(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str]
-    ) -> tuple[Array, Array]:
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         moved, chain = self._chain(names)
         simulated, slopes = self.equations.sensitivities(self._values(values), experiment, moved)
         return simulated, np.tensordot(chain, slopes.reshape(len(moved), *simulated.shape), axes=1)
 
     def response(
-        self, values: Mapping[str, float], frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
         moved, chain = self._chain(names)
         response, slopes = self.equations.response(self._values(values), frequency_hz, moved)
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
 
-    def products(
-        self, values: Mapping[str, float], experiment: Experiment, names: Sequence[str], against: Against
-    ) -> tuple[Array, int]:
+    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
         """Return the sums (O, W + 2, O, W + 2) of the columns of `names`, and the number of samples."""
         moved, chain = self._chain(names)
         sums, count = self.equations.products(self._values(values), experiment, moved, against)
@@ -151,11 +147,11 @@ class Behind(Equations):
         columns[-2:, -2:] = np.eye(2)
         return np.einsum("ac,icjd,bd->iajb", columns, sums, columns, optimize=True), count
 
-    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+    def _values(self, values: Values) -> dict[str, float]:
         """Return the values of the equations' own parameters."""
         raise NotImplementedError
 
-    def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
+    def _chain(self, names: Names) -> tuple[list[str], Array]:
         """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
         raise NotImplementedError
 
@@ -167,10 +163,10 @@ class TiedEquations(Behind):
     ties: Ties
     """Resolved."""
 
-    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+    def _values(self, values: Values) -> dict[str, float]:
         return followed(values, self.ties)
 
-    def _chain(self, names: Sequence[str]) -> tuple[list[str], Array]:
+    def _chain(self, names: Names) -> tuple[list[str], Array]:
         moved = [*names, *(name for name, tie in self.ties.items() if tie.to in names and name not in names)]
         chain = np.eye(len(names), len(moved))
         for name in moved[len(names) :]:

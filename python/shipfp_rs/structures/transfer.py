@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
-Values = Mapping[str, float]
 Place = Literal["engine", "propeller"]
 Spectrum = npt.NDArray[Any]
 Part = Spectrum | float
@@ -42,7 +40,7 @@ class TransferFunctions:
     """Whose speed is measured."""
 
     def response(
-        self, values: Values, frequency_hz: Array, names: Sequence[str]
+        self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the outputs (O, F) over the set point, and their derivatives by `names`, shape (W, O, F)."""
         s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)

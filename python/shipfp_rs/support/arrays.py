@@ -1,8 +1,9 @@
-"""Types of arrays that all modules share."""
+"""Types that all modules share: arrays, values by name, and what is sampled evenly."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,33 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Mask = npt.NDArray[np.bool_]
+Values = Mapping[str, float]
+"""Name of a parameter or signal to its value."""
+Names = Sequence[str]
+
+
+class EvenlySampled(ABC):
+    """What has samples at even times."""
+
+    rate_hz: float
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @property
+    def time(self) -> Array:
+        """Time from the first sample [s], shape (N,)."""
+        return np.arange(len(self)) / self.rate_hz
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return len(self) / self.rate_hz
+
+
+def attributes(thing: object, *names: str) -> dict[str, Any]:
+    """Return attributes of an object by name, in this order."""
+    return {name: getattr(thing, name) for name in names}
 
 
 def same(one: Any, other: Any) -> bool:

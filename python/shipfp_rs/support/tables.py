@@ -34,7 +34,7 @@ class Tabular(ABC):
     """Base of what is a table: one column that the others are a function of, and facts about the whole.
 
     Tables carry the facts (name, operating point, ...) as JSON; where a table of another origin has none, or some are
-    wrong, they are given by name.
+    wrong, they are given by name. A method whose package is not installed raises `InputError`.
     """
 
     @abstractmethod
@@ -68,13 +68,7 @@ class Tabular(ABC):
         return self._from_columns, (values, facts)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return an `xarray.Dataset`, units in the attributes, that `to_netcdf` can store.
-
-        Raises
-        ------
-        InputError
-            Where xarray is not installed.
-        """
+        """Return an `xarray.Dataset`, units in the attributes, that `to_netcdf` can store."""
         xarray = package("xarray")
         values, units, facts = self._columns()
         index, *others = values
@@ -103,13 +97,7 @@ class Tabular(ABC):
         return cls._checked(columns, dataset.attrs.get(FACTS), facts)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a `pandas.DataFrame`, its index the time or the frequency, the facts in `attrs`.
-
-        Raises
-        ------
-        InputError
-            Where pandas is not installed.
-        """
+        """Return a `pandas.DataFrame`, its index the time or the frequency, the facts in `attrs`."""
         pandas = package("pandas")
         values, _, facts = self._columns()
         index, *others = values

@@ -96,7 +96,7 @@ def fuse(
 
 def fused_angle(trains: Sequence[Train], bandwidth_hz: float | None = None) -> tuple[FusedAngle, float]:
     """Return one angle through the pulses of several trains, and its bandwidth [Hz]; see `fuse`."""
-    if not trains or len({train.name for train in trains}) < len(trains):
+    if len(trains) == 0 or len({train.name for train in trains}) < len(trains):
         raise InputError(
             f"trains: found {[train.name for train in trains]}, expected one or more of different names"
         )

@@ -122,10 +122,8 @@ def midcross(
 
     Parameters
     ----------
-    x
-        Waveform, shape (N,).
-    t
-        Sample rate [Hz], or the instants of the samples, shape (N,); None: their indices.
+    x, t
+        Waveform, shape (N,); its sample rate [Hz] or the instants of its samples, shape (N,), None: their indices.
     midpercentreferencelevel
         Middle level in per cent of the way from the low level to the high one.
     statelevels
@@ -155,11 +153,6 @@ def pulseperiod(
         As of `midcross`.
     polarity
         "positive": pulses begin with a rising transition; "negative": with a falling one.
-
-    Raises
-    ------
-    InputError
-        Where an argument is out of its range.
 
     Examples
     --------

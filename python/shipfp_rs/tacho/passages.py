@@ -16,7 +16,9 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Train:
-    """A pulse train and how fast its shaft turns.
+    """A pulse train.
+
+    It holds how fast its own shaft turns, and how that shaft turns with the one whose speed is wanted.
 
     Parameters
     ----------

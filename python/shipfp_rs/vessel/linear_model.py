@@ -118,7 +118,7 @@ class LinearModel:
             Where the model has a dead time, or no output is given.
         """
         self._require_no_dead_time()
-        if not outputs:
+        if len(outputs) == 0:
             raise InputError(f"outputs is empty, expected at least one of {', '.join(get_args(Output))}")
         A = (
             np.array([[self.g - self.p - self.v * self.K_p, self.v * self.K_i], [-self.tau_n, 0.0]])
@@ -171,10 +171,8 @@ class LinearModel:
 
         Parameters
         ----------
-        frequency_hz
-            Frequencies [Hz], shape (F,).
-        outputs
-            Names of the outputs; the response names the measured signals, n_e for dn for example.
+        frequency_hz, outputs
+            As of `response`; the object names the measured signals, n_e for dn for example.
         name
             Label.
 
@@ -236,10 +234,8 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
 
     Parameters
     ----------
-    vessel
-        The ship.
-    n_e_rpm
-        Set point [rpm]; None: the ship's own operating point.
+    vessel, n_e_rpm
+        The ship and its set point [rpm], as `steady_state` takes them.
 
     Raises
     ------
@@ -281,10 +277,8 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
 
     Parameters
     ----------
-    vessel
-        The ship.
-    n_e_rpm
-        Set point [rpm]; None: the ship's own operating point.
+    vessel, n_e_rpm
+        The ship and its set point [rpm], as `steady_state` takes them.
     step
         Half-width of the differences, relative to the operating point; the error falls with its square.
 

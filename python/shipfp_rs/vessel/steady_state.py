@@ -173,7 +173,9 @@ def plant_about(vessel: Vessel, point: OperatingPoint) -> Array:
 
 @dataclass(frozen=True)
 class BollardCurve:
-    """Static performance over engine speed (Figs 3.2, 3.3), each shape (N,).
+    """Static performance over engine speed (Figs 3.2, 3.3).
+
+    Every array has shape (N,), one entry for each speed.
 
     Parameters
     ----------

@@ -253,11 +253,7 @@ def stretch_of(log: Log, column: str, start_s: float, stop_s: float) -> Log:
 def _told(series: Series) -> dict[str, Any]:
     channel = series.channel
     return {
-        "name": channel.name,
-        "unit": channel.unit,
-        "rate_hz": channel.rate_hz,
-        "samples": channel.samples,
-        "start_s": channel.start_s,
+        **channel.told,
         "levels": series.depth,
         "gaps": (channel.start_s + series.gaps / channel.rate_hz).tolist(),
         "gap_count": series.gap_count,

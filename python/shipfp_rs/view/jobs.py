@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import attributes
 
 AT_ONCE = 2
 """Jobs under way at most: each takes all cores."""
@@ -53,13 +54,7 @@ class Job:
     def told(self) -> dict[str, Any]:
         """Return what a page is told."""
         return {
-            "id": self.id,
-            "kind": self.kind,
-            "state": self.state,
-            "progress": self.progress,
-            "error": self.error,
-            "done": self.done,
-            "warnings": self.warnings,
+            **attributes(self, "id", "kind", "state", "progress", "error", "done", "warnings"),
             "seconds": round((self.ended or time.monotonic()) - self.began, 1),
         }
 

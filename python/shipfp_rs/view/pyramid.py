@@ -47,24 +47,16 @@ _END = b"SHIPFPYR"
 
 @dataclass(frozen=True)
 class Stored:
-    """Channel, its missing samples, and what is stored of it.
-
-    Parameters
-    ----------
-    channel
-        Name, unit, rate, samples, start.
-    gaps
-        The first stretches of missing samples: first and first after, shape (G, 2).
-    gap_count
-        Number of them in all.
-    levels
-        Least and greatest of every 64, 256, 1024, ... samples, each of shape (K, 2); NaN where none is finite.
-    """
+    """Channel, its missing samples, and what is stored of it."""
 
     channel: Channel
+    """Name, unit, rate, samples, start."""
     gaps: npt.NDArray[np.int64]
+    """The first stretches of missing samples: first and first after, shape (G, 2)."""
     gap_count: int
+    """Number of them in all."""
     levels: tuple[Array, ...]
+    """Least and greatest of every 64, 256, 1024, ... samples, each of shape (K, 2); NaN where none is finite."""
 
 
 @dataclass(frozen=True)
@@ -212,11 +204,7 @@ class _Builder:
                 self._write(coarser + (first - finer) // FACTOR, pairs.tobytes())
             assert end - coarser == -(-(coarser - finer) // FACTOR)
         return {
-            "name": channel.name,
-            "unit": channel.unit,
-            "rate_hz": channel.rate_hz,
-            "samples": channel.samples,
-            "start_s": channel.start_s,
+            **channel.told,
             "gaps": extremes.gaps.tolist(),
             "gap_count": extremes.gap_count,
             "first": start,

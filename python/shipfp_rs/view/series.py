@@ -33,31 +33,21 @@ HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
 
 @dataclass(frozen=True)
 class Series:
-    """A channel or signal at every zoom.
-
-    Parameters
-    ----------
-    channel
-        Name, unit, rate, samples, start.
-    read
-        Samples by first and stop.
-    levels
-        Extremes of every 64, 256, ... samples, each of shape (K, 2).
-    gaps, gap_count
-        The first stretches without samples, shape (G, 2), and how many there are.
-    layer
-        "raw" or "processed".
-    ahead
-        Begins to read samples by first and stop; None where they are in memory.
-    """
+    """A channel or signal at every zoom."""
 
     channel: Channel
+    """Name, unit, rate, samples, start."""
     read: Callable[[int, int], Samples]
+    """Samples by first and stop."""
     levels: tuple[Array, ...]
+    """Extremes of every 64, 256, ... samples, each of shape (K, 2)."""
     gaps: npt.NDArray[np.int64]
     gap_count: int
+    """The first stretches without samples, shape (G, 2), and how many there are."""
     layer: str = "raw"
+    """"raw" or "processed"."""
     ahead: Callable[[int, int], None] | None = None
+    """Begins to read samples by first and stop; None where they are in memory."""
 
     @classmethod
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:

@@ -22,11 +22,20 @@ pub struct Task<'a> {
 }
 
 impl Task<'_> {
+    /// Which integration is taken.
+    fn path(&self, run: &Run<'_>) -> Path {
+        match self.parameters.path() {
+            Path::Events if smooth::is_limited(&self.parameters, self.wrt, run) => Path::Limited,
+            path => path,
+        }
+    }
+
     /// Roughly how many steps with a derivative a simulation takes.
     #[must_use]
     pub fn work(&self, run: &Run<'_>) -> usize {
-        let steps = match self.parameters.path() {
+        let steps = match self.path(run) {
             Path::Smooth => smooth::work(self, run),
+            Path::Limited => 2 * smooth::work(self, run),
             Path::Events => events::work(self, run),
         };
         steps.saturating_mul(1 + self.wrt.len())
@@ -110,8 +119,9 @@ pub fn march(task: &Task<'_>, run: &Run<'_>, stop: &Stop, consume: &mut Consume<
         block.require_finite(task.outputs, run.dt)?;
         consume(block)
     };
-    match task.parameters.path() {
+    match task.path(run) {
         Path::Smooth => smooth::march(task, run, stop, &mut checked),
+        Path::Limited => smooth::march_limited(task, run, stop, &mut checked),
         Path::Events => events::march(task, run, stop, &mut checked),
     }
 }

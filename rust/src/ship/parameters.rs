@@ -108,7 +108,9 @@ pub mod at {
 pub enum Path {
     /// Nothing but dead times, a lag, a flexible shaft and smooth functions.
     Smooth,
-    /// Sampling or limits.
+    /// The same with limits of the torque.
+    Limited,
+    /// Sampling, or other limits.
     Events,
 }
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from shipfp_rs.support.arrays import attributes
 from shipfp_rs.support.spans import Spans
 
 KINDS: Mapping[str, str] = MappingProxyType(
@@ -77,10 +78,7 @@ class Fault:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {
-            "kind": self.kind,
-            "channel": self.channel,
-            "method": self.method,
-            "excluded": self.excluded,
+            **attributes(self, "kind", "channel", "method", "excluded"),
             "count": len(self.spans),
             "spans": self.spans.tolist(),
         }

@@ -76,21 +76,14 @@ _SHAPE = re.compile(
 
 @dataclass(frozen=True)
 class TextTime:
-    """How the cells of a column, or of a date and a clock beside it, are written.
-
-    Parameters
-    ----------
-    pattern
-        Key of the pattern that fits them.
-    order
-        What a date of two-digit parts begins with.
-    sure
-        Whether the order follows from the cells, rather than from custom.
-    """
+    """How the cells of a column, or of a date and a clock beside it, are written."""
 
     pattern: str
+    """Key of the pattern that fits them."""
     order: Order = ""
+    """What a date of two-digit parts begins with."""
     sure: bool = True
+    """Whether the order follows from the cells, rather than from custom."""
 
     @property
     def has_date(self) -> bool:

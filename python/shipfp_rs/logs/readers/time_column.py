@@ -136,7 +136,7 @@ def _wished(
         )
     first = chosen[0]
     if wish.told and wish.told.lower() in time_words.SECONDS and is_number(first):
-        return plan_of_numbers(path, replace(first, unit=wish.told), trusted=True) or TimePlan(
+        return plan_of_numbers(path, first._replace(unit=wish.told), trusted=True) or TimePlan(
             (first.key,), first.name
         )
     order = ORDERS.get(wish.told[:1].lower(), "") if wish.told else ""

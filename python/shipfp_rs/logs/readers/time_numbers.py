@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +38,7 @@ LONGEST_STEP_S = 5.0
 CENTURIES_S = 6.3e9
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column that may be time: its name without the unit, its unit, its field in the table, cells of its first rows."""
 
     name: str

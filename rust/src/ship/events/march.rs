@@ -14,7 +14,6 @@ use crate::ship::run::Run;
 use crate::stop::Stop;
 
 use super::command::{Arrival, Arrivals, Past};
-use super::even::is_even;
 use super::flow::{Equations, Flow, Input, State};
 use super::happen::Stretch;
 use super::held::Held;
@@ -194,9 +193,6 @@ impl<'a, S: Simd, const N: usize> March<'a, S, N> {
         let delays = [t.g.constant(0.0), t.t_n, t.t_m];
         let sizes = [self.run.samples(), directions];
         let mut readings = Readings::<Dual<S, N>, N>::new(self.outputs, delays, before, sizes, self.run.dt);
-        if is_even(&self.equations, self.outputs, self.run) {
-            return self.through_even(&mut readings, consume);
-        }
         self.settle(self.state.rack);
         if self.is_simple() {
             self.through_series(simd, &mut readings, consume)?;

@@ -1,4 +1,4 @@
-//! The path of ships that sample, limit or twist: between events the equations are smooth, and steps end at every event.
+//! The path of ships that sample, or limit more than their torque: between events the equations are smooth, and steps end at every event.
 //!
 //! Elements that act here beside the smooth path's:
 //! - a governor that samples at `T_0 + k T_s` and holds: it reads speed and set point, and its order reaches the actuator `T_d` later;
@@ -8,7 +8,6 @@
 //! - a shaft with a spring and a damper between the engine's inertia `tau_n - tau_prop` and the propeller's.
 
 mod command;
-mod even;
 mod flow;
 mod happen;
 mod held;

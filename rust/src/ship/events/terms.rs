@@ -115,12 +115,13 @@ impl Elements {
     ) -> Self {
         let sampled = terms.t_s > 0.0;
         let shortest = if sharp { SHORTEST_LAG } else { SHORTEST_ROUGH_LAG };
+        let lag = terms.tau_act > shortest * dt;
         Self {
             sampled,
             before_use,
-            delayed: !sampled && terms.t_d > 0.0,
+            delayed: !sampled && (terms.t_d > 0.0 || (!lag && terms.tau_act > 0.0)),
             derivative,
-            lag: terms.tau_act > shortest * dt,
+            lag,
             rate_limit: terms.rate_up.min(terms.rate_down) < f64::INFINITY,
             rack_limit: terms.x_max < f64::INFINITY || terms.x_min > f64::NEG_INFINITY,
             torque_limit: terms.m_max < f64::INFINITY || terms.m_min > f64::NEG_INFINITY,

@@ -13,7 +13,7 @@ use super::feed::Feed;
 use super::grid::{Piece, Time};
 use super::model::{Jets, Model};
 use super::power::Power;
-use super::reading::{OWN, Reading, weighed};
+use super::reading::{OWN, OfTorque, Reading, weighed};
 use super::slopes::{Course, LANES, Pack, get, put};
 use super::steps::Step;
 
@@ -43,6 +43,8 @@ pub struct Emit<'a> {
     wrt: &'a [usize],
     channels: Vec<Channel>,
     pub readings: Vec<Reading>,
+    /// Of the engine's torque before the record.
+    torque: OfTorque,
     points: Vec<Point>,
     /// Samples of room.
     room: usize,
@@ -56,7 +58,8 @@ pub struct Emit<'a> {
 }
 
 impl<'a> Emit<'a> {
-    pub fn new(model: &Model, task: &Task<'a>, run: &Run<'a>) -> Self {
+    /// For a record that begins with an engine whose torque is that of a model, and has these parameters.
+    pub fn new(model: &Model, torque: (&Model, OfTorque), task: &Task<'a>, run: &Run<'a>) -> Self {
         let samples = run.samples();
         let late = |output: Output| match output {
             Output::Speed | Output::PropellerSpeed => task.parameters.of(at::T_N),
@@ -83,7 +86,8 @@ impl<'a> Emit<'a> {
             run: *run,
             wrt: task.wrt,
             channels,
-            readings: task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt)).collect(),
+            readings: readings(torque.0, task, torque.1),
+            torque: torque.1,
             points: Vec::with_capacity(outputs),
             room,
             packs,
@@ -244,13 +248,16 @@ impl<'a> Emit<'a> {
     /// An output before the record.
     fn hold(&mut self, output: usize, sample: usize) {
         let slot = output * self.room + sample - self.block.from;
-        let Model { n0, f0, g, s_m, .. } = self.model;
+        let Model { n0, s_m, before, .. } = self.model;
+        let [g, v, ..] = self.readings[output].factors;
         let load0 = self.run.load.first().copied().unwrap_or(0.0);
         let power = Power::at(1.0 + n0, self.model.p);
         let (damping, gain) = (self.model.damping, self.model.load_gain);
         let drag = power.value + damping * n0 + gain * load0;
         let (level, gauge) = match self.readings[output].output {
-            Output::EngineTorque => (1.0 + g * n0 + f0, false),
+            Output::EngineTorque => {
+                ((self.readings[output].constant + g * n0 + v * before + 1.0) / s_m, false)
+            }
             Output::GaugeTorque => (drag, true),
             _ => (0.0, false),
         };
@@ -265,9 +272,10 @@ impl<'a> Emit<'a> {
                 (Some(&at::P), _, true) => s_m * power.by_exponent(),
                 (Some(&at::DAMPING), _, true) => s_m * n0,
                 (Some(&at::LOAD_GAIN), _, true) => s_m * load0,
-                (Some(&at::INITIAL_N), _, false) => s_m * g,
-                (Some(&at::G), _, false) => s_m * n0,
-                (Some(&at::INITIAL_F), _, false) => s_m,
+                (Some(&at::INITIAL_N), _, false) => g,
+                (Some(&at::INITIAL_F), _, false) => v / self.model.v,
+                (place, _, false) if place == self.torque.slope.as_ref() => s_m * n0,
+                (place, _, false) if place == self.torque.level.as_ref() => s_m,
                 _ => 0.0,
             };
             self.slopes[slot * self.packs + lane / LANES].0[lane % LANES] = own;
@@ -305,6 +313,11 @@ impl<'a> Emit<'a> {
         self.block.from += count;
         Ok(())
     }
+}
+
+/// How each output is read.
+pub fn readings(model: &Model, task: &Task<'_>, of: OfTorque) -> Vec<Reading> {
+    task.outputs.iter().map(|&output| Reading::new(output, model, task.wrt, of)).collect()
 }
 
 /// Lay packs, so many apart, into a row of a block for each lane.

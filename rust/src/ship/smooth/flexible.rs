@@ -131,7 +131,10 @@ impl Model {
             let mut fed = fma(-drawn, q[K], feed[K]);
             let torque = if LAG { rack[K] } else { fed };
             // What a term adds to the next by itself comes last, so that the chain of terms is short.
-            let known = fma(self.v, torque, -spring[K]);
+            let mut known = fma(self.v, torque, -spring[K]);
+            if K == 0 {
+                known += self.top;
+            }
             n[K + 1] = (paces[0] * PER_ORDER[K]) * fma(engine_own, n[K], fma(self.zeta, m[K], known));
             let before = law.before::<K>(&m);
             let loaded = if K < 2 { fma(-self.load_gain, load[K], spring[K]) } else { spring[K] };

@@ -140,6 +140,39 @@ impl Grid {
         piece
     }
 
+    /// The piece that is to come, if it is not shortened.
+    #[inline(always)]
+    pub fn peek(&mut self) -> Piece {
+        if self.left == 0 {
+            self.aim();
+        }
+        Piece { start: self.now, length: self.length, cut: self.cut, open: self.open }
+    }
+
+    /// Take the piece to come no further than to this part of it.
+    pub fn take_part(&mut self, part: f64) -> Piece {
+        let piece = Piece { length: self.length * part, ..self.peek() };
+        self.now.part += piece.length;
+        if self.now.part >= 1.0 {
+            self.now = Time { whole: self.now.whole + 1, part: self.now.part - 1.0 };
+        }
+        (self.left, self.cut) = (0, None);
+        piece
+    }
+
+    /// A break that comes once, that many sample intervals from now.
+    pub fn expect(&mut self, after: f64) {
+        let late = Time::new(after);
+        let mut time =
+            Time { whole: self.now.whole.saturating_add(late.whole), part: self.now.part + late.part };
+        if time.part >= 1.0 {
+            time = Time { whole: time.whole + 1, part: time.part - 1.0 };
+        }
+        let place = self.once.partition_point(|once| once.since(time) > 0.0);
+        self.once.insert(place, time);
+        self.left = 0;
+    }
+
     fn coming(&self) -> Time {
         Time { whole: self.lap, part: self.cuts[self.next].part }
     }

@@ -57,6 +57,18 @@ impl History {
         place
     }
 
+    /// Make room for as many pieces again, where there is hardly any left: for each place its new one.
+    pub fn grow(&mut self) -> Option<Vec<(usize, usize)>> {
+        let places = self.pieces.len();
+        if self.count - self.at + 2 < places {
+            return None;
+        }
+        let moves: Vec<_> =
+            (self.at..self.count).map(|piece| (piece & (places - 1), piece & (2 * places - 1))).collect();
+        self.pieces = moved(&self.pieces, 1, &moves);
+        Some(moves)
+    }
+
     /// The past of a piece that begins a dead time or more after the first.
     #[inline(always)]
     pub fn window(&mut self, piece: &Piece) -> Window {
@@ -90,6 +102,15 @@ impl History {
         let (began, length) = self.pieces[last & mask];
         Window { first, last: Some((last & mask, end.since(began) / length, piece.length / length)) }
     }
+}
+
+/// A ring of twice the room, of so many entries a place.
+pub fn moved<E: Clone>(ring: &[E], entries: usize, moves: &[(usize, usize)]) -> Vec<E> {
+    let mut room = [ring, ring].concat();
+    for &(from, to) in moves {
+        room[to * entries..][..entries].clone_from_slice(&ring[from * entries..][..entries]);
+    }
+    room
 }
 
 /// A series about another start, and over another length.

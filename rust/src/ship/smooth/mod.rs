@@ -12,7 +12,9 @@ mod feed;
 mod flexible;
 mod grid;
 mod history;
+mod limited;
 mod model;
+mod outside;
 mod power;
 mod reading;
 mod slopes;
@@ -32,14 +34,16 @@ use super::run::Run;
 
 use cruise::{Aboard, Cruise};
 use emit::Emit;
-use feed::{Feed, Input};
-use flexible::Ends;
 use grid::Grid;
-use history::{History, past_value};
-use model::{FLEXIBLE_TERMS, Jets, Model, Series, TERMS, is_flexible, total};
-use slopes::{LANES, On, Pack, Results, Slopes};
-use sources::{Circumstances, Sources};
+use history::History;
+use model::{FLEXIBLE_TERMS, Jets, Model, TERMS, is_flexible, total};
+use outside::Outside;
+use reading::OfTorque;
+use slopes::{Derivatives, On};
+use sources::Sources;
 use steps::Steps;
+
+pub use limited::{is_limited, march as march_limited};
 
 /// Dead times through which a break is followed, where it is a kink of the set point. A jump is followed through one more, and
 /// where the governor's derivative term hands breaks on as strong as they come, through more of them.
@@ -55,6 +59,13 @@ const ROUGH_FLEXIBLE: f64 = 0.9;
 const MOST: f64 = 4096.0;
 /// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
 const QUICK: f64 = 1.0 / 256.0;
+/// The same where a millionth of a step does not count.
+const ROUGH_QUICK: f64 = 0.125;
+
+/// Lags and dead times below this [s] are taken to first order.
+fn quick(run: &Run<'_>) -> f64 {
+    run.dt * if run.sharp { QUICK } else { ROUGH_QUICK }
+}
 
 /// Simulate, and give every block of samples to `consume`.
 ///
@@ -122,7 +133,7 @@ pub fn work(task: &Task<'_>, run: &Run<'_>) -> usize {
     if task.parameters.is_off(at::TAU_TWIST) {
         return run.samples().saturating_mul(run.substeps.max(1));
     }
-    let model = Model::new(&task.parameters, 1.0, 0.0, QUICK * run.dt);
+    let model = Model::new(&task.parameters, 1.0, 0.0, quick(run));
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // positive; saturates
     run.samples().saturating_mul(longest(&model, run).map_or(1, |longest| (2.0 / longest) as usize))
 }
@@ -135,31 +146,19 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
     fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
         let Self { task, run, stop, consume } = self;
         let (set0, load0) = (run.set[0], run.load.first().copied().unwrap_or(0.0));
-        let model = Model::new(&task.parameters, set0, load0, QUICK * run.dt);
-        let packs = task.wrt.len().div_ceil(LANES);
+        let model = Model::new(&task.parameters, set0, load0, quick(run));
         let delayed = model.t_d > 0.0;
-        let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
-        let loaded = !run.load.is_empty();
         let longest = longest(&model, run)?;
-        let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
-        let levels = if run.sharp { LEVELS } else { 1 } + usize::from(run.hold == Hold::Zero) + handed_on;
-        let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
-        let mut set_feed = Feed::new(run.set, run.hold, run.dt, dead_time + set_dead_time);
-        let mut load_feed = loaded.then(|| Feed::new(run.load, run.hold, run.dt, 0.0));
-        let back = pieces_back(dead_time, run.samples(), longest, if loaded { 2 * levels } else { levels })?;
-        let history = delayed.then(|| History::new(dead_time, back));
+        let (grid, history) = pieces(&model, task, run, longest)?;
         let places = history.as_ref().map_or(0, History::places);
-        let mut backs = vec![[0.0; 8]; places.max(1)];
-        let mut slope_backs = vec![[Pack::ZERO; T]; places * packs];
-        let mut state_slopes = Slopes::start(&model, task.wrt);
-        let mut ends = Ends::start(&model, task.wrt, load0);
+        let mut outside = Outside::new(run, &model, places);
+        let mut derivatives = Derivatives::<T>::start(&model, task.wrt, places, load0);
         let sources = Sources::new(&model, task.wrt, set0, load0);
-        let mut emit = Emit::new(&model, task, run);
+        let mut emit = Emit::new(&model, (&model, OfTorque::FREE), task, run);
         let mut steps = Steps::new(grid, history, &emit.channels(), run.dt);
         let mut state = model.start(load0);
         let mut jets = Jets::default();
         let (mut fed_at_end, mut set_at_end) = (model.f0 / model.v, set0);
-        let opening = grid::Time::new(dead_time);
         let carry = slopes::carry::<S, T>(&model);
         let mut count = 0_usize;
         let mut ordinary = const { !is_flexible(T) } && cruise::is_ordinary(&model, task, run);
@@ -170,21 +169,16 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
                     sources: &sources,
                     run,
                     stop,
-                    set_feed,
-                    load_feed,
-                    set0,
+                    outside,
                     state,
-                    slopes: state_slopes,
-                    backs,
-                    slope_backs,
+                    derivatives,
                     count,
                     emit,
                 };
                 if let Some(cruise) = Cruise::new(lap, &aboard) {
                     return cruise.sail::<S, EXPONENT, T>(simd, aboard, consume);
                 }
-                Aboard { set_feed, load_feed, state, slopes: state_slopes, backs, slope_backs, emit, .. } =
-                    aboard;
+                Aboard { outside, derivatives, emit, .. } = aboard;
                 ordinary = false;
             }
             count += 1;
@@ -193,80 +187,48 @@ impl<const EXPONENT: bool, const T: usize> WithSimd for Pass<'_, '_, EXPONENT, T
             }
             let (step, window, place) = steps.next();
             let piece = &step.piece;
-            let length = piece.length * run.dt;
-            let set = set_feed.over(piece);
-            let load = load_feed.as_mut().map_or([0.0; 2], |feed| {
-                let load = feed.over(piece);
-                [load.value, load.slope]
-            });
-            let mut back = match &window {
-                Some(window) => past_value::<T>(window, &backs),
-                None => [0.0; 8],
-            };
-            let since = piece.start.since(opening) * run.dt;
-            let integral = set.integral + model.t_set * (set0 - 1.0) + since;
-            let (error, summed) = errors(&model, &set, length, integral, since);
-            let mut feed: Series = [0.0; 8];
-            if piece.open {
-                for k in 3..T {
-                    feed[k] = -back[k];
-                }
-                feed[2] = model.k_i * summed[2] - back[2];
-                feed[1] = model.k_p * error[1] + model.k_i * summed[1] - back[1];
-                feed[0] = model.k_p * error[0] + model.k_i * summed[0] - back[0];
-                feed[0] +=
-                    model.base - model.ahead * (model.k_p * error[1] * step.inverse + model.k_i * error[0]);
-                feed[1] -= model.ahead * model.k_i * error[1];
-            } else {
-                feed[0] = model.f0 / model.v;
-            }
+            let over = outside.over::<T>(&model, piece, window.as_ref(), step.inverse);
+            let feed = &over.feed;
             let broken = piece.cut.filter(|_| run.hold == Hold::Zero || model.k_d != 0.0);
-            let less =
-                if delayed { fed_at_end - feed[0] } else { model.k_p * model.s_u * (set_at_end - set.value) };
+            let less = if delayed {
+                fed_at_end - feed[0]
+            } else {
+                model.k_p * model.s_u * (set_at_end - over.set.value)
+            };
             if broken.is_some() && model.ahead > 0.0 {
                 state = model.kicked(&state, less);
             }
-            let end = model.jets::<EXPONENT, T>(&state, [length, step.inverse], &feed, load, &mut jets);
-            let returned = model.fed_back::<T>(&jets);
-            if delayed {
-                backs[place] = returned;
-            } else {
-                back = returned;
+            let times = [piece.length * run.dt, step.inverse];
+            let end = model.jets::<EXPONENT, T>(&state, times, feed, over.load, &mut jets);
+            let back = outside.returned::<T>(&model, &jets, place, &over);
+            if let Some(moves) = broken {
+                sources.jump(&model, moves, less, &mut derivatives.state);
             }
-            if packs > 0 {
-                if let Some(moves) = broken {
-                    sources.jump(&model, moves, less, &mut state_slopes);
-                }
-                let on = Circumstances {
-                    open: piece.open,
-                    set: &set,
-                    set0,
-                    integral,
-                    error: &error,
-                    summed: &summed,
-                    back: &back,
-                    load,
-                };
-                let given = sources.given::<T>(&model, &jets, &on);
-                emit.aim::<T>(step, &jets);
-                let (history, place) = (slope_backs.as_mut_slice(), place * packs);
-                let mut to =
-                    Results { slopes: &mut state_slopes, ends: &mut ends, history, place, emit: &mut emit };
-                for pack in 0..packs {
-                    let on = On { model: &model, given: &given, window: window.as_ref(), pack };
-                    carry(simd, &sources, on, &mut to);
-                }
-            } else {
-                emit.aim::<T>(step, &jets);
+            emit.aim::<T>(step, &jets);
+            if derivatives.packs() > 0 {
+                let given = sources.given::<T>(&model, &jets, &over, back);
+                let on = On { model: &model, given: &given, window: window.as_ref(), pack: 0 };
+                derivatives.carry(simd, carry, &sources, on, place, &mut emit);
             }
             emit.add_sums();
             emit.flush(consume)?;
-            fed_at_end = total(&feed, T);
-            set_at_end = set.value + set.slope;
+            fed_at_end = total(feed, T);
+            set_at_end = over.set.value + over.set.slope;
             state = end;
         }
         Ok(())
     }
+}
+
+/// The pieces between the inputs' breaks, and room for those of a dead time.
+fn pieces(model: &Model, task: &Task<'_>, run: &Run<'_>, longest: f64) -> Result<(Grid, Option<History>)> {
+    let (dead_time, set_dead_time) = (model.t_d / run.dt, model.t_set / run.dt);
+    let loaded = !run.load.is_empty();
+    let handed_on = if model.k_d == 0.0 { usize::from(task.wrt.contains(&at::K_D)) } else { 4 };
+    let levels = if run.sharp { LEVELS } else { 1 } + usize::from(run.hold == Hold::Zero) + handed_on;
+    let grid = Grid::new(dead_time, set_dead_time, loaded, levels, longest);
+    let back = pieces_back(dead_time, run.samples(), longest, if loaded { 2 * levels } else { levels })?;
+    Ok((grid, (model.t_d > 0.0).then(|| History::new(dead_time, back))))
 }
 
 /// Most pieces within a dead time, and a few more.
@@ -279,17 +241,4 @@ fn pieces_back(dead_time: f64, samples: usize, longest: f64, cuts: usize) -> Res
         )));
     }
     Ok(pieces as usize + 8 + cuts)
-}
-
-/// The set point's part of the speed error, and its integral, as series.
-#[inline(always)]
-fn errors(model: &Model, set: &Input, length: f64, integral: f64, since: f64) -> (Series, Series) {
-    let mut error = [0.0; 8];
-    error[0] = model.s_u * set.value - 1.0;
-    error[1] = model.s_u * set.slope;
-    let mut summed = [0.0; 8];
-    summed[0] = model.s_u * (integral - since) + (model.s_u - 1.0) * since;
-    summed[1] = length * error[0];
-    summed[2] = 0.5 * length * error[1];
-    (error, summed)
 }

@@ -55,6 +55,8 @@ pub struct Model {
     pub tau_act: f64,
     pub damping: f64,
     pub load_gain: f64,
+    /// The torque less one at the speed of one, of a limit that holds; 0 where none does.
+    pub top: f64,
     /// The give of a flexible shaft and its damping; 0 where it is rigid.
     pub tau_twist: f64,
     pub zeta: f64,
@@ -68,6 +70,8 @@ pub struct Model {
     pub near_d: f64,
     pub n0: f64,
     pub f0: f64,
+    /// What the rack is fed before the record.
+    pub before: f64,
     /// The time constant that the shaft has where the governor's derivative term acts at once [s].
     pub inertia: f64,
     pub per_inertia: f64,
@@ -168,6 +172,7 @@ impl Model {
             tau_act,
             damping: of(at::DAMPING),
             load_gain: of(at::LOAD_GAIN),
+            top: 0.0,
             tau_twist,
             zeta: of(at::ZETA_TWIST),
             s_u: of(at::S_U),
@@ -179,6 +184,7 @@ impl Model {
             near_d,
             n0,
             f0,
+            before: f0 / v,
             inertia,
             per_inertia: 1.0 / inertia,
             rate0,
@@ -186,6 +192,12 @@ impl Model {
             binomial,
             binomial_by_exponent: by_exponent,
         }
+    }
+
+    /// The same ship while a limit holds its torque at `level + slope n`: the governor goes on, and moves nothing.
+    pub fn held(&self, level: f64, slope: f64) -> Self {
+        let per_inertia = 1.0 / self.tau;
+        Self { top: level - 1.0, g: slope, v: 0.0, inertia: self.tau, per_inertia, ..*self }
     }
 
     pub fn start(&self, load0: f64) -> State {
@@ -255,6 +267,9 @@ impl Model {
                 _ => 0.0,
             };
             let mut known = fma(self.v, torque, -bent);
+            if K == 0 {
+                known += self.top;
+            }
             if K < 2 {
                 known = fma(-self.load_gain, load[K], known);
             }

@@ -9,8 +9,21 @@ use super::model::{Jets, Model, Series, for_terms, is_flexible};
 use super::slopes::{Course, Pack, packs};
 
 /// What parameters may add to an output by themselves: the speed, the rack, the rate of the speed, the level, the rate of the
-/// output, and how much faster a flexible shaft's engine turns.
-pub const OWN: usize = 6;
+/// output, how much faster a flexible shaft's engine turns, and the scale of the torque.
+pub const OWN: usize = 7;
+
+/// Places of the parameters that an engine's torque has: its slope by the speed, what the rack moves, and its level.
+#[derive(Debug, Clone, Copy)]
+pub struct OfTorque {
+    pub slope: Option<usize>,
+    pub rack: Option<usize>,
+    pub level: Option<usize>,
+}
+
+impl OfTorque {
+    /// That of an engine no limit holds.
+    pub const FREE: Self = Self { slope: Some(at::G), rack: Some(at::V), level: None };
+}
 
 /// An output as a combination of signals, and which parameters count by themselves.
 #[derive(Debug, Clone)]
@@ -36,8 +49,8 @@ pub struct Reading {
 }
 
 impl Reading {
-    pub fn new(output: Output, model: &Model, wrt: &[usize]) -> Self {
-        let Model { g, v, s_m, tau, tau_prop, zeta, .. } = *model;
+    pub fn new(output: Output, model: &Model, wrt: &[usize], of: OfTorque) -> Self {
+        let Model { g, v, s_m, tau, tau_prop, zeta, top, .. } = *model;
         let flexible = model.tau_twist > 0.0;
         let of_ends = match output {
             Output::PropellerSpeed if flexible => [1.0, 0.0],
@@ -48,9 +61,11 @@ impl Reading {
             Output::PropellerSpeed if flexible => ([0.0; 4], 0.0),
             Output::GaugeTorque if flexible => ([s_m * zeta, 0.0, 0.0, 0.0], s_m - 1.0),
             Output::Speed | Output::PropellerSpeed => ([1.0, 0.0, 0.0, 0.0], 0.0),
-            Output::EngineTorque => ([s_m * g, s_m * v, 0.0, 0.0], s_m - 1.0),
+            Output::EngineTorque => ([s_m * g, s_m * v, 0.0, 0.0], s_m * (1.0 + top) - 1.0),
             // The load is the engine's torque less what speeds the shaft up.
-            Output::GaugeTorque => ([s_m * g, s_m * v, -s_m * (tau - tau_prop), 0.0], s_m - 1.0),
+            Output::GaugeTorque => {
+                ([s_m * g, s_m * v, -s_m * (tau - tau_prop), 0.0], s_m * (1.0 + top) - 1.0)
+            }
             Output::Rack => ([0.0, 1.0, 0.0, 0.0], 0.0),
             Output::Sum => ([0.0, 0.0, 0.0, -1.0], 0.0),
         };
@@ -59,7 +74,9 @@ impl Reading {
         let gauge = output == Output::GaugeTorque;
         let twisted = gauge && flexible;
         let sign = |own: usize, place: usize| match (own, place) {
-            (0, at::G) | (1, at::V) if torque && !twisted => 1.0,
+            (0, place) if Some(place) == of.slope && torque && !twisted => 1.0,
+            (1, place) if Some(place) == of.rack && torque && !twisted => 1.0,
+            (6, place) if Some(place) == of.level && torque && !twisted => 1.0,
             (2, at::TAU_N) if gauge && !twisted => -1.0,
             (2, at::TAU_PROP) if gauge && !twisted => 1.0,
             (3, at::S_M) if torque => 1.0,
@@ -133,6 +150,7 @@ impl Reading {
         let s_m = model.s_m;
         let rate = value::<T>(&self.rates, &jets.n);
         own[3] = (simulated + 1.0) / s_m;
+        own[6] = s_m;
         match self.output {
             Output::PropellerSpeed if const { is_flexible(T) } => {
                 own[4] = value::<T>(&self.rates, &jets.propeller);

@@ -91,6 +91,53 @@ impl Model {
     }
 }
 
+/// The derivatives on their way through a record: a pack of directions each.
+pub struct Derivatives<const T: usize> {
+    pub state: Vec<Slopes>,
+    /// A flexible shaft's.
+    pub ends: Vec<Ends>,
+    /// What went back into the governor, so many packs a place.
+    pub backs: Vec<Rate<T>>,
+}
+
+impl<const T: usize> Derivatives<T> {
+    /// At a record's start, with so many places for the past.
+    pub fn start(model: &Model, wrt: &[usize], places: usize, load0: f64) -> Self {
+        let state = Slopes::start(model, wrt);
+        let backs = vec![[Pack::ZERO; T]; places * state.len()];
+        Self { state, ends: Ends::start(model, wrt, load0), backs }
+    }
+
+    /// How many packs there are.
+    pub const fn packs(&self) -> usize {
+        self.state.len()
+    }
+
+    /// Carry all packs over a piece.
+    #[inline(always)]
+    pub fn carry<S: Simd>(
+        &mut self,
+        simd: S,
+        carry: Carry<S, T>,
+        sources: &Sources,
+        on: On<'_>,
+        place: usize,
+        emit: &mut Emit<'_>,
+    ) {
+        let packs = self.packs();
+        let mut to = Results {
+            slopes: &mut self.state,
+            ends: &mut self.ends,
+            history: &mut self.backs,
+            place: place * packs,
+            emit,
+        };
+        for pack in 0..packs {
+            carry(simd, sources, On { pack, ..on }, &mut to);
+        }
+    }
+}
+
 /// Where the derivatives of a piece go: those of the state, those of what goes back into the governor, and the outputs.
 pub struct Results<'a, 'b, const T: usize> {
     pub slopes: &'a mut [Slopes],

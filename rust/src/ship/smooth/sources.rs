@@ -6,14 +6,15 @@ use pulp::Simd;
 
 use crate::ship::parameters::at;
 
-use super::feed::Input;
 use super::model::{Jets, Model, Series, for_terms, is_flexible};
+use super::outside::Over;
 use super::slopes::{LANES, Pack, Slopes, get, packs};
 
 /// Lanes of the parameters in a pack that add the same series: ones, or minus ones.
 pub type Mark = Option<Pack>;
 
 /// What the parameters add of themselves.
+#[derive(Clone)]
 pub struct Sources {
     pub marks: Vec<Marks>,
     wrt: Vec<usize>,
@@ -22,11 +23,13 @@ pub struct Sources {
 }
 
 /// Of a pack, by what is added: to the shaft, or a flexible one's engine's end;
+#[derive(Clone)]
 pub struct Marks {
-    /// the rate of the speed, the speed, the rack, the power by its exponent, the load;
+    /// the rate of the speed, the speed, the rack, a limit that holds the torque, the power by its exponent, the load;
     pub rate: Mark,
     pub speed: Mark,
     pub rack: Mark,
+    pub top: Mark,
     pub by_exponent: Mark,
     pub load: Mark,
     /// to the lag and to what goes back into the governor;
@@ -56,20 +59,6 @@ pub struct Given<'a> {
     fed: [Series; 5],
 }
 
-/// Where a piece stands in what comes from outside.
-pub struct Circumstances<'a> {
-    pub open: bool,
-    pub set: &'a Input,
-    pub set0: f64,
-    /// The integral of the set point since the record's start, at the piece's start [s].
-    pub integral: f64,
-    /// What is fed of the set point, and what came back a dead time ago.
-    pub error: &'a Series,
-    pub summed: &'a Series,
-    pub back: &'a Series,
-    pub load: [f64; 2],
-}
-
 /// Add a series by its mark.
 #[inline(always)]
 fn add<S: Simd, const T: usize>(simd: S, mark: &Mark, part: usize, series: &Series, to: &mut [S::f64s; T]) {
@@ -88,12 +77,7 @@ impl Sources {
         let is_late = |place: usize| place == at::T_D || (place == at::TAU_ACT && !lags);
         let [before, after] =
             [packs(wrt, |place| model.held_by(place)), packs(wrt, |place| model.base_by(place, set0, load0))];
-        let all = |value: f64, is: &dyn Fn(usize) -> bool| {
-            packs(wrt, |place| if is(place) { value } else { 0.0 })
-                .into_iter()
-                .map(|pack| (pack != Pack::ZERO).then_some(pack))
-                .collect::<Vec<Mark>>()
-        };
+        let all = |value: f64, is: &dyn Fn(usize) -> bool| marked(wrt, value, is);
         let of = |value: f64, place: usize| all(value, &move |other| other == place);
         let (rate, speed, rack) = (of(-1.0, at::TAU_N), of(1.0, at::G), of(1.0, at::V));
         let (by_exponent, load) = (of(-1.0, at::P), of(-1.0, at::LOAD_GAIN));
@@ -107,6 +91,7 @@ impl Sources {
                 rate: rate[pack],
                 speed: speed[pack],
                 rack: rack[pack],
+                top: None,
                 by_exponent: by_exponent[pack],
                 load: load[pack],
                 lag: lag[pack],
@@ -127,17 +112,28 @@ impl Sources {
         Self { marks, wrt: wrt.to_vec(), late: wrt.iter().any(|&place| is_late(place)) }
     }
 
-    /// What the parameters add over a piece.
+    /// The same while a limit holds the torque, at the parameters of these places: its level and its slope by the speed.
+    pub fn held(&self, level: usize, slope: Option<usize>) -> Self {
+        let mut held = self.clone();
+        let of = |place: Option<usize>| marked(&self.wrt, 1.0, &move |other| Some(other) == place);
+        for ((marks, top), speed) in held.marks.iter_mut().zip(of(Some(level))).zip(of(slope)) {
+            (marks.top, marks.speed, marks.rack) = (top, speed, None);
+        }
+        held
+    }
+
+    /// What the parameters add over a piece, to which `back` comes back of the governor's.
     #[inline(always)]
     pub fn given<'a, const T: usize>(
         &self,
         model: &Model,
         jets: &'a Jets,
-        on: &Circumstances<'_>,
+        on: &Over,
+        back: Series,
     ) -> Given<'a> {
         let Jets { length, inverse, .. } = *jets;
         let Model { s_u, k_p, k_i, ahead, .. } = *model;
-        let (set, error, summed) = (on.set, on.error, on.summed);
+        let (set, error, summed) = (&on.set, &on.error, &on.summed);
         let mut fed = [[0.0; 8]; 5];
         fed[0][0] = error[0] - ahead * inverse * error[1];
         fed[0][1] = error[1];
@@ -151,7 +147,7 @@ impl Sources {
         fed[3][1] = s_u * k_i * set.slope;
         if self.late {
             for k in 0..T - 1 {
-                fed[4][k] = (k + 1) as f64 * inverse * on.back[k + 1];
+                fed[4][k] = (k + 1) as f64 * inverse * back[k + 1];
             }
             fed[4][0] -= s_u * k_p * set.slope * inverse + k_i * error[0];
             fed[4][1] -= k_i * error[1];
@@ -175,6 +171,9 @@ impl Sources {
         add(simd, &marks.rate, part, &jets.rates, &mut to);
         add(simd, &marks.speed, part, &jets.n, &mut to);
         add(simd, &marks.rack, part, &jets.rack, &mut to);
+        if let Some(top) = &marks.top {
+            to[0] = simd.add_f64s(to[0], get::<S>(top, part));
+        }
         if const { is_flexible(T) } {
             add(simd, &marks.tau_prop, part, &jets.rates, &mut to);
             add(simd, &marks.zeta, part, &negative(&jets.slip()), &mut to);
@@ -307,6 +306,14 @@ impl Sources {
             }
         }
     }
+}
+
+/// Packs of the lanes of the parameters for which something holds; none where there are none.
+fn marked(wrt: &[usize], value: f64, is: &dyn Fn(usize) -> bool) -> Vec<Mark> {
+    packs(wrt, |place| if is(place) { value } else { 0.0 })
+        .into_iter()
+        .map(|pack| (pack != Pack::ZERO).then_some(pack))
+        .collect()
 }
 
 /// A series with the other sign.

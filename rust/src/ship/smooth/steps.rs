@@ -77,6 +77,38 @@ impl Steps {
         (step, step.window.map(|window| window.turned(count, mask)), count & mask)
     }
 
+    /// The piece to come, as far as to this part of it, and its past, by places; unless it is taken it can be asked for again.
+    #[inline(always)]
+    pub fn propose(&mut self, part: f64) -> (Piece, Option<Window>) {
+        let piece = self.grid.peek();
+        let piece = Piece { length: piece.length * part, ..piece };
+        let history = self.history.as_mut().filter(|_| piece.open);
+        (piece, history.map(|history| history.window(&piece)))
+    }
+
+    /// Take the piece that was proposed; and the place of it in the history.
+    #[inline(always)]
+    pub fn take(&mut self, part: f64, window: Option<Window>) -> (Step, usize) {
+        let place = self.count & self.mask;
+        self.count += 1;
+        let piece = if part < 1.0 { self.grid.take_part(part) } else { self.grid.next() };
+        (self.taken(piece, window), place)
+    }
+
+    /// Something breaks where the piece to come begins, and that many dead times later again.
+    pub fn expect(&mut self, dead_time: f64, levels: usize) {
+        for level in 1..=levels {
+            self.grid.expect(level as f64 * dead_time);
+        }
+    }
+
+    /// Make room for more pieces, where those of a dead time fill it; where they are from now on, of where they were.
+    pub fn grow(&mut self) -> Option<Vec<(usize, usize)>> {
+        let moves = self.history.as_mut()?.grow()?;
+        self.mask = 2 * self.mask + 1;
+        Some(moves)
+    }
+
     /// The steps of the last sample interval, where those of the next one are the first that repeat them.
     #[inline(always)]
     pub fn lap(&self) -> Option<&[Step]> {
@@ -96,6 +128,16 @@ impl Steps {
             Some(history) if piece.open => Some(history.window(&piece).turned(count, self.mask)),
             _ => None,
         };
+        self.fresh = self.taken(piece, window);
+        self.records |= begins;
+        if self.records {
+            self.lap.push(self.fresh);
+        }
+    }
+
+    /// A piece with what lies in it.
+    #[inline(always)]
+    fn taken(&mut self, piece: Piece, window: Option<Window>) -> Step {
         if let Some(history) = &mut self.history {
             history.push(&piece);
         }
@@ -109,10 +151,6 @@ impl Steps {
                 *next += 1;
             }
         }
-        self.fresh = Step { piece, inverse: 1.0 / (piece.length * self.dt), window, samples };
-        self.records |= begins;
-        if self.records {
-            self.lap.push(self.fresh);
-        }
+        Step { piece, inverse: 1.0 / (piece.length * self.dt), window, samples }
     }
 }

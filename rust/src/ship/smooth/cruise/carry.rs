@@ -51,16 +51,16 @@ impl Cruise {
     /// Carry all derivatives over the sample intervals.
     #[inline(always)]
     fn carry<S: Simd, const T: usize>(&self, simd: S, aboard: &mut Aboard<'_, '_, T>) {
-        for pack in 0..aboard.slopes.len() {
+        for pack in 0..aboard.derivatives.state.len() {
             for part in 0..LANES / S::F64_LANES {
-                let slopes = &aboard.slopes[pack];
+                let slopes = &aboard.derivatives.state[pack];
                 let mut state = [get::<S>(&slopes.n, part), get::<S>(&slopes.q, part)];
                 for lap in 0..self.width {
                     for leg in 0..self.legs.len() {
                         state = self.carry_leg::<S, T>(simd, aboard, [pack, part], [lap, leg], state);
                     }
                 }
-                let slopes = &mut aboard.slopes[pack];
+                let slopes = &mut aboard.derivatives.state[pack];
                 put::<S>(&mut slopes.n, part, state[0]);
                 put::<S>(&mut slopes.q, part, state[1]);
             }
@@ -100,8 +100,8 @@ impl Cruise {
             own[K] = splat(passage.own[K].0[lap]);
         });
         let (mut n, mut q) = ([start; TERMS + 1], [sum; TERMS + 1]);
-        let place = (aboard.count + lap * self.legs.len() + at) & (aboard.backs.len() - 1);
-        let returned = &mut aboard.slope_backs[place * aboard.slopes.len() + pack];
+        let place = (aboard.count + lap * self.legs.len() + at) & (aboard.outside.backs.len() - 1);
+        let returned = &mut aboard.derivatives.backs[place * aboard.derivatives.state.len() + pack];
         for_terms!(K => {
             put::<S>(&mut returned[K], part, fma(k_p, n[K], fma(k_i, q[K], back[K])));
             let mut torque = fma(v, fed[K], shaft[K]);
@@ -144,8 +144,8 @@ impl Cruise {
         add::<S, 4>(simd, &marks.late, here, &by[4], &mut fed);
         let number = aboard.count + lap * self.legs.len() + at;
         let row = |pieces: usize| {
-            let place = number.wrapping_sub(pieces) & (aboard.backs.len() - 1);
-            &aboard.slope_backs[place * aboard.slopes.len() + pack]
+            let place = number.wrapping_sub(pieces) & (aboard.outside.backs.len() - 1);
+            &aboard.derivatives.backs[place * aboard.derivatives.state.len() + pack]
         };
         let past = row(leg.first.pieces);
         if let Some(last) = &leg.last {
@@ -200,7 +200,7 @@ impl Cruise {
             for_terms!(K => {
                 total = fma(point.speeds[K + 1], n[K + 1], total);
             });
-            put::<S>(&mut aboard.emit.slopes[slot * aboard.slopes.len() + pack], part, total);
+            put::<S>(&mut aboard.emit.slopes[slot * aboard.derivatives.state.len() + pack], part, total);
         }
     }
 }

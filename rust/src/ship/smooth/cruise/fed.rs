@@ -62,14 +62,15 @@ impl Cruise {
         for lap in 0..self.width {
             for leg in 0..self.legs.len() {
                 let (passage, piece) = (&mut self.passages[leg], &mut self.legs[leg].piece);
-                let set = aboard.set_feed.over(piece);
+                let set = aboard.outside.set.over(piece);
                 passage.set[0].0[lap] = set.value;
                 passage.set[1].0[lap] = set.slope;
                 let Piece { start: Time { whole, part }, .. } = *piece;
                 let since = (whole as f64 + part) * dt - late;
                 passage.since.0[lap] = since;
-                passage.integral.0[lap] = set.integral + aboard.model.t_set * (aboard.set0 - 1.0) + since;
-                if let Some(feed) = &mut aboard.load_feed {
+                passage.integral.0[lap] =
+                    set.integral + aboard.model.t_set * (aboard.outside.set0 - 1.0) + since;
+                if let Some(feed) = &mut aboard.outside.load {
                     let load = feed.over(piece);
                     passage.load[0].0[lap] = load.value;
                     passage.load[1].0[lap] = load.slope;
@@ -136,7 +137,7 @@ impl Cruise {
             times(0.5 * k_i * leg.length, slope),
         ];
         fed(2, [risen[0], risen[1], risen[2], none, none]);
-        let moved = simd.sub_f64s(value, splat(aboard.set0));
+        let moved = simd.sub_f64s(value, splat(aboard.outside.set0));
         let later = [fma(s_u * k_p * leg.inverse, slope, times(s_u * k_i, moved)), times(s_u * k_i, slope)];
         fed(3, [later[0], later[1], none, none, none]);
         let mut by_dead_time = [none; TERMS];

@@ -19,11 +19,11 @@ use crate::ship::run::Run;
 use crate::stop::Stop;
 
 use super::emit::Emit;
-use super::feed::Feed;
 use super::grid::{Piece, Time};
 use super::history::{Window, past_value};
 use super::model::{Jets, Model, PER_ORDER, Series, State, TERMS};
-use super::slopes::{LANES, Pack, Rate, Slopes};
+use super::outside::Outside;
+use super::slopes::{Derivatives, LANES, Pack};
 use super::sources::Sources;
 use super::steps::Step;
 
@@ -100,14 +100,9 @@ pub struct Aboard<'s, 'a, const T: usize> {
     pub sources: &'s Sources,
     pub run: &'s Run<'a>,
     pub stop: &'s Stop,
-    pub set_feed: Feed<'a>,
-    pub load_feed: Option<Feed<'a>>,
-    pub set0: f64,
+    pub outside: Outside<'a>,
     pub state: State,
-    pub slopes: Vec<Slopes>,
-    /// What goes back into the governor, of all pieces up to this one, in a ring.
-    pub backs: Vec<Series>,
-    pub slope_backs: Vec<Rate<T>>,
+    pub derivatives: Derivatives<T>,
     pub count: usize,
     pub emit: Emit<'a>,
 }
@@ -142,7 +137,7 @@ impl Cruise {
             return None;
         }
         let keep = pasts().map(|past| past.laps).max()?;
-        let past = fed::Past::new(keep, lap.len(), &aboard.backs, aboard.count);
+        let past = fed::Past::new(keep, lap.len(), &aboard.outside.backs, aboard.count);
         let passages = vec![Passage::default(); lap.len()];
         Some(Self { legs, points, width, passages, past })
     }
