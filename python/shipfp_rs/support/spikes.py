@@ -72,7 +72,7 @@ def _is_crest(samples: Array, start: int, stop: int, beside: int) -> bool:
     line, curve = (
         float(np.polyval(np.polyfit(sides - top, samples[sides], degree), 0.0)) for degree in (1, 3)
     )
-    return abs(samples[top] - curve) < SWINGS_ON * abs(samples[top] - line)
+    return bool(abs(samples[top] - curve) < SWINGS_ON * abs(samples[top] - line))
 
 
 def bridge(samples: Array, missing: Mask) -> Array:
