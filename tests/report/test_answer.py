@@ -235,7 +235,7 @@ SENTENCES = {
 STEPS = {
     "nothing explained": "a channel of another record",
     "misfit": "The figures hold for the model, not for the ship.",
-    "no minimum": "a longer record",
+    "no minimum": "A longer record",
     "nothing told": "a larger swing of the set point",
 }
 SMALL_MISSES = {"stands": True, "misses_pct": {"dn": 0.35, "dM": 0.98}, "dispersion": 1.2}

@@ -244,7 +244,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
         account = [
             [Cell(str(key)), Cell(plain(value))]
             for key, value in experiment.provenance.items()
-            if key not in ("faults", "recorded")
+            if key not in ("faults", "recorded") and value is not None
         ]
         if account:
             yield details(
