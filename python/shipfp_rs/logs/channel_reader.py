@@ -15,8 +15,8 @@ from shipfp_rs.logs.log import Log
 
 KEPT = 1 << 17
 """Samples kept in memory before the last one read, since stretches overlap by a filter's length of a second or two."""
-STRETCH_BYTES = 1 << 27
-"""Memory for a channel whose stretches are gone through more than once: over four hours at 2 kHz as float32."""
+STRETCH_BYTES = 1 << 26
+"""Memory for a channel whose stretches are gone through more than once: over two hours at 2 kHz as float32."""
 
 
 class Stopped(Exception):
