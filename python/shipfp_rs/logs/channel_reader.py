@@ -92,7 +92,7 @@ class Rows:
             first = start + len(chunk)
 
     def _read_on(self) -> None:
-        """Hold one chunk more, and give up old ones."""
+        """Read the next chunk into memory, and drop the oldest ones."""
         if self._stopped.is_set():
             raise Stopped
         chunk = next(self._chunks)
