@@ -73,7 +73,8 @@ def main() -> int:
         if room(module) in level and room(other) in level and level[room(module)] < level[room(other)]
     )
     between = {
-        name: {room(other) for module in modules if room(module) == name for other in imports[module]} - {name}
+        name: {room(other) for module in modules if room(module) == name for other in imports[module]}
+        - {name}
         for name in rooms
     }
     of_modules, of_rooms = circles(imports), circles(between)

@@ -3,24 +3,17 @@
 Build with `maturin develop --release`, then `python -m benches.bench_filter`. All figures come from one run.
 """
 
-import argparse
-
 import numpy as np
 from scipy import signal
 from scipy.ndimage import median_filter
 
-from benches.timing import median_time, print_table
+from benches.timing import asked, median_time, print_table
 from shipfp_rs._core import Decimator, running_median
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=1_000_000)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="a short signal, just to see that it runs")
-    options = parser.parse_args()
-    if options.quick:
-        options.samples, options.repeats = 50_000, 1
+    quick = {"samples": 50_000, "repeats": 1}
+    options = asked(__doc__, quick, samples=1_000_000, repeats=5)
     rng = np.random.default_rng(1)
     torque = (
         1725.0 + 60.0 * np.sin(np.arange(options.samples) * 0.186) + rng.normal(0.0, 21.0, options.samples)

@@ -5,7 +5,6 @@
 Both use one thread. The rival knows the structure and starts near the truth; `identify` is given nothing but the signals.
 """
 
-import argparse
 import time
 
 import numpy as np
@@ -13,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 import shipfp_rs as fp
 from benches import rival_ship
-from benches.timing import print_table
+from benches.timing import asked, print_table
 
 N_E, M_G = 1183.8, 1725.0
 SHIP = ("tau_n", "g", "vK_p", "vK_i", "p", "tau_prop", "T_d", "T_set")
@@ -27,13 +26,8 @@ def experiment(u, y, dt) -> fp.Experiment:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=500.0)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--quick", action="store_true", help="200 s, once, just to see that it runs")
-    options = parser.parse_args()
-    if options.quick:
-        options.seconds, options.repeats = 200.0, 1
+    quick = {"seconds": 200.0, "repeats": 1}
+    options = asked(__doc__, quick, seconds=500.0, repeats=3)
     u, y, dt = rival_ship.trial(1, options.seconds)
     data = experiment(u, y, dt)
     given = fp.Structure.ship(["dead_time_loop", "dead_time_set_point"], torque="gauge")

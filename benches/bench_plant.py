@@ -6,7 +6,6 @@ writing of four rows, with ten it is nearly the arithmetic alone.
 
 import argparse
 import math
-import os
 
 import numpy as np
 from numba import njit
@@ -85,61 +84,37 @@ def simulate(q, speed, limit, n_set, dt, substeps, initial, out):
             E += h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
 
 
-@njit
-def simulate_batch(parameters, speed, limit, n_set, dt, substeps, initial, out):
-    """One member after the other."""
-    for member in range(len(parameters)):
-        simulate(parameters[member], speed, limit, n_set, dt, substeps, initial, out[member])
-
-
-def measure(members: int, samples: int, substeps: int, threads: tuple[int, ...]) -> list[list[str]]:
-    """One row a case: nanoseconds a step and member, Numba's first, then ours with the ratio."""
+def measure(samples: int, substeps: int) -> list[list[str]]:
+    """One row a case: nanoseconds a step, Numba's first, then ours with the ratio."""
     rows = []
     n_set = 1300.0 / 60.0 * (1.0 + 0.05 * np.sin(np.arange(samples) * DT))
     for name, (exponent, envelope) in CASES.items():
-        parameters = np.tile(PARAMETERS, (members, 1))
-        parameters[:, 7] = exponent
-        parameters[:, 0] *= np.linspace(0.8, 1.2, members)
-        initial = np.tile(INITIAL, (members, 1))
+        parameters = PARAMETERS.copy()
+        parameters[7] = exponent
 
         def twin(parameters=parameters, envelope=envelope):
-            out = np.empty((members, 4, samples))
-            simulate_batch(parameters, *envelope, n_set, DT, substeps, INITIAL, out)
+            out = np.empty((4, samples))
+            simulate(parameters, *envelope, n_set, DT, substeps, INITIAL, out)
             return out
 
-        def kernel(threads, parameters=parameters, envelope=envelope, initial=initial):
-            arguments = (*envelope, n_set, DT, substeps, "rk4", "zero")
-            if members == 1:
-                return _core.simulate_plant(parameters[0], *arguments, INITIAL)[None]
-            return _core.simulate_plant_batch(
-                parameters, *envelope, n_set[None], DT, substeps, "rk4", "zero", initial, threads
-            )
+        def kernel(parameters=parameters, envelope=envelope):
+            return _core.simulate_plant(parameters, *envelope, n_set, DT, substeps, "rk4", "zero", INITIAL)
 
-        np.testing.assert_allclose(kernel(1), twin(), rtol=1e-9, atol=1e-9)
-        scale = 1e9 / (members * samples * substeps)
-        numba = median_time(twin) * scale
-        row = [name, f"{substeps}", f"{numba:.2f}"]
-        for count in threads:
-            ours = median_time(lambda count=count, kernel=kernel: kernel(count)) * scale
-            row += [f"{ours:.2f}", f"{numba / ours:.1f}x"]
-        rows.append(row)
+        np.testing.assert_allclose(kernel(), twin(), rtol=1e-9, atol=1e-9)
+        numba, ours = (median_time(call) * 1e9 / (samples * substeps) for call in (twin, kernel))
+        rows.append([name, f"{substeps}", f"{numba:.2f}", f"{ours:.2f}", f"{numba / ours:.1f}x"])
     return rows
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description="Benchmark the plant kernel")
     parser.add_argument("--quick", action="store_true", help="short runs, just to see that it runs")
-    single, batch = (2_000, 200) if parser.parse_args().quick else (20_000, 2_000)
-    print(f"One run of {single:,} samples, ns a step")
-    header = ["", "steps a sample", "numba"]
+    samples = 2_000 if parser.parse_args().quick else 20_000
+    print(f"One run of {samples:,} samples, ns a step")
     print_table(
-        [*header, "kernel", "faster"], [row for steps in (1, 10) for row in measure(1, single, steps, (1,))]
-    )
-    print(f"\n64 runs of {batch:,} samples, ns a step and member; {os.cpu_count()} cores")
-    print_table(
-        [*header, "1 thread", "faster", "all threads", "faster"],
-        [row for steps in (1, 10) for row in measure(64, batch, steps, (1, 0))],
+        ["", "steps a sample", "numba", "kernel", "faster"],
+        [row for steps in (1, 10) for row in measure(samples, steps)],
     )
 
 

@@ -22,8 +22,6 @@ from shipfp_rs.identification.search import Search, start_vectors
 from shipfp_rs.structures.structure import Structure
 
 Calls = dict[str, Callable[[], object] | None]
-MULTIPLY_ADDS_OF_A_COST = 10
-"""Of one sample and vector of the costs side by side: two states 4, the torque's residual 3, products 3."""
 MULTIPLY_ADDS_OF_A_STEP = 44
 """Of one RK4 step of a member: four times the torque, the propeller's square, two rates; three mixtures of both states."""
 
@@ -60,55 +58,45 @@ def limits(short: bool) -> tuple[float, float]:
 
 
 def plant(short: bool, repeats: int, adds: float) -> None:
-    """One run, then 64 side by side."""
-    none = np.empty(0)
-    for members, samples, substeps in ((1, 2_000 if short else 20_000, 1), (64, 200 if short else 2_000, 10)):
-        n_set = 1300.0 / 60.0 * (1.0 + 0.05 * np.sin(np.arange(samples) * 0.01))
-        many = np.tile(bench_plant.PARAMETERS, (members, 1))
-        many[:, 0] *= np.linspace(0.8, 1.2, members)
-        initial = np.tile(bench_plant.INITIAL, (members, 1))
-        out = np.empty((members, 4, samples))
+    """One run."""
+    none, samples = np.empty(0), 2_000 if short else 20_000
+    n_set = 1300.0 / 60.0 * (1.0 + 0.05 * np.sin(np.arange(samples) * 0.01))
+    parameters, out = bench_plant.PARAMETERS, np.empty((4, samples))
 
-        def ours(many=many, n_set=n_set, initial=initial, substeps=substeps, members=members):
-            arguments = (none, none, n_set if members == 1 else n_set[None], 0.01, substeps, "rk4", "zero")
-            if members == 1:
-                return _core.simulate_plant(many[0], *arguments, initial[0])[None]
-            return _core.simulate_plant_batch(many, *arguments, initial, 1)
+    def ours() -> np.ndarray:
+        return _core.simulate_plant(
+            parameters, none, none, n_set, 0.01, 1, "rk4", "zero", bench_plant.INITIAL
+        )
 
-        def numba(many=many, n_set=n_set, substeps=substeps, out=out):
-            bench_plant.simulate_batch(many, none, none, n_set, 0.01, substeps, bench_plant.INITIAL, out)
-            return out
+    def numba() -> np.ndarray:
+        bench_plant.simulate(parameters, none, none, n_set, 0.01, 1, bench_plant.INITIAL, out)
+        return out
 
-        np.testing.assert_allclose(ours(), numba(), rtol=1e-9, atol=1e-9)
-        calls: Calls = {"shipfp_rs": ours, "Numba, scalar": numba}
-        calls["JAX, vmap of scan"] = rivals.jax_plant(many, n_set, 0.01, substeps)
-        if members == 1:
-            calls["diffrax, Tsit5"] = rivals.diffrax_plant(many[0], n_set, 0.01)
-        work = members * samples * substeps
-        title = "plant, one run" if members == 1 else f"plant, {members} runs of {substeps} steps a sample"
-        medians = report(title, "step", work, calls, repeats)
-        if members == 1:
-            few = n_set[:200]
-            start = time.process_time()
-            rivals.solve_ivp_plant(many[0], few, 0.01)()
-            seconds = (time.process_time() - start) / len(few)
-            print(
-                f"SciPy solve_ivp on {len(few)} samples: {seconds * work / medians['shipfp_rs']:.0f} times ours"
-            )
-        part = work * MULTIPLY_ADDS_OF_A_STEP / medians["shipfp_rs"] / adds
-        print(f"ours computes at {100 * part:.0f} % of the machine's multiply-adds")
+    np.testing.assert_allclose(ours(), numba(), rtol=1e-9, atol=1e-9)
+    calls: Calls = {
+        "shipfp_rs": ours,
+        "Numba, scalar": numba,
+        "JAX, scan": rivals.jax_plant(parameters[None], n_set, 0.01, 1),
+        "diffrax, Tsit5": rivals.diffrax_plant(parameters, n_set, 0.01),
+    }
+    medians = report("plant, one run", "step", samples, calls, repeats)
+    few = n_set[:200]
+    start = time.process_time()
+    rivals.solve_ivp_plant(parameters, few, 0.01)()
+    seconds = (time.process_time() - start) / len(few)
+    print(f"SciPy solve_ivp on {len(few)} samples: {seconds * samples / medians['shipfp_rs']:.0f} times ours")
+    part = samples * MULTIPLY_ADDS_OF_A_STEP / medians["shipfp_rs"] / adds
+    print(f"ours computes at {100 * part:.0f} % of the machine's multiply-adds")
 
 
-def cost(short: bool, repeats: int, adds: float) -> None:
-    """One vector, sixteen, and derivatives by seven parameters, on a record of 1500 s at 100 Hz."""
+def cost(short: bool, repeats: int) -> None:
+    """The cost, and derivatives by seven parameters, on a record of 1500 s at 100 Hz."""
     count = 3_000 if short else 150_000
     rng = np.random.default_rng(804)
     dn_set = np.cumsum(rng.normal(size=count)) * 1e-3
     dn_set -= dn_set[0]
     record = (dn_set, bench_cost.DT, "first", bench_cost.START, bench_cost.OUTPUTS)
     measured = _core.simulate_linear(bench_cost.LAUNCH, *record) + rng.normal(scale=1e-3, size=(2, count))
-    rest = (*record, measured, bench_cost.WEIGHT)
-    vectors = bench_cost.LAUNCH * rng.uniform(0.95, 1.05, size=(16, 9))
     A, B, C, D = bench_cost.state_space(bench_cost.LAUNCH)
     system = A, B.sum(axis=1, keepdims=True), C, D.sum(axis=1, keepdims=True)
     one = report(
@@ -116,7 +104,7 @@ def cost(short: bool, repeats: int, adds: float) -> None:
         "sample",
         count,
         {
-            "shipfp_rs": lambda: _core.linear_cost(bench_cost.LAUNCH, *rest, []),
+            "shipfp_rs": lambda: bench_cost.products(bench_cost.LAUNCH, dn_set, measured, []),
             "one lfilter call": lambda: scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set),
             "SciPy lfilter, both outputs": lambda: bench_cost.lfilter_cost(
                 bench_cost.LAUNCH, dn_set, measured
@@ -127,8 +115,8 @@ def cost(short: bool, repeats: int, adds: float) -> None:
     )
     few = 2_000
     slow: Calls = {
-        "shipfp_rs": lambda: _core.linear_cost(
-            bench_cost.LAUNCH, dn_set[:few], *record[1:], measured[:, :few].copy(), bench_cost.WEIGHT, []
+        "shipfp_rs": lambda: bench_cost.products(
+            bench_cost.LAUNCH, dn_set[:few], measured[:, :few].copy(), []
         ),
         "SciPy lsim": lambda: bench_cost.lsim_cost(bench_cost.LAUNCH, dn_set[:few], measured[:, :few]),
         "python-control": rivals.control_cost(*system, dn_set[:few], bench_cost.DT, measured[:, :few]),
@@ -140,33 +128,6 @@ def cost(short: bool, repeats: int, adds: float) -> None:
         f"{name}: "
         + ("not installed, left out" if octave is None else f"{octave / one['shipfp_rs']:.0f} times ours")
     )
-    many = report(
-        "cost of 16 vectors",
-        "sample and vector",
-        16 * count,
-        {
-            "shipfp_rs": lambda: _core.linear_cost_batch(vectors, *rest, [], 1),
-            "16 lfilter calls": lambda: [
-                scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set) for _ in range(16)
-            ],
-        },
-        repeats,
-    )
-    part = 16 * count * MULTIPLY_ADDS_OF_A_COST / many["shipfp_rs"] / adds
-    print(f"ours computes at {100 * part:.0f} % of the machine's multiply-adds")
-    alone = (*record[:4], [0], measured[:1].copy(), np.eye(1), [], 1)
-    report(
-        "cost of 16 vectors, speed alone",
-        "sample and vector",
-        16 * count,
-        {
-            "shipfp_rs": lambda: _core.linear_cost_batch(vectors, *alone),
-            "16 lfilter calls": lambda: [
-                scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set) for _ in range(16)
-            ],
-        },
-        repeats,
-    )
     for title, vector in (("no dead time", bench_cost.LAUNCH), ("both dead times", bench_cost.DEAD_TIMES)):
         wrt = [0, 1, 2, 3, 4, 5, 6] if vector is bench_cost.LAUNCH else bench_cost.SEVEN
         report(
@@ -174,7 +135,9 @@ def cost(short: bool, repeats: int, adds: float) -> None:
             "sample",
             count,
             {
-                "shipfp_rs": lambda vector=vector, wrt=wrt: _core.linear_cost(vector, *rest, wrt),
+                "shipfp_rs": lambda vector=vector, wrt=wrt: bench_cost.products(
+                    vector, dn_set, measured, wrt
+                ),
                 "Numba, 8 simulations": lambda vector=vector, wrt=wrt: bench_cost.differences(
                     lambda x: bench_cost.numba_cost(x, dn_set, measured), vector, wrt
                 ),
@@ -267,7 +230,7 @@ def main() -> None:
     read, adds = limits(short)
     parts: dict[str, Callable[[], None]] = {
         "plant": lambda: plant(short, repeats, adds),
-        "cost": lambda: cost(short, repeats, adds),
+        "cost": lambda: cost(short, repeats),
         "pulses": lambda: pulses(short, repeats, read),
         "identification": lambda: identification(short, min(repeats, 5)),
     }

@@ -1,8 +1,21 @@
 """Timing for the benchmarks: medians, spreads of ratios, and a table of them."""
 
+import argparse
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+
+
+def asked(described: str | None, quick: Mapping[str, object], **usual: float) -> argparse.Namespace:
+    """Read the command line: an option for each usual value, and `--quick`, which puts other values in their place."""
+    parser = argparse.ArgumentParser(description=described)
+    for name, value in usual.items():
+        parser.add_argument(f"--{name}", type=type(value), default=value)
+    parser.add_argument("--quick", action="store_true", help="short inputs, just to see that it runs")
+    options = parser.parse_args()
+    if options.quick:
+        vars(options).update(quick)
+    return options
 
 
 def median_time(function: Callable[[], object], repeats: int = 7) -> float:

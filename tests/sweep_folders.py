@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
+import tomlkit
 
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps import Plan
@@ -27,6 +28,11 @@ CHEAP: dict[str, Any] = {
     "identify": {"noise": "white", "products": True},
     "factors": {"noise.level": {"low": 0.5, "high": 2.0}},
 }
+
+
+def sweep_toml(**changes: Any) -> str:
+    """Return the SWEEP.toml of cheap draws, some tables changed or added."""
+    return tomlkit.dumps(CHEAP | changes)
 
 
 def cheap_plan(

@@ -32,8 +32,6 @@ __all__ = [
     "find_spikes",
     "interval_speeds",
     "leftover_sums",
-    "linear_cost",
-    "linear_cost_batch",
     "linear_products",
     "linear_response",
     "linear_response_sensitivities",
@@ -46,7 +44,6 @@ __all__ = [
     "simulate_drive_train",
     "simulate_linear",
     "simulate_plant",
-    "simulate_plant_batch",
     "simulate_ship",
     "simulate_statespace",
     "slope_at_even_times",
@@ -72,18 +69,6 @@ def simulate_plant(
     method: Literal["rk4", "heun", "euler"],
     hold: Literal["zero", "first"],
     initial: NDArray[np.float64],
-) -> NDArray[np.float64]: ...
-def simulate_plant_batch(
-    parameters: NDArray[np.float64],
-    limit_speed: NDArray[np.float64],
-    limit_torque: NDArray[np.float64],
-    n_set: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    method: Literal["rk4", "heun", "euler"],
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-    threads: int,
 ) -> NDArray[np.float64]: ...
 
 DRIVE_TRAIN_PARAMETERS: tuple[str, ...]
@@ -172,29 +157,6 @@ def linear_sensitivities(
     outputs: Sequence[int],
     wrt: Sequence[int],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def linear_cost(
-    parameters: NDArray[np.float64],
-    dn_set: NDArray[np.float64],
-    dt: float,
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-    outputs: Sequence[int],
-    measured: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    wrt: Sequence[int],
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]: ...
-def linear_cost_batch(
-    parameters: NDArray[np.float64],
-    dn_set: NDArray[np.float64],
-    dt: float,
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-    outputs: Sequence[int],
-    measured: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    wrt: Sequence[int],
-    threads: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]: ...
 def linear_products(
     parameters: NDArray[np.float64],
     dn_set: NDArray[np.float64],

@@ -58,8 +58,7 @@ class Quantity(NamedTuple):
     unit: str
 
 
-@dataclass(frozen=True)
-class TorquePeak:
+class TorquePeak(NamedTuple):
     """A peak of the torque spectrum at 1184 rpm and what turns at that rate (Table 6.9)."""
 
     peak: int

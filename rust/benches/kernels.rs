@@ -5,11 +5,11 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Duration;
 
-use _core::cost::Objective;
+use _core::cost::Record;
 use _core::drive_train::{self, DriveTrain, Run, Tables};
 use _core::error::Error;
 use _core::filter::{Decimator, running_median};
-use _core::integrate::{Hold, MethodName, ROWS, Rows, Runs, Scheme, simulate};
+use _core::integrate::{Hold, MethodName, ROWS, Run as PlantRun, Scheme, simulate};
 use _core::linear::{By, Drive, Output, Parameters};
 use _core::plant::{Envelope, Library, Polynomial, Power};
 use _core::pulse::PulseCrossings;
@@ -32,18 +32,12 @@ fn plant(criterion: &mut Criterion) -> Result<(), Error> {
     let set_speed = wander(21.7, SAMPLES);
     let scheme = Scheme::new(0.01, 1, MethodName::Rk4, Hold::Zero)?;
     let envelope = Envelope::new(&[], &[])?;
-    for members in [1, 16, 64] {
-        let parameters: Vec<f64> = PLANT.repeat(members);
-        let initial: Vec<f64> = [7.2, 0.0].repeat(members);
-        let rows = |values, columns| Rows { values, shape: [members, columns] };
-        let common = Rows { values: &set_speed[..], shape: [1, SAMPLES] };
-        let runs = Runs::many(rows(&parameters[..], 12), common, rows(&initial[..], 2))?;
-        let mut output = vec![0.0; members * ROWS * SAMPLES];
-        group.throughput(Throughput::Elements((members * SAMPLES) as u64));
-        group.bench_function(format!("{members} side by side"), |bencher| {
-            bencher.iter(|| simulate(black_box(&runs), &envelope, &scheme, 1, &mut output, &Stop::new()));
-        });
-    }
+    let run = PlantRun::new(&PLANT, &set_speed, &[7.2, 0.0])?;
+    let mut output = vec![0.0; ROWS * SAMPLES];
+    group.throughput(Throughput::Elements(SAMPLES as u64));
+    group.bench_function("one run", |bencher| {
+        bencher.iter(|| simulate(black_box(&run), &envelope, &scheme, &mut output, &Stop::new()));
+    });
     group.finish();
     Ok(())
 }
@@ -124,12 +118,11 @@ fn whole_drive_train(criterion: &mut Criterion) -> Result<(), Error> {
     Ok(())
 }
 
-fn cost(criterion: &mut Criterion) -> Result<(), Error> {
-    let mut group = criterion.benchmark_group("cost, a sample");
+fn products(criterion: &mut Criterion) -> Result<(), Error> {
+    let mut group = criterion.benchmark_group("sums of products, a sample");
     let dn_set = wander(0.01, SAMPLES);
     let measured = vec![0.01; 2 * SAMPLES];
     let outputs = || vec![Output::Speed, Output::EngineTorque];
-    let weight = [1.0, 0.0, 0.0, 1.0];
     let drive = Drive::new(&dn_set, 0.01, Hold::First, &[0.0, 0.0])?;
     let late =
         { LOOP.iter().zip([0.0; 7].iter().chain(&[0.12, 0.035])).map(|(a, b)| a + b).collect::<Vec<_>>() };
@@ -138,19 +131,13 @@ fn cost(criterion: &mut Criterion) -> Result<(), Error> {
         ("derivatives by seven", &LOOP[..], vec![0, 1, 2, 3, 4, 5, 6]),
         ("derivatives by seven, both dead times", &late[..], vec![0, 1, 2, 3, 4, 7, 8]),
     ] {
-        let objective = Objective::new(drive, outputs(), &measured, &weight, By::from_indices(&wrt)?)?;
+        let record = Record::new(drive, outputs(), &measured, By::from_indices(&wrt)?)?;
         let parameters = Parameters::new(vector, "parameters")?;
         group.throughput(Throughput::Elements(SAMPLES as u64));
         group.bench_function(name, |bencher| {
-            bencher.iter(|| objective.evaluate(black_box(&parameters), &Stop::new()));
+            bencher.iter(|| record.products(black_box(&parameters), &Stop::new()));
         });
     }
-    let objective = Objective::new(drive, outputs(), &measured, &weight, vec![])?;
-    let vectors = vec![Parameters::new(&LOOP, "parameters")?; 16];
-    group.throughput(Throughput::Elements(16 * SAMPLES as u64));
-    group.bench_function("sixteen vectors", |bencher| {
-        bencher.iter(|| objective.evaluate_batch(black_box(&vectors), 1, &Stop::new()));
-    });
     group.finish();
     Ok(())
 }
@@ -178,7 +165,7 @@ fn signals(criterion: &mut Criterion) -> Result<(), Error> {
 }
 
 fn all(criterion: &mut Criterion) {
-    for bench in [plant, whole_drive_train, cost, signals] {
+    for bench in [plant, whole_drive_train, products, signals] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

@@ -18,14 +18,6 @@ pub enum Error {
         /// The signal that left the range.
         what: &'static str,
     },
-    /// One member of a batch failed.
-    #[error("member {member}: {error}")]
-    Member {
-        /// Its row.
-        member: usize,
-        /// How it failed.
-        error: Box<Error>,
-    },
     /// The system has no room for what an argument asks for.
     #[error("no memory for {bytes} bytes; use fewer samples, outputs or directions")]
     Memory {

@@ -1,174 +1,97 @@
-//! Fixed-step integration of the plant: one run, or many side by side.
+//! Fixed-step integration of the plant.
 
-mod group;
+mod march;
 mod method;
-mod runs;
+mod run;
 mod scheme;
 
 use std::marker::PhantomData;
 
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
 use crate::error::{Result, require};
 use crate::instruction_set::arch;
-use crate::plant::{Envelope, Library, Limit, Polynomial, Power, Registers, Square};
-use crate::pool::on_threads;
+use crate::plant::{Envelope, Library, Limit, Power, Square};
 use crate::stop::Stop;
-pub use group::ROWS;
-use group::{Advance, Group, Lanes, Tile, march};
+pub use march::ROWS;
+use march::march;
 use method::{Euler, Heun, Method, Rk4};
-pub use runs::{Rows, Runs};
+pub use run::Run;
 pub use scheme::{Hold, MethodName, Scheme};
 
-/// Runs side by side: two vectors of AVX-512.
-const LANES: usize = 16;
-/// Vectors whose operations take turns.
-const REGISTERS: usize = 2;
-
-/// Simulate all runs on so many threads, 0 for all cores; the same bits for any number.
-///
-/// Each run has [`ROWS`] rows in `output`: `n_s` [rev/s], `E_n` [rev], `X_f` [mm], `M_b` [Nm]. Column k is the state at
-/// sample k with the set point of sample k already applied.
+/// Simulate a run into the [`ROWS`] rows of `output`: `n_s` [rev/s], `E_n` [rev], `X_f` [mm], `M_b` [Nm]. Column k is the
+/// state at sample k with the set point of sample k already applied.
 ///
 /// # Errors
-/// [`Error::Diverged`](crate::error::Error::Diverged) where a result is not finite, of the first run that has one,
+/// [`Error::Diverged`](crate::error::Error::Diverged) where a result is not finite,
 /// [`Error::Stopped`](crate::error::Error::Stopped) on request, [`Error::Invalid`](crate::error::Error::Invalid) for
 /// an output of the wrong length.
 pub fn simulate(
-    runs: &Runs<'_>,
+    run: &Run<'_>,
     envelope: &Envelope,
     scheme: &Scheme,
-    threads: usize,
     output: &mut [f64],
     stop: &Stop,
 ) -> Result<()> {
-    let length = runs.len() * ROWS * runs.samples;
+    let length = ROWS * run.set_speed.len();
     require(output.len() == length, || format!("output has {} values, expected {length}", output.len()))?;
-    let square = runs.plants.iter().all(|plant| plant.propeller.is_square());
-    let run = match scheme.method {
-        MethodName::Euler => choose::<Euler>(runs.len(), square),
-        MethodName::Heun => choose::<Heun>(runs.len(), square),
-        MethodName::Rk4 => choose::<Rk4>(runs.len(), square),
-    };
-    let march = |(first, output)| run(envelope, Group { runs, first: LANES * first, scheme, output, stop });
-    let size = LANES * ROWS * runs.samples;
-    let groups = runs.len().div_ceil(LANES);
-    if threads == 1 || groups <= 1 {
-        return output.chunks_mut(size).enumerate().try_for_each(march);
-    }
-    let outcomes: Vec<_> =
-        on_threads(threads.min(groups), || Ok(output.par_chunks_mut(size).enumerate().map(march).collect()))?;
-    outcomes.into_iter().collect()
-}
-
-/// The loop compiled for a method, a number of runs and a propeller.
-fn choose<M: Method>(runs: usize, square: bool) -> fn(&Envelope, Group<'_>) -> Result<()> {
-    match (runs, square) {
-        (1, true) => alone::<M, Square>,
-        (1, false) => alone::<M, Library>,
-        (_, true) => abreast::<M, Square>,
-        (_, false) => abreast::<M, Polynomial>,
+    match scheme.method {
+        MethodName::Euler => by_method::<Euler>(run, envelope, scheme, output, stop),
+        MethodName::Heun => by_method::<Heun>(run, envelope, scheme, output, stop),
+        MethodName::Rk4 => by_method::<Rk4>(run, envelope, scheme, output, stop),
     }
 }
 
-fn alone<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result<()> {
-    match envelope {
-        Envelope::Constant(limit) => march_alone::<M, P, _>(group, *limit),
-        Envelope::Table(table) => march_alone::<M, P, _>(group, table.cursor()),
+fn by_method<M: Method>(
+    run: &Run<'_>,
+    envelope: &Envelope,
+    scheme: &Scheme,
+    output: &mut [f64],
+    stop: &Stop,
+) -> Result<()> {
+    let task = Task { run, scheme, output, stop };
+    let square = run.plant.propeller.is_square();
+    match (envelope, square) {
+        (Envelope::Constant(limit), true) => task.start::<M, Square, _>(*limit),
+        (Envelope::Constant(limit), false) => task.start::<M, Library, _>(*limit),
+        (Envelope::Table(table), true) => task.start::<M, Square, _>(table.cursor()),
+        (Envelope::Table(table), false) => task.start::<M, Library, _>(table.cursor()),
     }
 }
 
-fn march_abreast<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
-    arch().dispatch(Abreast { group, limit, kind: PhantomData::<(M, P)> })
+/// What a loop works on.
+struct Task<'a> {
+    run: &'a Run<'a>,
+    scheme: &'a Scheme,
+    output: &'a mut [f64],
+    stop: &'a Stop,
 }
 
-fn abreast<M: Method, P: Power>(envelope: &Envelope, group: Group<'_>) -> Result<()> {
-    match envelope {
-        Envelope::Constant(limit) => march_abreast::<M, P, _>(group, *limit),
-        Envelope::Table(table) => match table.hinges::<8>() {
-            Some(limit) => march_abreast::<M, P, _>(group, limit),
-            None => march_abreast::<M, P, _>(group, table.cursor()),
-        },
+impl Task<'_> {
+    fn start<M: Method, P: Power, L: Limit>(self, limit: L) -> Result<()> {
+        arch().dispatch(Loop { task: self, limit, kind: PhantomData::<(M, P)> })
     }
 }
 
-fn march_alone<M: Method, P: Power, L: Limit>(group: Group<'_>, limit: L) -> Result<()> {
-    arch().dispatch(One { group, limit, kind: PhantomData::<(M, P)> })
-}
-
-/// One run by itself, compiled for the machine's instructions.
-struct One<'a, M, P, L> {
-    group: Group<'a>,
+/// The loop for a method, a propeller and a limit, compiled for the machine's instructions.
+struct Loop<'a, M, P, L> {
+    task: Task<'a>,
     limit: L,
     kind: PhantomData<(M, P)>,
 }
 
-impl<M: Method, P: Power, L: Limit> WithSimd for One<'_, M, P, L> {
+impl<M: Method, P: Power, L: Limit> WithSimd for Loop<'_, M, P, L> {
     type Output = Result<()>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> Result<()> {
+        let Task { run, scheme, output, stop } = self.task;
         // Wherever there are vectors there are fused multiply-adds.
         if S::F64_LANES > 1 {
-            march::<M, L, 1>(self.group, self.limit, &Alone::<M, P, true>(PhantomData))
+            march::<M, P, L, true>(run, self.limit, scheme, output, stop)
         } else {
-            march::<M, L, 1>(self.group, self.limit, &Alone::<M, P, false>(PhantomData))
+            march::<M, P, L, false>(run, self.limit, scheme, output, stop)
         }
-    }
-}
-
-/// How one run advances through a tile.
-struct Alone<M, P, const FUSED: bool>(PhantomData<(M, P)>);
-
-impl<M: Method, P: Power, L: Limit, const FUSED: bool> Advance<L, 1> for Alone<M, P, FUSED> {
-    #[inline(always)]
-    fn advance(&self, lanes: &mut Lanes<L, 1>, tile: &mut Tile<1>, count: usize, stop: &Stop) -> Result<()> {
-        lanes.advance::<f64, M, P, FUSED>(tile, count, stop, ())
-    }
-}
-
-/// Runs side by side, with the widest vectors that the machine has.
-struct Abreast<'a, M, P, L> {
-    group: Group<'a>,
-    limit: L,
-    kind: PhantomData<(M, P)>,
-}
-
-impl<M: Method, P: Power, L: Limit> WithSimd for Abreast<'_, M, P, L> {
-    type Output = Result<()>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
-        march::<M, L, LANES>(self.group, self.limit, &Vectors::<S, M, P> { simd, kind: PhantomData })
-    }
-}
-
-/// Vectors of a kind.
-struct Vectors<S, M, P> {
-    simd: S,
-    kind: PhantomData<(M, P)>,
-}
-
-impl<S: Simd, M: Method, P: Power, L: Limit> Advance<L, LANES> for Vectors<S, M, P> {
-    #[inline(always)]
-    fn advance(
-        &self,
-        lanes: &mut Lanes<L, LANES>,
-        tile: &mut Tile<LANES>,
-        count: usize,
-        stop: &Stop,
-    ) -> Result<()> {
-        for first in (0..LANES / S::F64_LANES).step_by(REGISTERS) {
-            let place = (self.simd, first);
-            // Wherever there are vectors there are fused multiply-adds.
-            if S::F64_LANES > 1 {
-                lanes.advance::<Registers<S, REGISTERS>, M, P, true>(tile, count, stop, place)?;
-            } else {
-                lanes.advance::<Registers<S, REGISTERS>, M, P, false>(tile, count, stop, place)?;
-            }
-        }
-        Ok(())
     }
 }
 
@@ -182,9 +105,9 @@ mod tests {
 
     fn outcome(values: usize, stop: &Stop) -> Result<()> {
         let set_speed = [22.0; 10];
-        let runs = Runs::one(&LAUNCH, &set_speed, &[7.0, 0.0])?;
+        let run = Run::new(&LAUNCH, &set_speed, &[7.0, 0.0])?;
         let scheme = Scheme::new(0.01, 1, MethodName::Rk4, Hold::Zero)?;
-        simulate(&runs, &Envelope::new(&[], &[])?, &scheme, 1, &mut vec![0.0; values], stop)
+        simulate(&run, &Envelope::new(&[], &[])?, &scheme, &mut vec![0.0; values], stop)
     }
 
     #[test]

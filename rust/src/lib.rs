@@ -1,4 +1,4 @@
-//! Kernels of `shipfp_rs`: plant stepping, linear structure and its cost, pulse extraction.
+//! Kernels of `shipfp_rs`: plant stepping, linear structure and its sums of products, pulse extraction.
 
 pub mod cost;
 pub mod drive_train;
@@ -11,7 +11,6 @@ pub mod integrate;
 pub mod linear;
 pub mod memory;
 pub mod plant;
-pub mod pool;
 pub mod pulse;
 pub mod pyramid;
 pub mod residual_correlation;

@@ -61,10 +61,7 @@ LOAD_TABLE = (
 
 def recorded(draw):
     """Record set point, torque, a pick-up on the flywheel and, with load steps, the electric power, at 2 or 5 kHz."""
-    random = draw.random(3)
-    rate = float(random.choice([2000.0, 5000.0]))
-    motion = draw.motion(0.5 / rate)
-    shaft, engine = recording.angles(draw, motion)
+    random, rate, motion, shaft, engine = recording.begun(draw, 0.5)
     teeth = int(random.choice([4, 8, 12]))
     extra = []
     if draw.loads:

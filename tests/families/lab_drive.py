@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.families import recording, sensors
+from tests.families import recording, sensors, tug
 from tests.families.draw import Ranges
-from tests.families.small_steps import simulate
 
 RANGES = Ranges(tau_n=(0.3, 1.5), p=(0.0, 2.3), twist_hz=(5.0, 15.0))
 LATEST_TORQUE_S = 0.002
@@ -34,9 +33,7 @@ def place(random):
     return "brake"
 
 
-def simulated(draw, step_s):
-    """Run the trial by small steps."""
-    return simulate(draw.plant, draw.excitation, draw.excitation.stop_s, step_s=step_s, water=draw.water)
+simulated = tug.simulated
 
 
 def recorded(draw):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.families import events, recording, sensors
+from tests.families import events, recording, sensors, tug
 from tests.families.draw import Ranges
 from tests.families.plant import normalised
 from tests.families.small_steps import Motion
@@ -19,13 +19,7 @@ LATEST_TORQUE_S = 0.003
 EXPERIMENT_STEP_S = 1e-3
 
 
-def law(random, ranges):
-    """Inertia, load and engine slope."""
-    return {
-        "tau_n": float(np.exp(random.uniform(*np.log(ranges.tau_n)))),
-        "p": random.uniform(*ranges.p),
-        "g": random.uniform(*ranges.g),
-    }
+law = tug.law
 
 
 def scale(random):
@@ -60,10 +54,7 @@ def simulated(draw, step_s):
 
 def recorded(draw):
     """Record set point, torque, an engine's pick-up and one reflector on the shaft at 2 or 5 kHz."""
-    random = draw.random(3)
-    rate = float(random.choice([2000.0, 5000.0]))
-    motion = draw.motion(1.0 / rate)
-    shaft, engine = recording.angles(draw, motion)
+    random, rate, motion, shaft, engine = recording.begun(draw, 1.0)
     teeth = int(random.choice([2, 6, 12]))
     return recording.logged(
         draw,

@@ -13,6 +13,14 @@ def angles(draw, motion):
     return shaft, shaft * draw.plant.ratio
 
 
+def begun(draw, samples_a_step):
+    """Return what a recording at 2 or 5 kHz begins with: random numbers, rate, motion, angles of shaft and engine."""
+    random = draw.random(3)
+    rate = float(random.choice([2000.0, 5000.0]))
+    motion = draw.motion(samples_a_step / rate)
+    return random, rate, motion, *angles(draw, motion)
+
+
 def faults(random) -> sensors.Faults:
     """Draw how often radio and relay strike, and the hum."""
     return sensors.Faults(

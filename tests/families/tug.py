@@ -47,10 +47,7 @@ def simulated(draw, step_s):
 
 def recorded(draw):
     """Record set point, torque, and three pulse trains at 2 or 5 kHz, with the faults of such logs."""
-    random = draw.random(3)
-    rate = float(random.choice([2000.0, 5000.0]))
-    motion = draw.motion(0.5 / rate)
-    shaft, engine = recording.angles(draw, motion)
+    random, _, motion, shaft, engine = recording.begun(draw, 0.5)
     shown = int(random.choice([4, 8]))
 
     def train(count):

@@ -158,7 +158,7 @@ def _called(given: Call, said: io.StringIO, told: io.StringIO) -> int:
 
 def _without_keys(line: str) -> str:
     """Return an error without what stands in the user's own file: a key of a fingerprint, a file's missing key."""
-    return re.sub(r"KeyError: |\bfit\.\w+\.\w+", "", line)
+    return re.sub(r"KeyError: |\b(fit|adequate|versions|settings)(\.\w+)+", "", line)
 
 
 def _files(folder: Path) -> dict[str, bytes]:

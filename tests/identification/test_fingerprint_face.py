@@ -263,6 +263,22 @@ def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None
         (("settings", "tolerance"), -1.0, "settings.tolerance: found -1.0, expected a positive number"),
         (("settings", "converged"), "yes", "settings.converged: found 'yes', expected true or false"),
         (("settings", "minima"), [1.0], "settings.minima: found [1.0], expected a list of tables"),
+        (
+            ("identifiability", "rank"),
+            {"a": 1},
+            "identifiability.rank: found {'a': 1}, expected a whole number",
+        ),
+        (
+            ("parameters", "tau_n", "std"),
+            1e-300,
+            "parameters.tau_n.std: found 1e-300, expected null, 0 or a number",
+        ),
+        (("adequate",), {"stands": "yes"}, "adequate.stands: found 'yes', expected true or false"),
+        (
+            ("adequate",),
+            {"misses_pct": {"dM": -1.0}},
+            "adequate.misses_pct.dM: found -1.0, expected 0 % or more",
+        ),
         (("versions", "scipy"), "none", "versions.scipy: found 'none', expected a version, '1.2.3'"),
         (("seed",), -1, "seed: found -1, expected null or a whole number of 0 or more"),
         (("structure", "torque"), 5, "structure: linear: torque is 5, expected"),

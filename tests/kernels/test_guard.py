@@ -9,7 +9,10 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InternalError
-from tests.kernels.long_kernels import KERNELS
+from tests.kernels.long_kernels import KERNELS, SAME
+
+ENDS_WITHIN_S = 0.25
+"""Processor seconds; Ctrl-C is to end a command within one."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
@@ -36,6 +39,27 @@ def test_ctrl_c_ends_a_kernel_that_would_run_for_long(kernel):
     assert told == ""
     assert errors.rstrip().endswith("KeyboardInterrupt")
     assert took < 10.0
+
+
+def test_every_kernel_is_among_those_that_are_stopped():
+    kernels = {name for name in dir(_core) if not name.startswith("_") and callable(getattr(_core, name))}
+    assert kernels == (set(KERNELS) | set(SAME)) - {"spin"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPROF")
+@pytest.mark.parametrize("kernel", [kernel for kernel in KERNELS if kernel != "spin"])
+def test_a_kernel_ends_within_little_work(kernel):
+    """`-s` shows how much, of four stops; `python -m benches.bench_looks` prints that of all kernels and more stops."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.kernels.long_kernels", kernel, "4"],
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+        check=True,
+    )
+    longest = float(done.stdout.split()[-1])
+    print(f"{kernel}: {1e3 * longest:.1f} ms")
+    assert longest < ENDS_WITHIN_S
 
 
 def test_a_panic_is_an_ordinary_exception(capfd):

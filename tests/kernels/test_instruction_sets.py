@@ -32,7 +32,6 @@ DIRECTIONS = np.array(
 )
 EDGES = np.cumsum(RNG.uniform(0.01, 0.02, size=400))
 CUBICS = RNG.normal(size=(4, len(EDGES) - 1))
-PLANTS = np.array([plant.vector(torque_exponent=2.0 + 0.01 * k) for k in range(20)])
 
 
 def without_dead_time():
@@ -107,9 +106,8 @@ FUSED = {
     "linear products": lambda: _core.linear_products(
         LINEAR, *COMMON, [0, 2], MEASURED, np.array([0.1, 0.2]), FILTERS, WRT
     )[0],
-    "linear cost": lambda: _core.linear_cost(LINEAR, *COMMON, [0, 2], MEASURED, np.eye(2), WRT)[2],
-    "costs of a batch": lambda: _core.linear_cost_batch(
-        np.tile(without_dead_time(), (20, 1)), *COMMON, [0, 2], MEASURED, np.eye(2), [], 1
+    "linear products without a dead time": lambda: _core.linear_products(
+        without_dead_time(), *COMMON, [0, 2], MEASURED, np.array([0.1, 0.2]), FILTERS, [0, 1, 3, 4]
     )[0],
     "sensitivities of the drive train": lambda: np.concatenate(
         [
@@ -121,10 +119,14 @@ FUSED = {
     ),
     "products of the drive train": lambda: products_of_train()[0],
     "plant": lambda: _core.simulate_plant(
-        PLANTS[1], *UNLIMITED, N_SET, 0.01, 2, "rk4", "first", np.array([N_E / 3.0, 0.0])
-    ),
-    "plants": lambda: _core.simulate_plant_batch(
-        PLANTS, *UNLIMITED, N_SET[None], 0.01, 2, "rk4", "first", np.tile([N_E / 3.0, 0.0], (20, 1)), 1
+        plant.vector(torque_exponent=2.01),
+        *UNLIMITED,
+        N_SET,
+        0.01,
+        2,
+        "rk4",
+        "first",
+        np.array([N_E / 3.0, 0.0]),
     ),
     "leftover": lambda: np.concatenate([part.ravel() for part in leftover()]),
 }

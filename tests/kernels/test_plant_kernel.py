@@ -40,25 +40,16 @@ def simulate(parameters, envelope, n_set, dt=0.01, substeps=1, method="rk4", hol
     return _core.simulate_plant(parameters, *envelope, n_set, dt, substeps, method, hold, initial)
 
 
-def simulate_batch(
-    parameters, envelope, n_set, initial, dt=0.01, substeps=1, method="rk4", hold="first", threads=1
-):
-    return _core.simulate_plant_batch(
-        parameters, *envelope, n_set, dt, substeps, method, hold, initial, threads
-    )
-
-
 def assert_close(found, expected, tolerance=1e-12):
     """Equal to a part of each row's own size, since a torque may pass through zero."""
     size = np.abs(expected).max(axis=-1, keepdims=True)
     np.testing.assert_array_less(np.abs(found - expected), np.broadcast_to(tolerance * size, found.shape))
 
 
-def similar_ships(members, seed=1, exponent=2.0, spread=0.2):
-    """Launches of which each parameter lies up to `spread` from the launch's."""
-    factors = 1.0 + spread * np.random.default_rng(seed).uniform(-1.0, 1.0, (members, 12))
-    parameters = vector() * factors
-    parameters[:, _core.PLANT_PARAMETERS.index("torque_exponent")] = exponent
+def similar_ship(seed):
+    """A launch of which each parameter but the exponent lies up to a fifth from the launch's."""
+    parameters = vector() * (1.0 + 0.2 * np.random.default_rng(seed).uniform(-1.0, 1.0, 12))
+    parameters[_core.PLANT_PARAMETERS.index("torque_exponent")] = 2.0
     return parameters
 
 
@@ -176,66 +167,15 @@ def test_a_step_up_under_proportional_control_is_bounded_and_never_turns_back(st
 
 
 @pytest.mark.parametrize("envelope", ["constant", "seven points", "ten points"])
-@given(seed=st.integers(0, 999), members=st.sampled_from([1, 3]))
+@given(seed=st.integers(0, 999))
 @settings(max_examples=15)
-def test_the_envelope_is_never_exceeded(envelope, seed, members):
-    parameters = similar_ships(members, seed)
-    parameters[:, -1] = -500.0
-    n_set = wander(200, seed, scale=0.5)[None, :]
-    runs = simulate_batch(parameters, ENVELOPES[envelope], n_set, np.tile(AT_REST, (members, 1)))
-    n_e = parameters[:, 1, None] * runs[:, 0]
-    allowed = np.interp(n_e, *ENVELOPES[envelope])
-    assert np.all(runs[:, 3] <= allowed * (1.0 + 1e-13))
-    assert np.all(runs[:, 3] >= -500.0 * (1.0 + 1e-13))
-
-
-@pytest.mark.parametrize("envelope", ENVELOPES)
-@pytest.mark.parametrize("exponent", [2.0, 2.17])
-@pytest.mark.parametrize("members", [1, 2, 16, 37])
-def test_a_batch_is_its_members_one_by_one(members, exponent, envelope):
-    parameters = similar_ships(members, exponent=exponent)
-    samples = 301
-    own = np.array([wander(samples, seed) for seed in range(members)])
-    initial = np.random.default_rng(2).normal(AT_REST, 0.1, (members, 2))
-    for n_set in (own, own[:1]):
-        runs = simulate_batch(parameters, ENVELOPES[envelope], n_set, initial, substeps=2)
-        for member, run in enumerate(runs):
-            alone = simulate(
-                parameters[member],
-                ENVELOPES[envelope],
-                n_set[member % len(n_set)],
-                substeps=2,
-                initial=initial[member],
-            )
-            assert_close(run, alone)
-
-
-@given(
-    members=st.integers(2, 50),
-    samples=st.integers(1, 300),
-    exponent=st.sampled_from([2.0, 2.17]),
-    envelope=st.sampled_from(sorted(ENVELOPES)),
-    method=st.sampled_from(METHODS),
-    threads=st.integers(0, 5),
-)
-@settings(max_examples=20, deadline=None)
-def test_the_number_of_threads_changes_no_bit(members, samples, exponent, envelope, method, threads):
-    arguments = (
-        similar_ships(members, exponent=exponent),
-        ENVELOPES[envelope],
-        wander(samples)[None, :],
-        np.tile(AT_REST, (members, 1)),
-    )
-    one = simulate_batch(*arguments, method=method, threads=1)
-    assert np.array_equal(simulate_batch(*arguments, method=method, threads=threads), one)
-
-
-def test_a_member_does_not_depend_on_its_neighbours():
-    parameters = similar_ships(40, exponent=2.17)
-    n_set, initial = wander(100)[None, :], np.tile(AT_REST, (40, 1))
-    runs = simulate_batch(parameters, SEVEN_POINTS, n_set, initial)
-    turned = simulate_batch(np.ascontiguousarray(parameters[::-1]), SEVEN_POINTS, n_set, initial)
-    assert np.array_equal(turned[::-1], runs)
+def test_the_envelope_is_never_exceeded(envelope, seed):
+    parameters = similar_ship(seed)
+    parameters[-1] = -500.0
+    run = simulate(parameters, ENVELOPES[envelope], wander(200, seed, scale=0.5))
+    allowed = np.interp(parameters[1] * run[0], *ENVELOPES[envelope])
+    assert np.all(run[3] <= allowed * (1.0 + 1e-13))
+    assert np.all(run[3] >= -500.0 * (1.0 + 1e-13))
 
 
 def test_standing_still_and_turning_astern():
@@ -243,20 +183,22 @@ def test_standing_still_and_turning_astern():
     mirrored = {"X_0": -13.07, "A3": 0.0}
     for exponent in (2.0, 2.17):
         n_set = np.linspace(-N_E, N_E, 300)
-        parameters = np.array(
-            [vector(torque_exponent=exponent), vector(torque_exponent=exponent, **mirrored)]
+        ahead, astern = (
+            simulate(
+                vector(torque_exponent=exponent, **changes),
+                UNLIMITED,
+                sign * n_set,
+                dt=0.02,
+                initial=np.zeros(2),
+            )
+            for sign, changes in ((1.0, {}), (-1.0, mirrored))
         )
-        initial = np.array([[0.0, 0.0], [0.0, 0.0]])
-        ahead, astern = simulate_batch(parameters, UNLIMITED, np.array([n_set, -n_set]), initial, dt=0.02)
         assert ahead[0].min() < 0.0 < ahead[0].max()
         np.testing.assert_allclose(astern, -ahead, rtol=0, atol=1e-12)
-        assert_close(simulate(parameters[0], UNLIMITED, n_set, dt=0.02, initial=initial[0]), ahead)
 
 
-def test_no_samples_between_and_no_members():
+def test_one_sample_is_a_record():
     assert simulate(vector(), UNLIMITED, np.array([N_E])).shape == (4, 1)
-    empty = simulate_batch(np.empty((0, 12)), UNLIMITED, np.full((1, 5), N_E), np.empty((0, 2)))
-    assert empty.shape == (0, 4, 5)
 
 
 @pytest.mark.parametrize("exponent", [2.0, 2.17])
@@ -273,11 +215,6 @@ def test_divergence_names_sample_and_time(envelope, exponent):
         vector(torque_exponent=exponent), ENVELOPES[envelope], n_set[:sample].copy(), **unstable
     )
     assert np.isfinite(shorter).all()
-    parameters = np.array([vector(torque_exponent=exponent)] * 20)
-    parameters[:, 0] = 1e9
-    parameters[18, 0] = 21.2
-    with pytest.raises(SimulationError, match=f"^member 18: {expected}"):
-        simulate_batch(parameters, ENVELOPES[envelope], n_set[None, :], np.tile(AT_REST, (20, 1)), **unstable)
 
 
 GOOD = {
@@ -336,41 +273,3 @@ def changed(values, index, value):
 def test_bad_arguments_are_named(changes, message):
     with pytest.raises(InputError, match=message):
         _core.simulate_plant(*(GOOD | changes).values())
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"parameters": np.ones((3, 11))}, r"parameters has shape \[3, 11\], expected \[members, 12\]"),
-        (
-            {"n_set": np.ones((2, 10))},
-            r"n_set has shape \[2, 10\], expected \[1, samples\] or \[3, samples\]",
-        ),
-        ({"n_set": np.ones((1, 0))}, "n_set has no samples"),
-        ({"initial": np.ones((2, 2))}, r"initial has shape \[2, 2\], expected \[3, 2\]"),
-        (
-            {"initial": changed(np.ones((3, 2)), (1, 0), np.nan)},
-            r"initial\[1\] is \[NaN, 1.0\], expected two",
-        ),
-        (
-            {"n_set": changed(np.ones((3, 10)), (2, 4), np.inf)},
-            r"n_set\[2\] is inf at sample 4, expected finite",
-        ),
-        (
-            {"parameters": changed(np.tile(vector(), (3, 1)), (1, 0), -1.0)},
-            r"parameters\[1\]: inertia is -1, expected a positive",
-        ),
-    ],
-)
-def test_bad_arguments_of_a_batch_are_named(changes, message):
-    batch = {"parameters": np.tile(vector(), (3, 1)), "n_set": np.ones((1, 10)), "initial": np.ones((3, 2))}
-    with pytest.raises(InputError, match=message):
-        _core.simulate_plant_batch(*(GOOD | batch | changes).values(), 1)
-
-
-def test_a_batch_that_does_not_fit_is_a_memory_error():
-    members, samples = 300_000, 300_000
-    with pytest.raises(MemoryError):
-        simulate_batch(
-            np.tile(vector(), (members, 1)), UNLIMITED, np.full((1, samples), N_E), np.ones((members, 2))
-        )

@@ -37,7 +37,7 @@ names = "engine.dbc"
 column = "EngRequestedSpeed"
 unit = "rpm"
 calibration = {{ scale = 1.0 }}
-delay_s = -0.005
+held = true
 [channels.torque]
 column = "ActualEngPercentTorque"
 unit = "%"
@@ -48,6 +48,7 @@ delay_s = {torque_late:.6f}
 column = "EngSpeed"
 unit = "rpm"
 delay_s = {speed_late:.6f}
+mean_s = {mean_s:.6f}
 [operating_point]
 steady_s = [2.0, {start:.2f}]
 [[windows]]
@@ -128,6 +129,7 @@ def recorded(random: np.random.Generator, folder: Path) -> Plant:
             per_cent=per_cent,
             torque_late=latency,
             speed_late=latency + 0.5 * mean_s,
+            mean_s=mean_s,
             start=excitation.start_s,
             begin=excitation.start_s - 4.0,
             stop=excitation.stop_s - 1.0,

@@ -27,23 +27,15 @@ from tests.cli.small_trial import SMALL
 FOLDER = Path(fp.__file__).parent
 TUG = fp.Vessel.load("stan-tug-1205-full")
 LOOP = ("dead_time_loop", "dead_time_set_point")
-FOR_BENCHMARKS = {
-    "linear_cost",
-    "linear_cost_batch",
-    "simulate_plant_batch",
-}
-"""Kernels that no command calls; README and docs/benchmarks.md say so of those that they time."""
 
 
-def test_breakage_b8_every_kernel_has_a_caller_or_is_said_to_have_none() -> None:
+def test_breakage_b8_every_kernel_has_a_caller() -> None:
     sources = "\n".join(path.read_text(encoding="utf-8") for path in FOLDER.rglob("*.py"))
     kernels = {name for name in dir(_core) if not name.startswith("_")}
     called = set(re.findall(r"\b_core\.(\w+)", sources))
     for line in re.findall(r"from shipfp_rs\._core import ([^\n(]+|\([^)]+\))", sources):
         called |= set(re.findall(r"\w+", line))
-    assert kernels - called == FOR_BENCHMARKS
-    shown = Path(__file__).parents[2] / "docs" / "benchmarks.md"
-    assert shown.read_text(encoding="utf-8").count("no command calls") == 2
+    assert kernels <= called
 
 
 @pytest.fixture(scope="module")

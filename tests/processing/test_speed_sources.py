@@ -142,3 +142,42 @@ def test_a_shaft_that_turns_back_is_refused(tmp_path: Path) -> None:
 def test_a_slip_in_a_source_is_named(table: str, message: str, log: Log, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         process(log, trial(tmp_path, table))
+
+
+def test_a_mean_over_more_than_a_sample_is_undone(tmp_path: Path) -> None:
+    """A swing of 5 Hz, each sample the mean over 20 ms before it, told every 10 ms."""
+    rate, frequency, mean = 100.0, 5.0, 0.02
+    time = np.arange(3000) / rate
+    less = np.sinc(frequency * mean)
+    rpm = 1200.0 + 10.0 * less * np.sin(2.0 * np.pi * frequency * (time - 0.5 * mean))
+    log = Log.from_arrays({"n": rpm, "U_set": np.full(len(time), 1200.0)}, rate_hz=rate)
+
+    def height(extra: str) -> float:
+        path = tmp_path / "TRIAL.toml"
+        path.write_text(
+            f"""[trial]
+name = "Bus"
+vessel = "direct-drive"
+log = "memory"
+[channels.set_point]
+column = "U_set"
+unit = "rpm"
+calibration = {{ scale = 1.0 }}
+[channels.speed]
+column = "n"
+unit = "rpm"
+delay_s = {0.5 * mean}
+{extra}
+[operating_point]
+n_e_rpm = 1200.0
+[[windows]]
+name = "W"
+start_s = 2.0
+stop_s = 28.0
+"""
+        )
+        told = process(log, Trial.load(path))[0].signals["n_e"] - 1200.0
+        return float(np.sqrt(2.0 * np.nanmean(told**2))) / 10.0
+
+    assert height("") < 0.99
+    assert abs(height(f"mean_s = {mean}") - 1.0) < 2e-3

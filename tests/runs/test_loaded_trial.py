@@ -19,35 +19,19 @@ from tests.families.small_steps import simulate
 TRUTH = {"tau_n": 0.9, "g": -0.3, "vK_p": 4.0, "vK_i": 6.0, "p": 0.4, "T_d": 0.06}
 PLANT = physical(TRUTH, engine_speed=25.0, shaft_torque=955.0)
 RATE_HZ, SECONDS = 400.0, 160.0
-TRIAL = """[trial]
+TRIAL = """windows = [{ name = "S1", kind = "steps", start_s = 15.0, stop_s = 158.0 }]
+[trial]
 name = "Load steps"
 vessel = "direct-drive"
 log = "log.parquet"
 rate_hz = 400.0
-[channels.set_point]
-column = "n_set"
-unit = "rpm"
-calibration = { scale = 1.0 }
-[channels.torque]
-column = "M"
-unit = "Nm"
-calibration = { scale = 1.0 }
-location = "brake"
-[channels.speed]
-column = "n"
-unit = "rpm"
-[channels.load]
-column = "P"
-unit = "kW"
-calibration = { scale = 1000.0 }
-quantity = "power"
+[channels]
+set_point = { column = "n_set", unit = "rpm", calibration = { scale = 1.0 } }
+torque = { column = "M", unit = "Nm", calibration = { scale = 1.0 }, location = "brake" }
+speed = { column = "n", unit = "rpm" }
+load = { column = "P", unit = "kW", calibration = { scale = 1000.0 }, quantity = "power" }
 [operating_point]
 steady_s = [1.0, 19.0]
-[[windows]]
-name = "S1"
-kind = "steps"
-start_s = 15.0
-stop_s = 158.0
 """
 
 

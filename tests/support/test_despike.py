@@ -94,3 +94,17 @@ def test_runs_tell_the_flags(flags: list[bool]) -> None:
         assert stop > start
         rebuilt[start:stop] = True
     assert rebuilt.tolist() == flags
+
+
+def test_the_crest_of_a_coarsely_sampled_swing_is_no_spike() -> None:
+    """Torque in whole per cent, told every 10 ms, that swings at 3 Hz; and a spike on it."""
+    time = np.arange(2000) / 100.0
+    swing = np.round(60.0 + 25.0 * np.sin(2.0 * np.pi * 3.0 * time))
+    found = find_spikes(swing, 100.0, longest_s=0.05, threshold=6.0, least=0.05)
+    assert not (
+        (found[:, 0] > 5) & (found[:, 1] < 1995)
+    ).any()  # at its ends only one side of a crest is seen
+    struck = swing.copy()
+    struck[1003:1005] += 60.0
+    found = find_spikes(struck, 100.0, longest_s=0.05, threshold=6.0, least=0.05)
+    assert any(start <= 1003 and stop >= 1005 for start, stop in found.tolist())

@@ -18,7 +18,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.sweeps import Plan, Progress, draw, sweep
 from shipfp_rs.sweeps.store import MANIFEST
 from shipfp_rs.sweeps.time_limit import TimedOut, within
-from tests.sweep_folders import cheap_plan, results, rows
+from tests.sweep_folders import cheap_plan, results, rows, sweep_toml
 
 DRAWS = 8
 
@@ -293,23 +293,11 @@ class TestCommand:
 
         path, out = tmp_path / "SWEEP.toml", tmp_path / "out"
         path.write_text(
-            """
-            [sweep]
-            vessel = "stan-launch-804"
-            design = "grid"
-            repeats = 4
-            [factors]
-            "excitation.duration_s" = { values = [5.0, 10.0, 20.0] }
-            [excitation]
-            start_hz = 0.2
-            rate_hz = 20.0
-            [noise]
-            n_e = 0.001
-            M_b = 0.005
-            [identify]
-            noise = "white"
-            products = true
-            """
+            sweep_toml(
+                sweep={"vessel": "stan-launch-804", "design": "grid", "repeats": 4},
+                factors={"excitation.duration_s": {"values": [5.0, 10.0, 20.0]}},
+                excitation={"start_hz": 0.2, "rate_hz": 20.0},
+            )
         )
         arguments = ["sweep", str(path), "--out", str(out), "--executor", "threads", "--workers", "1"]
         assert cli.main([*arguments, "--accuracy", "5"]) == 0

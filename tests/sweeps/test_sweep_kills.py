@@ -22,26 +22,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.sweeps import sweep
-from tests.sweep_folders import results
-
-TOML = """
-[sweep]
-vessel = "stan-launch-804"
-draws = {draws}
-[factors]
-"noise.level" = {{ low = 0.5, high = 2.0 }}
-[excitation]
-duration_s = 10.0
-start_hz = 0.2
-rate_hz = 20.0
-amplitude_rpm = 40.0
-[noise]
-n_e = 0.001
-M_b = 0.005
-[identify]
-noise = "white"
-products = true
-"""
+from tests.sweep_folders import results, sweep_toml
 
 
 def start(*arguments: object, log: Path) -> subprocess.Popen[bytes]:
@@ -58,7 +39,7 @@ def draws_in(folder: Path) -> int:
 
 def test_a_sweep_killed_three_times_comes_to_the_bits_of_one_that_never_was(tmp_path: Path) -> None:
     draws, path, folder = 40, tmp_path / "SWEEP.toml", tmp_path / "killed"
-    path.write_text(TOML.format(draws=draws))
+    path.write_text(sweep_toml(sweep={"vessel": "stan-launch-804", "draws": draws}))
     sweep(path, tmp_path / "whole", executor="threads", workers=1)
     command = ("shipfp_rs.cli", "sweep", path, "--out", folder, "--executor", "threads", "--no-figures")
     chance = np.random.default_rng(3)
@@ -134,7 +115,7 @@ def cast(folder: Path, path: Path, out: Path) -> Iterator[Cast]:
 def test_twenty_kills_at_random_moments_leave_no_trace_in_the_table(tmp_path: Path) -> None:
     draws, kills = int(os.environ.get("KILLS_DRAWS", "1000")), int(os.environ.get("KILLS", "20"))
     path, out = tmp_path / "SWEEP.toml", tmp_path / "killed"
-    path.write_text(TOML.format(draws=draws))
+    path.write_text(sweep_toml(sweep={"vessel": "stan-launch-804", "draws": draws}))
     began = time.monotonic()
     sweep(path, tmp_path / "whole", executor="threads", workers=1)
     print(f"\n{draws} draws in one thread, {time.monotonic() - began:.0f} s")

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from shipfp_rs._core import DRIVE_TRAIN_PARAMETERS
 from shipfp_rs.vessel.drive_train import OFF
+from tests.twins.vectors import vectors
 
 from .plant import LAUNCH, N_E
 
@@ -38,11 +39,8 @@ DEFAULTS = {
 """Stan Launch 804, everything that can be added to the plant off."""
 
 
-def vector(**changes: float) -> Array:
-    """Parameters of the launch, some of them changed."""
-    assert set(changes) <= set(DEFAULTS)
-    values = DEFAULTS | changes
-    return np.array([values[name] for name in DRIVE_TRAIN_PARAMETERS])
+vector = vectors(DEFAULTS, DRIVE_TRAIN_PARAMETERS)
+"""Parameters of the launch, some of them changed."""
 
 
 def simulate(

@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from shipfp_rs._core import LINEAR_PARAMETERS
+from tests.twins.vectors import vectors
 
 Array = NDArray[np.float64]
 
@@ -25,11 +26,8 @@ DEFAULTS = {
 }
 
 
-def vector(**changes: float) -> Array:
-    """Parameters of the virtual launch (operating point of Table 3.5), some of them changed."""
-    assert set(changes) <= set(DEFAULTS)
-    values = DEFAULTS | changes
-    return np.array([values[name] for name in LINEAR_PARAMETERS])
+vector = vectors(DEFAULTS, LINEAR_PARAMETERS)
+"""Parameters of the virtual launch (operating point of Table 3.5), some of them changed."""
 
 
 def response(parameters: Array, frequency_hz: Array) -> NDArray[np.complex128]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shipfp_rs._core import PLANT_PARAMETERS
+from tests.twins.vectors import vectors
 
 Array = NDArray[np.float64]
 
@@ -29,11 +30,8 @@ M_B = 222.93
 UNLIMITED = (np.empty(0), np.empty(0))
 
 
-def vector(**changes: float) -> Array:
-    """Parameters of the launch, some of them changed."""
-    assert set(changes) <= set(LAUNCH)
-    values = LAUNCH | changes
-    return np.array([values[name] for name in PLANT_PARAMETERS])
+vector = vectors(LAUNCH, PLANT_PARAMETERS)
+"""Parameters of the launch, some of them changed."""
 
 
 def simulate(

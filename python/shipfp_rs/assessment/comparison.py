@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -42,8 +42,7 @@ class Change:
     significant: bool
 
 
-@dataclass(frozen=True)
-class Joint:
+class Joint(NamedTuple):
     """Wald test of all quantities together: statistic, degrees of freedom, p."""
 
     statistic: float
@@ -73,7 +72,7 @@ class Comparison:
         """Return the JSON form."""
         return {
             "changes": [asdict(change) | {"ci95": list(change.ci95)} for change in self.changes],
-            "joint": asdict(self.joint),
+            "joint": self.joint._asdict(),
             "level": self.level,
             "remarks": list(self.remarks),
             "verdict": list(self.verdict),

@@ -150,7 +150,7 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
         except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
         except BaseException as error:  # the last line of defence: no traceback reaches the user
-            # Libraries turn an interrupt into errors of their own: that of a class in the making, of a schema, or a panic.
+            # An interrupt inside a library may come out as an error of its own: of a class, of a schema, or as a panic.
             if asked:
                 return INTERRUPTED
             if not isinstance(error, Exception):

@@ -149,6 +149,12 @@ class Experiment(Tabular, EvenlySampled):
         return (float(found["period_s"]), float(found["std_s"])) if found else None
 
     @property
+    def held_set_point(self) -> tuple[float, float, float] | None:
+        """Period, phase [s] and slip of a set point that is held: its age where the torque is told, see `process`."""
+        found = self.provenance.get("held_set_point")
+        return (float(found["period_s"]), float(found["phase_s"]), float(found["slip"])) if found else None
+
+    @property
     def is_low_passed(self) -> bool:
         """Whether processing passed every signal through one low-pass."""
         return "filter" in self.provenance

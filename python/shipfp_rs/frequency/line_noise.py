@@ -62,7 +62,7 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
 
 
 def _power_law(ratio: Array, power: Array) -> float:
-    """Height at ratio 1 of a power law through exponentially distributed ordinates."""
+    """Fit a power law to a periodogram, whose values are exponentially distributed, and return its height at ratio 1."""
     floor = np.finfo(np.float64).tiny + 1e-12 * power.max()
     design = np.column_stack([np.ones(len(ratio)), np.log(ratio)])
     # The mean logarithm of an exponential variable lies Euler's constant below that of its mean.

@@ -107,7 +107,7 @@ def _windows(first: int, last: int, highest: int) -> list[tuple[int, int, int]]:
     windows: list[tuple[int, int, int]] = []
     at = max(first, 1)
     while True:
-        # The half width R obeys R = share * (at + R).
+        # Half of the window is this share of its centre: R = share * (at + R), solved for R.
         half = max(_LEAST_HALF, round(_SHARE / (1.0 - _SHARE) * at))
         if at + 2 * half > min(last, highest - 1):
             return windows

@@ -196,7 +196,7 @@ def _most(neglect: Neglect, fingerprint: Fingerprint, choice: Choice) -> float:
 
 
 def _beyond(estimate: Estimate, slope: float, neglect: Neglect, most: float) -> tuple[float, float]:
-    """How far below and above an interval the estimate may be with the element, at most of that strength."""
+    """How far an interval must be widened below and above for an element that may act with a strength of at most `most`."""
     if slope == 0.0 or not np.isfinite([slope, neglect.estimate, neglect.deviation]).all():
         return 0.0, 0.0
     best = max(neglect.estimate, 0.0)

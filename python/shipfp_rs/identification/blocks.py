@@ -127,7 +127,7 @@ class Block:
 
     @property
     def linear(self) -> tuple[str, ...]:
-        """The block's own unknowns in which the model is linear: the offsets, and the initial states of linear equations."""
+        """Names of the unknowns of this block that the outputs depend on linearly: offsets, and initial states where so."""
         equations = self.structure.equations
         curved = set(equations.states) - set(equations.linear_in)
         return tuple(name for name in self.nuisance if name not in curved)
@@ -202,7 +202,7 @@ class Block:
     ) -> Evaluation:
         """Return what `filtered` does in a few rows with the same products, still to be weighted by a root (O, O).
 
-        Of `valid` only the number is kept where a kernel sums up.
+        Where a kernel adds up the products, only the number of valid samples is kept, not which they are.
         """
         if self._kernel is not None:
             rows = products.rows(root)
@@ -267,7 +267,7 @@ class Block:
 
 @lru_cache(maxsize=64)
 def _places(outputs: int, columns: int, offsets: bool) -> npt.NDArray[np.intp]:
-    """Return the places of the products of all columns (O, C, O, C) among those of a kernel.
+    """Return, for the products of all columns (O, C, O, C), their indices in the array that a kernel returns.
 
     A kernel's columns for an output are its derivatives, an offset of that output, its residual, and one of zeros. An
     offset of another output has no effect on this one: it takes the column of zeros.

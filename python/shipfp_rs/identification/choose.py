@@ -17,7 +17,7 @@ State = Literal["on", "off", "open"]
 
 UNSEEN = ("sampling",)
 """Elements that records at the rate of an experiment hardly show, and no search can find: a period has a minimum of its own
-beside every multiple of the record's length. What they may do to the estimates widens the intervals."""
+beside every multiple of the record's length. The intervals are widened by what they could change in the estimates."""
 TAKEN_S = 0.02
 """What a delay on its bound takes from another one, to see whether it acts all the same [s]."""
 ALIKE = ("dead_time_loop", "actuator_lag")
@@ -83,7 +83,7 @@ def choose(chooser: Chooser) -> Choice:
     rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
     better = min(rivals, key=cost, default=None)
     if better is not None and cost(better) < cost(current.base) - SAME:
-        # What fits best stands for all; the others stay its rivals.
+        # The structure that fits best becomes the result; the others are kept as alternatives.
         rivals = [one for one in rivals if one is not better] + [current]
         current = chooser.refined(better, last=True)
     evidence = rises | {name: gain.fall for name, gain in gains.items() if name not in rises}

@@ -14,7 +14,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
-from shipfp_rs.identification.sampling import held
+from shipfp_rs.identification.sampling import between_samples, held
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.starts import starts
 from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
@@ -39,6 +39,8 @@ FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 CUTS = "torque_limit"
 """Element that changes what holding does."""
+SOFTENS = (CUTS, "actuator_lag")
+"""Elements that change what the set point between its samples does."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0
@@ -109,6 +111,8 @@ class Chooser:
         self.clock = clock
         """Period at which the governor samples and its deviation [s], where the raw torque told them."""
         self.experiments, self.torque, self.outputs = list(experiments), torque, tuple(outputs)
+        self._told = [one.dn_set for one in experiments]
+        """Deviations of the set point as it was sampled."""
         self._beyond = [np.zeros((len(outputs), len(one))) for one in experiments]
         """What was taken from the outputs of each experiment, see `held`, shape (O, N)."""
         self.forced = tuple(forced)
@@ -182,7 +186,7 @@ class Chooser:
             whole = search.values(best.vector)["tau_n"]
             limits = {"tau_prop": (LIGHTEST_PROPELLER * whole, PROPELLER_PART * whole, whole)}
             self.narrow = {**self.narrow, "bounds": {**self.narrow.get("bounds", {}), **limits}}
-        if self.clock is not None:
+        if self._clears:
             search = self._less_held(search, best)
             best = search.minimise(best.vector)
         if not self.band_limited:
@@ -209,31 +213,45 @@ class Chooser:
         self.experiments = straight
         return search, best
 
+    @property
+    def _clears(self) -> bool:
+        """Whether records are cleared of what holding does: the governor's, or the set point's between its samples."""
+        # A brake torque would gain by it without a held set point, too: straight lines have images in it. Not tried yet.
+        held_set_point = any(one.held_set_point is not None for one in self.experiments)
+        return self.clock is not None or (held_set_point and self.band_limited and "dM" in self.outputs)
+
     def _held(self, fitted: Fitted) -> Fitted:
-        """Return a fit to records less what holding does by a fit's end; without a governor's clock that fit itself."""
-        if self.clock is None:
+        """Return a fit to records less what holding does by a fit's end; where nothing is held that fit itself."""
+        if not self._clears:
             return fitted
         search = self._less_held(fitted.search, fitted.minimum)
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _less_held(self, search: Search, minimum: Minimum) -> Search:
-        """Take from the records what a sampling governor does by a fit's end, and return the search of what is left."""
+        """Take from the records what holding does by a fit's end, and return the search of what is left."""
         search, self.experiments, self._beyond = self._cleared(search, minimum.vector)
         return search
 
     def _cleared(self, search: Search, vector: Array) -> tuple[Search, list[Experiment], list[Array]]:
-        """Return the search of records less what a sampling governor does beyond its mean, and these records.
+        """Return the search of records less what holding does, the governor's or the set point's, and these records.
 
-        It holds what it gives, and reads the speed at one moment: at a frequency f its answer differs by up to some
-        (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by serves.
+        A governor that samples holds what it gives, and reads the speed at one moment: at a frequency f its answer differs
+        by up to some (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by
+        serves.
         """
         outputs, measured = search.structure.outputs, search.structure.signal_for
         experiments, beyonds = [], []
-        for experiment, before, (block, values) in zip(
-            self.experiments, self._beyond, search.each(vector), strict=True
+        for experiment, told, before, (block, values) in zip(
+            self.experiments, self._told, self._beyond, search.each(vector), strict=True
         ):
             assert isinstance(block.data, Experiment)
-            beyond = held(search.structure.equations, values, block.data)
+            equations, beyond = search.structure.equations, np.zeros_like(before)
+            if self.clock is not None:
+                beyond += held(equations, values, block.data)
+            elif "dM" in outputs:
+                row, name = outputs.index("dM"), measured("dM", experiment.signals, experiment.name)
+                torque = experiment.normalised(name) + before[row]
+                beyond[row] = between_samples(equations, values, block.data, told, torque)
             signals = dict(experiment.signals)
             for output, change in zip(outputs, beyond - before, strict=True):
                 name = measured(output, signals, experiment.name)
@@ -272,7 +290,8 @@ class Chooser:
         if "twist" in ordered and "tau_prop" in origin.search.names:
             search = replace(search, structure=_both_ended(search.structure, values["tau_prop"]))
         # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
-        clears = self.clock is not None and CUTS in set(ordered) ^ set(origin.elements)
+        changed = set(ordered) ^ set(origin.elements)
+        clears = self._clears and bool(changed & {CUTS} if self.clock is not None else changed & {*SOFTENS})
         ends = []
         for start in self._from(search, values):
             try:

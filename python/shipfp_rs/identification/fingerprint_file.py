@@ -60,6 +60,23 @@ SETTINGS: Mapping[str, tuple[Any, str]] = {
     "alternatives": (Sequence[Mapping[str, Any]], "a list of tables"),
 }
 """Settings that a search writes: an annotation of each value, and its words. Others are kept as they are."""
+ADEQUATE: Mapping[str, tuple[Any, str]] = {
+    "stands": (bool, "true or false"),
+    "misses_pct": (Mapping[str, float | None], "a table of percentages of 0 or more"),
+    "bias": (Mapping[str, float | None], "a table of numbers"),
+    "dispersion": (Positive | None, "null or a positive number"),
+}
+"""What `adequate` tells: an annotation of each value, and its words."""
+RANK: Mapping[str, tuple[Any, str]] = {
+    "rank": (Whole, "a whole number of 0 or more"),
+    "free": (Whole, "a whole number of 0 or more"),
+    "condition": (float | None, "null or a number"),
+    "null_space": (Sequence[Mapping[str, Any]], "a list of tables"),
+    "closes_gap": (Sequence[str], "a list of texts"),
+}
+"""What `identifiability` tells: an annotation of each value, and its words."""
+LEAST_STD = 1e-100
+"""Of a standard deviation that is not zero: the square of a smaller one leaves the double precision."""
 VERSION = re.compile(r"\d+(\.\w+)+([+-][\w.]+)*")
 OF_A_SEARCH = ("optimum", "criterion", "converged", "message", "minima")
 """Settings none of which stands without the others."""
@@ -108,6 +125,10 @@ def require_layout(content: Mapping[str, Any]) -> None:
             "a list",
         )
     _require_covariance(content["covariance"], content["parameters"])
+    _require_kinds("identifiability", content["identifiability"], RANK)
+    _require_kinds("adequate", content.get("adequate", {}), ADEQUATE)
+    for output, missed in content.get("adequate", {}).get("misses_pct", {}).items():
+        expect(missed is None or missed >= 0.0, f"adequate.misses_pct.{output}", missed, "0 % or more")
     _require_settings(content["settings"])
     _require_software(content)
     _require_optimum(content)
@@ -119,6 +140,8 @@ def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) ->
         expect(isinstance(row[text], str) and is_one_line(row[text]), f"{key}.{text}", row[text], "a text")
     for figure in ("value", "std"):
         _require_figure(f"{key}.{figure}", row[figure])
+    std = row["std"]
+    expect(not std or std >= LEAST_STD, f"{key}.std", std, f"null, 0 or a number of {LEAST_STD:g} or more")
     _require_interval(f"{key}.ci95", row["ci95"])
     value, ends = row["value"], row["ci95"]
     expect(
@@ -142,11 +165,13 @@ def _require_interval(key: str, ends: object) -> None:
     expect(ends is None or two, key, ends, "null or two numbers")
 
 
+def _require_kinds(key: str, table: Mapping[str, Any], kinds: Mapping[str, tuple[Any, str]]) -> None:
+    for name, (kind, words) in kinds.items():
+        expect(name not in table or fits(table[name], kind), f"{key}.{name}", table.get(name), words)
+
+
 def _require_settings(settings: Mapping[str, Any]) -> None:
-    for name, (kind, words) in SETTINGS.items():
-        expect(
-            name not in settings or fits(settings[name], kind), f"settings.{name}", settings.get(name), words
-        )
+    _require_kinds("settings", settings, SETTINGS)
     for name, known in WORDS.items():
         expect(
             settings.get(name, known[0]) in known, f"settings.{name}", settings.get(name), " or ".join(known)

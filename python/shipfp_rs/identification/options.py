@@ -17,6 +17,8 @@ Weighting = Literal["determinant", "variance", "std", "none"]
 NoiseModel = Literal["white", "ar", "innovations"]
 Covariance = Literal["model", "sandwich"]
 Intervals = Literal["profile", "symmetric"]
+MOST_STARTS = 10_000
+"""Starts of a search; each takes a second or so."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,8 @@ class Options:
         if self.covariance is not None:
             _require_one_of("covariance", self.covariance, Covariance)
         _require_one_of("intervals", self.intervals, Intervals)
-        if self.starts is not None and self.starts < 1:
-            raise InputError(f"starts is {self.starts}, expected at least 1")
+        if self.starts is not None and not 1 <= self.starts <= MOST_STARTS:
+            raise InputError(f"starts is {self.starts}, expected 1 to {MOST_STARTS}")
         if self.offsets not in (None, True, False, "relative"):
             raise InputError(f"offsets {self.offsets!r}, expected True, False or 'relative'")
         if self.offsets == "relative" and structure.equations.own_offsets:

@@ -124,8 +124,9 @@ class Profile:
     def trace(self, index: int, values: Array, threshold: float) -> tuple[Array, Array]:
         """Return the rise of the cost (K,) and the other parameters' best values (K, P) along values of this one.
 
-        The values lead away from the minimum, each from where the last one left the others; a rise is infinite where no
-        values of theirs can be simulated. They are at their best to a small part of the threshold, a rise of the cost.
+        The values lead away from the minimum. At each the other parameters are fitted, from where they were at the value
+        before, until the cost can fall by no more than a small part of the threshold. The rise is infinite where the
+        model cannot be simulated at any of their values.
         """
         near, rise, vectors = (
             self._origin,

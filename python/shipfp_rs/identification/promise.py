@@ -134,7 +134,7 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
                     if stairs:
                         change += held(made.equations, full, experiment, PHASES)
                 else:
-                    # A small step: what the others take over of a large one, they don't to first order.
+                    # A small step: the effect of a large one is not in proportion to it, and other parameters could hide it.
                     full = {**others, **values, **begin, main.name: SMALL * begin[main.name]}
                     change[:] = (made.equations.simulate(full, experiment) - still) / SMALL
             except SimulationError:
@@ -212,7 +212,7 @@ def _best_promise(
         if falling:
             if left * (1.0 - 2.0 * share) > threshold(1, REJECTED):
                 limit = start if limit is None else max(limit, start)
-            # Its effect is not in proportion to anything: it is there as a whole, or not.
+            # This element has no size: its effect is there as a whole, or not at all.
             fall = left * (2.0 * share - 1.0)
         else:
             fall = share * across if share > 0.0 else 0.0
@@ -232,7 +232,7 @@ def _best_promise(
 def _sampled(
     equations: Equations, values: dict[str, float], experiment: Experiment, begin: Mapping[str, float]
 ) -> Array:
-    """Outputs with a governor that samples, averaged over when it does."""
+    """Outputs with a governor that samples, averaged over the instants of its first sample within a period."""
     period = begin["T_s"]
     phases = [
         equations.simulate({**values, **begin, "T_0": period * phase / PHASES}, experiment)

@@ -38,7 +38,9 @@ STILL = 1e-4
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Correlations by lag, and the test that all of them are chance.
+    """Correlations by lag.
+
+    They come with the test that all of them are chance.
 
     Parameters
     ----------
@@ -144,8 +146,8 @@ def input_correlations(
     Ljung's test compares the correlations of residual and lagged set point with their scatter for white residuals.
     A fit has taken away what its own sensitivities J explain, so here the lagged set points U are cleared of
     J first: with A = (I - J J+) U and S the covariance of the residuals e, (A'e)' (A' S A)^-1 (A'e) is chi-squared.
-    `evaluations` are the search's filtered ones at the minimum; columns of offsets that are constants may be left out
-    without a threshold.
+    `evaluations` are those of the search at the minimum, filtered by the noise models. A column that belongs to a
+    constant offset may be left out.
     """
     noise, outputs = minimum.noise, search.structure.outputs
     residuals = [noise.root @ evaluation.residual for evaluation in evaluations]

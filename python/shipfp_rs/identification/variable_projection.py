@@ -31,10 +31,10 @@ class _Pass(NamedTuple):
 class Elimination:
     """A weighted problem in the unknowns `kept` (K,), all in which the model is not linear.
 
-    Variable projection (10.1137/0710036, with the Jacobian of 10.1007/BF01932995), for a small vK_i and a large initial
-    dE otherwise make a long curved valley. A pass over the data is made at values of the eliminated unknowns that the
-    point before, or the full vector (Q,) it starts from, leads to; from its sums follow their best values and the cost
-    there, exactly.
+    Variable projection (10.1137/0710036, with the Jacobian of 10.1007/BF01932995): the unknowns in which the model is
+    linear are eliminated. Without it a small vK_i and a large initial dE make a long curved valley. A pass over the data
+    needs some values of the eliminated unknowns; it takes those that the point before leads to, or of the start (Q,).
+    Their best values and the cost there follow exactly from the sums of that pass.
     """
 
     def __init__(self, problem: WeightedProblem, start: Array, known: Minimum | None = None) -> None:

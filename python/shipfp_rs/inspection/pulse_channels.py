@@ -19,8 +19,8 @@ NEAR_A_LEVEL = 0.15
 AT_LEVELS = 0.75
 """A train has two levels if this share of its samples is at one of them; of a sine's samples half are."""
 EVEN = 0.3
-"""Relative difference from the median of nine periods that teeth and reflectors have at most, and steps of a set point
-or of a torque exceed."""
+"""Largest relative difference of a period from the median of nine for it to count as even. Teeth and reflectors stay
+below it, steps of a set point or a torque do not."""
 EVEN_SHARE = 0.6
 SLOWEST_HZ = 0.2
 """A shaft that turns slower than this once in five seconds is at rest."""

@@ -15,8 +15,8 @@ from shipfp_rs.logs.log import Log
 
 KEPT = 1 << 17
 """Samples kept in memory before the last one read, since stretches overlap by a filter's length of a second or two."""
-STRETCH_BYTES = 1 << 27
-"""Memory for a channel whose stretches are gone through more than once: over four hours at 2 kHz as float32."""
+STRETCH_BYTES = 1 << 26
+"""Memory for a channel whose stretches are gone through more than once: over two hours at 2 kHz as float32."""
 
 
 class Stopped(Exception):
@@ -92,7 +92,7 @@ class Rows:
             first = start + len(chunk)
 
     def _read_on(self) -> None:
-        """Hold one chunk more, and give up old ones."""
+        """Read the next chunk into memory, and drop the oldest ones."""
         if self._stopped.is_set():
             raise Stopped
         chunk = next(self._chunks)

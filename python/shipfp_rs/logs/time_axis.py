@@ -40,7 +40,7 @@ class TimeAxis:
     note
         One line about what was done to the times; empty where they were even.
     on_grid
-        Makes blocks of samples on the grid of blocks of rows.
+        Turns blocks of rows, as the file has them, into blocks of samples on the grid.
     """
 
     start_s: float

@@ -27,8 +27,8 @@ WORTHWHILE = 1e-12
 DEVIATIONS = 1e-7
 """Near a minimum a step smaller than so many standard deviations of the estimates is not taken."""
 HIDDEN = 1e-3
-"""A step that the search can't take, along the curved floor of a valley, makes its end doubtful only if it is larger than
-so many standard deviations."""
+"""Remaining step, in standard deviations of the estimates, that does not prevent convergence: in a curved valley the search
+cannot take it."""
 ROUGH = 1e-6
 """Relative change of the sum of squares that ends an approach."""
 STOPPED = "stopped at the limit of"

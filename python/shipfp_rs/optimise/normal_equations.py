@@ -9,13 +9,13 @@ import numpy as np
 from shipfp_rs.support.arrays import Array, Mask
 
 TOLD = 1e-12
-"""Part of the strongest direction among the unknowns that enter linearly below which they are not told apart."""
+"""Smallest singular value, over the largest, of directions of linear unknowns that the data determine."""
 
 ROUNDING = 1e-14
-"""After other columns are cleared from a column, less than this part of its sum of squares is rounding."""
+"""Part of a column's sum of squares below which what the other columns do not explain of it is rounding."""
 
 DISTINCT = 1e-8
-"""Least part of their sizes by which columns must differ, as a square, for their products to tell all that they tell."""
+"""Least eigenvalue of the normalised Gram matrix; below it the columns are so nearly dependent that products lose digits."""
 
 
 @dataclass(frozen=True)

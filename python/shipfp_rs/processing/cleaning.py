@@ -80,6 +80,9 @@ class Cleaner:
         if isinstance(sensor, Load):
             # A load that is switched off stays at zero, and at its rating it stays at a limit: neither is a fault.
             found = {kind: spans for kind, spans in found.items() if kind not in OF_A_LEVEL}
+        if is_set_point and self.channel.resolution:
+            # What is asked for in whole bits has no noise: it may stand, and turn at its crest.
+            found = {kind: spans for kind, spans in found.items() if kind not in ("stuck", "clipped")}
         # A channel that never changes may be right. It is reported and left as it is: nothing is there to repair it from.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)

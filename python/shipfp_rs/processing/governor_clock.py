@@ -23,7 +23,7 @@ LEAST_TOLD = 0.5
 LONGEST_S = 1000.0
 """Longest stretch that is searched: it tells a clock that acts, and longer ones cost memory."""
 DRIVEN_HZ = 6.0
-"""Highest frequency at which the set point moves the shaft: as fast the stairs' size changes."""
+"""Highest frequency at which the set point moves the shaft, and so at which the height of the command's stairs changes."""
 SLOWEST_HZ, FASTEST_HZ = 14.0, 200.0
 """Clocks looked for: periods of 5 to 71 ms."""
 HARMONICS = 6
@@ -54,7 +54,7 @@ PART = 0.7
 BESIDE_ORDER = 5e-4
 """Part of an order of the shaft or the engine within which a line may be that order's."""
 QUARTZ = 2e-5
-"""Part by which a logger's clock may be off, and with it what it tells of another."""
+"""Relative error of a logger's clock; a period measured with that clock has the same error."""
 
 
 class GovernorClock(NamedTuple):

@@ -26,6 +26,7 @@ from shipfp_rs.processing.conditioning import about_local_point, detrended, set_
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
+from shipfp_rs.processing.held_set_point import age_at
 from shipfp_rs.processing.low_pass import nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
@@ -119,14 +120,8 @@ class _Recording:
         self._chunk = chunk
         self._stopped = threading.Event()
         channels = trial.channels
-        for key, sensor in (
-            ("set_point", channels.set_point),
-            ("torque", channels.torque),
-            ("rack", channels.rack),
-            ("actuator", channels.actuator),
-            ("load", channels.load),
-        ):
-            if sensor is not None:
+        for key in ("set_point", "torque", "rack", "actuator", "load"):
+            if (sensor := getattr(channels, key)) is not None:
                 require_unit(log, key, sensor)
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
@@ -145,7 +140,7 @@ class _Recording:
         return Rows(
             self.log,
             sensor.column,
-            delay_s=sensor.delay_s,
+            delay_s=sensor.delay_s - getattr(sensor, "late", 0.0) / self.log.channel(sensor.column).rate_hz,
             size=self._chunk,
             kept_bytes=kept_bytes,
             stopped=self._stopped,
@@ -176,9 +171,8 @@ class _Recording:
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
         self.set_point: dict[str, _Cleaned] = found[0]
-        self.levels: dict[str, dict[str, _Cleaned]] = dict(
-            zip(channels.levels, found[1 : len(levels)], strict=True)
-        )
+        self.levels: dict[str, dict[str, _Cleaned]]
+        self.levels = dict(zip(channels.levels, found[1 : len(levels)], strict=True))
         self.trains: list[PulseTrain] = found[len(levels) :]
         by_name = {train.name: train for train in self.trains}
         for name, tacho in channels.tachos.items():
@@ -241,10 +235,11 @@ class _Recording:
         signals, account = self._signals(_label(window))
         settings = self.trial.processing
         require_loaded(_label(window), signals, point)
-        if window.kind == "chirp":
-            only = constant_frequency(signals["n_set"], self.rate_hz)
-            if only is not None:
-                account["faults"].append(self._no_chirp(_label(window), only).to_dict())
+        if (
+            window.kind == "chirp"
+            and (only := constant_frequency(signals["n_set"], self.rate_hz)) is not None
+        ):
+            account["faults"].append(self._no_chirp(_label(window), only).to_dict())
         experiment = Experiment(
             name=window.name,
             rate_hz=self.rate_hz,
@@ -257,6 +252,7 @@ class _Recording:
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
                 "governor_clock": clock,
+                "held_set_point": self._held_set_point(_label(window)),
                 **account,
             },
         )
@@ -321,6 +317,11 @@ class _Recording:
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
         }
+
+    def _held_set_point(self, label: str) -> dict[str, float] | None:
+        if not self.trial.channels.set_point.held or (torque := self.trial.channels.torque) is None:
+            return None
+        return age_at(self._base.channel, self._rows(torque).channel, self.grids[label].start_s)
 
     def _drives(self) -> list[str]:
         """Channels that drive the model; where they are repaired all outputs are masked."""

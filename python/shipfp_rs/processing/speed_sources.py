@@ -304,6 +304,10 @@ class SpeedLevel(PulseTrain):
         rounding = channel.resolution * scale / np.sqrt(12.0)
         std = tacho.std * factor if tacho.std else max(float(np.hypot(noise, rounding)), 1e-9)
         duration = block / channel.rate_hz
+        if tacho.mean_s is not None:
+            # A mean over T is less than the speed by T^2 / 24 times its second derivative.
+            bend = np.diff(means, 2, prepend=means[:1], append=means[-1:]) / duration**2
+            means = means - (tacho.mean_s**2 - duration**2) / 24.0 * bend
         # A sample counts for the interval around it.
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)

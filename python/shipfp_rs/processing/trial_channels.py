@@ -21,7 +21,7 @@ KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "pulses": {"pulses_per_rev", "missing", "quadrature", "threshold", "hysteresis", "unit"},
     "edges": {"file", "level", "time_std_s", "pulses_per_rev", "missing"},
     "angle": {"unit", "counts_per_rev", "calibration", "std"},
-    "speed": {"unit", "calibration", "std"},
+    "speed": {"unit", "calibration", "std", "mean_s"},
 }
 """Keys that a source of speed takes beside those of every kind."""
 KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
@@ -62,6 +62,14 @@ class SetPoint(Section):
     calibration: Line
     delay_s: Delay = 0.0
     """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
+    held: bool = False
+    """The engine holds each sample until the next one comes, as it does with what a bus asks for. What it follows is half
+    a sample's period late then, which is not part of `delay_s`, and a torque that it tells as seldom shows the stairs."""
+
+    @property
+    def late(self) -> float:
+        """Part of a sample's period by which what the engine follows is later."""
+        return 0.5 if self.held else 0.0
 
 
 class Torque(Section):
@@ -137,11 +145,13 @@ class Tacho(Section):
     """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
     unit: str = ""
     """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, or Hz for turns a second)."""
-    counts_per_rev: Positive | None = None
+    counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     calibration: Line | None = None
     """Calibration of an analogue speed or angle, from volts to `unit`."""
     std: Positive | None = None
     """Standard deviation of a sample, in `unit`; from the samples themselves where it isn't given."""
+    mean_s: Positive | None = None
+    """Time over which a recorded speed is a mean [s]; from one sample to the next where it isn't given."""
 
     @model_validator(mode="before")
     @classmethod

@@ -126,7 +126,7 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
 
 
 def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
-    """Return the longest rest at the level that most of the excitations are about; None without any rest."""
+    """Return the longest rest at the level about which most excitations swing; None where the log has no rest."""
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
@@ -258,7 +258,7 @@ class _Trace:
 
 
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
-    """Return each block's median, NaN where all is missing, its robust spread, zero there, and the largest magnitude."""
+    """Return median and robust spread of each block, and the largest magnitude of all; NaN and zero for an empty block."""
     medians, spreads, largest, held = [np.empty(0)], [np.empty(0)], 0.0, np.empty(0)
     for piece in pieces:
         held = np.concatenate([held, piece])

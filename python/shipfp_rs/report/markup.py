@@ -71,7 +71,7 @@ def table(about: str, head: Sequence[str], rows: Iterable[Sequence[Cell]], *, ta
     about
         What the table holds, for readers who do not see it.
     head
-        Names of the columns, those of figures to the right as in the first row.
+        Names of the columns; those above figures are aligned to the right, as the figures of the first row are.
     rows
         Cells of each row, the first one its name.
     tail

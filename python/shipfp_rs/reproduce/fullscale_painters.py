@@ -15,12 +15,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction
-from shipfp_rs.reproduce.fullscale import (
-    WEIGHTED,
-    best_of,
-    measured_response,
-    thesis_structure,
-)
+from shipfp_rs.reproduce.fullscale import WEIGHTED, best_of, measured_response, thesis_structure
 from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2
 from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.reproduce.fullscale_validation import printed_parameters

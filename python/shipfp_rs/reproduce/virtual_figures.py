@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -41,25 +41,24 @@ def _record_of(
     )
 
 
+def _of_signals(first: int, painter: Callable[..., str]) -> Iterator[tuple[int, str, Painter[Material]]]:
+    """Yield number, signal in words and painter of three figures, one a signal."""
+    shown = (("n_e", "speed"), ("M_b", "torque"), ("E_n", "integrated error"))
+    for number, (signal, words) in enumerate(shown, first):
+        yield number, words, partial(painter, signal=signal)
+
+
 PICTURES: tuple[Picture[Material], ...] = (
     Picture("fig_3_02.png", "Figure 3.2: bollard pull", painters.bollard_pull),
     Picture("fig_3_03.png", "Figure 3.3: brake power and the engine's limit", painters.brake_power),
     Picture("fig_3_04.png", "Figure 3.4: linear parameters from the plant", painters.parameters, 6.4),
-    Picture("fig_3_05.png", "Figure 3.5: steps, speed", partial(painters.single_steps, signal="n_e"), 7.0),
-    Picture("fig_3_06.png", "Figure 3.6: steps, torque", partial(painters.single_steps, signal="M_b"), 7.0),
-    Picture(
-        "fig_3_07.png",
-        "Figure 3.7: steps, integrated error",
-        partial(painters.single_steps, signal="E_n"),
-        7.0,
+    *(
+        Picture(f"fig_3_0{number}.png", f"Figure 3.{number}: steps, {words}", painter, 7.0)
+        for number, words, painter in _of_signals(5, painters.single_steps)
     ),
-    Picture("fig_3_08.png", "Figure 3.8: speed over set point", partial(painters.bode, signal="n_e"), 6.0),
-    Picture("fig_3_09.png", "Figure 3.9: torque over set point", partial(painters.bode, signal="M_b"), 6.0),
-    Picture(
-        "fig_3_10.png",
-        "Figure 3.10: integrated error over set point",
-        partial(painters.bode, signal="E_n"),
-        6.0,
+    *(
+        Picture(f"fig_3_{number:02}.png", f"Figure 3.{number}: {words} over set point", painter, 6.0)
+        for number, words, painter in _of_signals(8, painters.bode)
     ),
     Picture(
         "fig_4_01.png", "Figure 4.1: the unavoidable error of a linear structure", painters.unavoidable, 5.6

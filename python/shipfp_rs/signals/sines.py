@@ -28,6 +28,8 @@ def sine_sequence(
 ) -> Excitation:
     """Return sines one after the other, each for a whole number of periods (section 5.1.1).
 
+    The set point does not jump between them.
+
     Parameters
     ----------
     frequencies_hz

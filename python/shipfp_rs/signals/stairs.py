@@ -22,6 +22,8 @@ def steps(
 ) -> Excitation:
     """Return steps one upon the other, each held (section 5.1.3).
 
+    A size counts from the level before it.
+
     Parameters
     ----------
     sizes_rpm

@@ -25,7 +25,7 @@ from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 EVEN_CYCLES = 4
-"""Periods of a faulty chirp, which keeps its frequency."""
+"""Periods of a chirp with fault D3, in which the signal generator keeps one frequency."""
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ class InnovationsEquations(Equations):
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response of the linear structure, which no gain changes."""
+        """Return the response of the linear structure; the gains of the predictor do not enter it."""
         return self.linear.response(self._own(values), frequency_hz, names)
 
     def _own(self, values: Values) -> dict[str, float]:

@@ -130,7 +130,7 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
 
 
 class _Wiring:
-    """Signals as forms of the states and the set point; states are added as they are needed."""
+    """Signals as linear combinations of the states and the set point; an element adds the states that it needs."""
 
     def __init__(self, order: int) -> None:
         self.order = order

@@ -53,7 +53,7 @@ NAMES: Mapping[str, tuple[str, str]] = {
 def plain_name(symbol: str, language: Language = "en") -> str:
     """Return a symbol's plain name; the glossary's meaning where it has none, empty for a parameter of a user's own.
 
-    A joint structure's part stays behind the name: "inertia time constant (fast)".
+    The name of a trial of a joint structure stays in brackets behind it: "inertia time constant (fast)".
     """
     own, bracket, part = symbol.partition(" (")
     if own in NAMES:

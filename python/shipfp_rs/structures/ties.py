@@ -117,7 +117,7 @@ class Behind(Equations):
         return self.equations.stable(self._values(values))
 
     def curved(self, names: Names, vector: Array, step: Array, held: int | None = None) -> Array:
-        """Return where a step leads along the equations' own valley, as they have it without ties."""
+        """Return where a step leads along the curve on which the untied equations' outputs change least; see `Equations`."""
         return self.equations.curved(names, vector, step, held)
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:

@@ -85,7 +85,7 @@ class TransferFunctions:
         return np.asarray(turned)
 
     def characteristic(self, values: Values, s: Spectrum) -> Spectrum:
-        """Return what is zero at the poles of the closed loop (F,), without poles but the actuator's."""
+        """Return the characteristic function (F,) at s: its zeros are the closed loop's poles, its poles the actuator's."""
         loop = _Loop.of(values, s)
         shaft = loop.engine * loop.twisted + loop.propeller
         return np.asarray(s * (shaft + loop.v * loop.governor * loop.path * loop.twisted))

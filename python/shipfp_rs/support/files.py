@@ -62,7 +62,7 @@ def ending_in(path: str | Path, *suffixes: str) -> Path:
 
 
 def local(path: Path) -> Path:
-    """Return a path that Arrow takes for one: a relative name with a colon, as of a time, it takes for an address."""
+    """Return the absolute path, since Arrow takes a relative name with a colon, "log 12:30", for a network address."""
     return path.absolute()
 
 

@@ -8,12 +8,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import read_text
 
 
 def finite(content: Any) -> Any:
-    """Return content with None in place of numbers that are not finite."""
+    """Return content with None in place of numbers that are not finite, and Python's own numbers in place of NumPy's."""
+    if isinstance(content, np.generic):
+        content = content.item()
     if isinstance(content, float):
         return content if math.isfinite(content) else None
     if isinstance(content, Mapping):

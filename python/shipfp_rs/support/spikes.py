@@ -11,6 +11,9 @@ from shipfp_rs.support.spans import Spans
 ROBUST_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of Gaussian noise."""
 
+SWINGS_ON = 0.5
+"""A crest is nearer to the curve through its sides than this share of its height over the line through them."""
+
 SCALE_WINDOW_S = 1.0
 """Length of the stretch over which the spread about the running median is measured [s]."""
 
@@ -45,14 +48,31 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     """
     # A few hundred samples are enough for a spread.
     stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
-    return _core.find_spikes(
+    longest = max(round(longest_s * rate_hz), 1)
+    found = _core.find_spikes(
         np.ascontiguousarray(samples, dtype=np.float64),
-        longest=max(round(longest_s * rate_hz), 1),
+        longest=longest,
         stride=stride,
         scale_window=2 * round(0.5 * SCALE_WINDOW_S * rate_hz / stride) + 1,
         threshold=threshold,
         least=least,
     )
+    return found[[not _is_crest(samples, start, stop, longest) for start, stop in found.tolist()]]
+
+
+def _is_crest(samples: Array, start: int, stop: int, beside: int) -> bool:
+    """Whether an excursion goes on what a curve through the samples on either side of it does: a swing's crest.
+
+    A cubic through so many samples before and after tells where the signal was heading, a straight line what it left.
+    """
+    sides = np.r_[max(start - beside, 0) : start, stop : min(stop + beside, len(samples))]
+    if len(sides) < 2 * beside or beside < 2:
+        return False
+    top = start + int(np.argmax(np.abs(samples[start:stop] - 0.5 * (samples[start - 1] + samples[stop]))))
+    line, curve = (
+        float(np.polyval(np.polyfit(sides - top, samples[sides], degree), 0.0)) for degree in (1, 3)
+    )
+    return bool(abs(samples[top] - curve) < SWINGS_ON * abs(samples[top] - line))
 
 
 def bridge(samples: Array, missing: Mask) -> Array:

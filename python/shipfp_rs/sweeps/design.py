@@ -53,5 +53,5 @@ def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array
         return np.asarray(generator.random((rows, factors)))
     if design == "latin":
         return np.asarray(qmc.LatinHypercube(factors, rng=generator).random(rows))
-    # A Sobol sequence is balanced in powers of two only; the rest of the last one is left out.
+    # A Sobol sequence is balanced for a power of two of draws, so the next power is drawn; draws beyond `rows` are not used.
     return np.asarray(qmc.Sobol(factors, rng=generator).random_base2(math.ceil(math.log2(rows))))

@@ -361,7 +361,7 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 
 
 def _keys_of(section: str) -> tuple[str, ...] | None:
-    """Keys of a table that may be factors; None where any may or the table is unknown."""
+    """Return the keys of a table that a sweep may vary; None where it may vary all, or the table is unknown."""
     if section == "identify":
         return VARIED_OF_IDENTIFY
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None

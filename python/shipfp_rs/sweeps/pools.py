@@ -85,7 +85,7 @@ class Processes:
         return ProcessPoolExecutor(self.workers, mp_context=context, initializer=begin_process)
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand out a task; a pool found broken counts for the task as a worker lost does."""
+        """Hand out a task. If the pool turns out to be broken, the task fails as if its worker had died."""
         try:
             return self._executor.submit(work, *arguments)
         except BrokenProcessPool as error:
@@ -142,7 +142,7 @@ def check_pool(executor: Where | Executor, address: str | None) -> None:
     Raises
     ------
     InputError
-        For a cluster's address without one, or where the packages for one are missing.
+        Where an address is given without executor "dask", or Dask's packages are not installed.
     """
     if address is not None and executor != "dask":
         raise InputError(f"address {address!r}: expected executor 'dask' with it")

@@ -111,7 +111,7 @@ def _period_ratios(
     ratio = np.full(len(periods), np.nan)
     steady = np.zeros(len(periods), dtype=np.bool_)
     half, odd = divmod(pulses_per_rev, 2)
-    # An even number of periods is centred by two halves at the ends, which belong to the same reflector.
+    # A mean over an even number of periods is centred by taking half of each end period; both ends are the same reflector.
     weights = np.ones(pulses_per_rev) if odd else np.r_[0.5, np.ones(pulses_per_rev - 1), 0.5]
     if len(periods) < 3 * pulses_per_rev + 1:
         return ratio, steady, phase

@@ -24,7 +24,7 @@ _DENSE = 10.0
 _IN_A_ROW = 20
 """So many even periods in a row are pulses. Noise has no such rows: less than half of its periods are even."""
 _EVEN, _STRICTLY_EVEN = 0.25, 0.12
-"""Relative differences of the periods of an even row; of pulses below the limit noise makes larger ones."""
+"""Largest relative differences of periods in an even row. Noise makes those of pulses below the limit larger."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
@@ -170,7 +170,7 @@ def _even(periods: Array, tolerance: float) -> Flags:
     beside = np.append(True, single[:-1]) & np.append(single[1:], True)
     teeth = np.clip(np.rint(periods / usual), 2.0, _MOST_TEETH)
     even = single | (beside & (np.abs(periods - teeth * usual) <= np.maximum(allowed, teeth * _GRID)))
-    # Where noise goes over into pulses, each has its own usual period.
+    # Where noise ends and pulses begin, the usual period jumps; intervals on either side of the jump are not even.
     jumps = np.abs(np.diff(usual)) > allowed[1:] + allowed[:-1]
     return np.asarray(even & ~(np.append(False, jumps) | np.append(jumps, False)))
 

@@ -1,7 +1,7 @@
 //! Rows whose products are summed: residuals, columns of their sensitivities, and ones where a sample counts, all of them filtered.
 //!
-//! A filter commutes with the model but for its start. So the filtered sensitivities are made of the pass' own rows, block by
-//! block while these are in the fastest cache; the record is never filtered as a whole.
+//! To filter the model's outputs and to put filtered inputs into the model is the same, but for the start of the record. So
+//! the sensitivities are filtered block by block, while a block is in the fastest cache, and never the record as a whole.
 
 use pulp::{Simd, WithSimd};
 
@@ -97,7 +97,7 @@ impl<'a> Columns<'a> {
         self.finish(sums);
     }
 
-    /// Values of a row's past, and of its past and a block.
+    /// Number of values kept of a row before a block, and of these and the block together.
     fn widths(&self) -> (usize, usize) {
         (self.order * LANES, (self.order + STEPS) * LANES)
     }

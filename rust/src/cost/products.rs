@@ -12,12 +12,12 @@ use crate::stop::Stop;
 /// A measured record, and by what its simulation is differentiated.
 #[derive(Debug, Clone)]
 pub struct Record<'a> {
-    pub(super) drive: Drive<'a>,
-    pub(super) outputs: Vec<Output>,
-    pub(super) measured: &'a [f64],
+    drive: Drive<'a>,
+    outputs: Vec<Output>,
+    measured: &'a [f64],
     filters: Vec<f64>,
     offsets: Option<Vec<f64>>,
-    pub(super) wrt: Vec<By>,
+    wrt: Vec<By>,
 }
 
 /// Sums over the samples that count of the products of all pairs of columns.
@@ -29,14 +29,6 @@ pub struct Products {
     pub columns: usize,
     /// Number of samples that count.
     pub count: usize,
-}
-
-impl Products {
-    /// The sum for column `a` of output `i` and column `b` of output `j`; the last column is the residual.
-    #[must_use]
-    pub fn of(&self, [i, a]: [usize; 2], [j, b]: [usize; 2], outputs: usize) -> f64 {
-        self.values[(i * self.columns + a) * outputs * self.columns + j * self.columns + b]
-    }
 }
 
 impl<'a> Record<'a> {

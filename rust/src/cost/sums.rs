@@ -29,13 +29,13 @@ impl Sums {
         Self { rows, width, products: vec![0.0; rows * width], count: 0 }
     }
 
-    /// Those of rows with others.
+    /// Sums for the products of each row with each of so many other rows.
     pub fn across(rows: usize, others: usize) -> Self {
         let width = Self::space(others);
         Self { rows, width, products: vec![0.0; rows * width], count: 0 }
     }
 
-    /// The product of a row with another of the others.
+    /// The sum of products of a row and one of the other rows.
     pub fn product_across(&self, row: usize, other: usize) -> f64 {
         self.products[row * self.width + other]
     }

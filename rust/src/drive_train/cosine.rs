@@ -47,7 +47,7 @@ fn sine_of_quarter(s: f64) -> f64 {
         0.104_183_090_870_646_48,
         -0.011_683_082_881_307_493,
     ];
-    s * polynomial::<false, _>(s * s, SERIES)
+    s * polynomial(s * s, SERIES)
 }
 
 #[cfg(test)]

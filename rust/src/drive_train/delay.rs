@@ -60,7 +60,8 @@ impl<T: Scalar> Delay<T> {
         }
     }
 
-    /// The delayed signal at `time`, by the piece that holds `time + nudge`: which side of a jump is meant.
+    /// The delayed signal at `time`. Where the signal jumps then, `nudge` tells the side: below zero the value before the jump,
+    /// above zero the one after it.
     #[inline(always)]
     #[must_use]
     pub fn at(&self, time: T, nudge: f64) -> T {

@@ -129,7 +129,7 @@ impl<T: Scalar> DriveTrain<T> {
         engine_speed.function(torque, limit.slope()) * self.limit_factor
     }
 
-    /// What holds the governor's command at a state.
+    /// The limits that the governor's command meets at a state.
     #[inline(always)]
     #[must_use]
     pub fn ceiling(&self, limit: &mut impl Slope, engine_speed: T, charge: T) -> Ceiling<T> {

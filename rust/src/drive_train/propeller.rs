@@ -119,7 +119,7 @@ fn polar<T: Scalar>(along: T, across: T) -> [T; 2] {
         return [along.function(length, 1.0), along.constant(y.atan2(x))];
     }
     let (cosine, sine) = (x / length, y / length);
-    // One part carries the value, both their share of its derivatives.
+    // Derivatives by both components add up; the value is given to the first, zero to the second.
     [
         along.function(length, cosine) + across.function(0.0, sine),
         along.function(y.atan2(x), -sine / length) + across.function(0.0, cosine / length),

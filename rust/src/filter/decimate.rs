@@ -26,7 +26,7 @@ pub struct Decimator {
     down: usize,
     /// Taps on either side of the middle one.
     half: usize,
-    /// Samples that some later output still needs, the first one repeated before it as often as a row is long.
+    /// Samples that later outputs still need. Before the first sample of all, copies of it stand in for a whole row of taps.
     held: Vec<f64>,
     /// Number of samples dropped before those held.
     given_up: usize,
@@ -101,7 +101,7 @@ impl Decimator {
         self.make(total, stop)
     }
 
-    /// Just after the newest sample of an output, the repeated ones counted.
+    /// Index one past the newest sample that an output needs, counting the copies of the first sample.
     #[inline]
     fn end_of(&self, output: usize) -> usize {
         (output * self.down + self.half) / self.up + 1 + self.phases[0].len()

@@ -7,17 +7,20 @@
 //! more than a constant number of steps a sample, and it runs through memory that stays in the cache.
 
 use crate::error::{Result, require};
+use crate::memory::reserve;
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Longest window over any signal [samples]; over a long one it may reach four times as far as the signal.
 const LONGEST: usize = 1 << 20;
+/// Samples that are sorted between two looks for a stop.
+const PIECE: usize = 1 << 18;
 
 /// Median of the `window` samples around each one, the signal reflected at its ends (d c b a | a b c d | d c b a).
 ///
 /// NaN counts as greater than every number.
 ///
 /// # Errors
-/// Where `window` is even, longer than 2^31 or much longer than the signal, or on a stop.
+/// Where `window` is even, longer than 2^31 or much longer than the signal, without memory for it, or on a stop.
 pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec<f64>> {
     require(window % 2 == 1 && u32::try_from(window).is_ok_and(|window| window < 1 << 31), || {
         format!("window: found {window}, expected an odd number of samples")
@@ -35,18 +38,19 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
         let place = (index + 2 * count * half.div_ceil(2 * count) - half) % (2 * count);
         samples[if place < count { place } else { 2 * count - 1 - place }]
     };
-    let mut result = Vec::with_capacity(count + window);
+    let mut result = Vec::new();
+    reserve(&mut result, count + window)?;
     // The block that the window leaves and the one that it enters change places from block to block.
-    let mut blocks = [Block::new(window), Block::new(window)];
-    blocks[0].sort((0..window).map(at));
+    let mut blocks = [Block::new(window)?, Block::new(window)?];
+    blocks[0].sort((0..window).map(at), stop)?;
     result.push(number(blocks[0].least_large()));
     let mut start = window;
     while result.len() < count {
         stop.check()?;
         if start >= half && start + window <= half + count {
-            blocks[1].sort(samples[start - half..][..window].iter().copied());
+            blocks[1].sort(samples[start - half..][..window].iter().copied(), stop)?;
         } else {
-            blocks[1].sort((start..start + window).map(at));
+            blocks[1].sort((start..start + window).map(at), stop)?;
         }
         stop.check()?;
         blocks[1].take_all_out();
@@ -97,19 +101,19 @@ struct Link {
 
 #[allow(clippy::cast_possible_truncation)] // the window was checked
 impl Block {
-    fn new(window: usize) -> Self {
+    fn new(window: usize) -> Result<Self> {
         let end = Link { rank: window as u32, ..Link::default() };
-        Self {
-            order: Vec::with_capacity(window),
-            keys: vec![u64::MAX; window + 1],
-            links: vec![end; window + 1],
-            middle: 0,
-            small: 0,
-        }
+        let (mut order, mut keys, mut links) = (Vec::new(), Vec::new(), Vec::new());
+        reserve(&mut order, window)?;
+        reserve(&mut keys, window + 1)?;
+        reserve(&mut links, window + 1)?;
+        keys.resize(window + 1, u64::MAX);
+        links.resize(window + 1, end);
+        Ok(Self { order, keys, links, middle: 0, small: 0 })
     }
 
     /// Take the samples in; half of them are small.
-    fn sort(&mut self, samples: impl ExactSizeIterator<Item = f64>) {
+    fn sort(&mut self, samples: impl ExactSizeIterator<Item = f64>, stop: &Stop) -> Result<()> {
         let window = samples.len();
         let places = window.next_power_of_two() as u64 - 1;
         self.order.clear();
@@ -117,13 +121,22 @@ impl Block {
             *key = ordered(value);
             self.order.push(*key & !places | place as u64);
         }
-        self.order.sort_unstable();
+        for piece in self.order.chunks_mut(PIECE) {
+            stop.check()?;
+            piece.sort_unstable();
+        }
+        stop.check()?;
+        if window > PIECE {
+            #[allow(clippy::stable_sort_primitive)] // it merges what is sorted
+            self.order.sort();
+        }
         let keys = &self.keys;
         for alike in self.order.chunk_by_mut(|a, b| a & !places == b & !places) {
             if alike.len() > 1 {
                 alike.sort_unstable_by_key(|word| keys[(word & places) as usize]);
             }
         }
+        stop.check()?;
         let end = window as u32;
         let mut last = end;
         for (word, rank) in self.order.iter().zip(0..) {
@@ -137,6 +150,7 @@ impl Block {
         self.links[end as usize].previous = last;
         self.small = window / 2;
         self.middle = (self.order[self.small] & places) as u32;
+        Ok(())
     }
 
     /// Empty the list from the last place to the first, so that `put_back` in the order of time undoes it.

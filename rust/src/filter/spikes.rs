@@ -13,7 +13,7 @@ const SHOULDER: f64 = 0.5;
 /// A spike's length is measured at this share of its peak. Lower down its neighbours may be suspect, too: on a steep slope
 /// a long spike shifts the median.
 const FOOT: f64 = 0.25;
-/// Samples in a block whose extremes bound the signal's swing.
+/// Samples in a block. A block whose extremes lie close together holds no spike, and no median is taken there.
 const BLOCK: usize = 64;
 
 /// What counts as a spike.

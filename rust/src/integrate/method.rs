@@ -1,13 +1,13 @@
 //! Explicit one-step methods.
 
-use crate::plant::{Number, State};
+use crate::plant::State;
 
 /// What a method asks the equations for.
 ///
 /// A trait, not a closure: a closure that is not inlined would not be compiled for the machine's vectors.
-pub trait Change<T> {
+pub trait Change {
     /// What a unit adds at the rate that holds at a state, a fraction `passed` into the step.
-    fn over<const FUSED: bool>(&mut self, passed: f64, state: State<T>) -> State<T>;
+    fn over<const FUSED: bool>(&mut self, passed: f64, state: State) -> State;
 }
 
 /// One step of a method.
@@ -19,11 +19,7 @@ pub trait Method {
     ///
     /// `change.over(c, x)` is what a unit adds at the rate that holds at state x, a fraction c into the step; `first` is
     /// that at the start.
-    fn advance<T: Number, const FUSED: bool>(
-        state: State<T>,
-        first: State<T>,
-        change: &mut impl Change<T>,
-    ) -> State<T>;
+    fn advance<const FUSED: bool>(state: State, first: State, change: &mut impl Change) -> State;
 }
 
 /// Forward Euler, the method that made the thesis's virtual data.
@@ -37,11 +33,7 @@ impl Method for Euler {
     const UNIT: f64 = 1.0;
 
     #[inline(always)]
-    fn advance<T: Number, const FUSED: bool>(
-        state: State<T>,
-        first: State<T>,
-        _change: &mut impl Change<T>,
-    ) -> State<T> {
+    fn advance<const FUSED: bool>(state: State, first: State, _change: &mut impl Change) -> State {
         state + first
     }
 }
@@ -50,11 +42,7 @@ impl Method for Heun {
     const UNIT: f64 = 1.0;
 
     #[inline(always)]
-    fn advance<T: Number, const FUSED: bool>(
-        state: State<T>,
-        first: State<T>,
-        change: &mut impl Change<T>,
-    ) -> State<T> {
+    fn advance<const FUSED: bool>(state: State, first: State, change: &mut impl Change) -> State {
         let second = change.over::<FUSED>(1.0, state + first);
         state.plus::<FUSED>(first + second, 0.5)
     }
@@ -64,11 +52,7 @@ impl Method for Rk4 {
     const UNIT: f64 = 0.5;
 
     #[inline(always)]
-    fn advance<T: Number, const FUSED: bool>(
-        state: State<T>,
-        first: State<T>,
-        change: &mut impl Change<T>,
-    ) -> State<T> {
+    fn advance<const FUSED: bool>(state: State, first: State, change: &mut impl Change) -> State {
         let second = change.over::<FUSED>(0.5, state + first);
         let third = change.over::<FUSED>(0.5, state + second);
         let fourth = change.over::<FUSED>(1.0, state + (third + third));
@@ -86,14 +70,14 @@ mod tests {
     /// The equations as a function of the fraction passed and the state.
     struct By<F>(F);
 
-    impl<F: Fn(f64, State) -> State> Change<f64> for By<F> {
+    impl<F: Fn(f64, State) -> State> Change for By<F> {
         fn over<const FUSED: bool>(&mut self, passed: f64, state: State) -> State {
             (self.0)(passed, state)
         }
     }
 
     fn step<M: Method>(start: State, change: impl Fn(f64, State) -> State) -> f64 {
-        M::advance::<f64, false>(start, change(0.0, start), &mut By(change)).speed
+        M::advance::<false>(start, change(0.0, start), &mut By(change)).speed
     }
 
     /// On x' = z x over a unit step a method of order q gives the series of exp(z) up to z^q.

@@ -327,12 +327,6 @@ pub fn direct(
     discretise::<DIRECT, 4, 1>(parameters, dt, hold, initial, directions, segment)
 }
 
-/// A step of it alone, and how many whole samples the set point is late.
-pub fn direct_step(parameters: &Parameters, dt: f64, hold: Hold) -> (Step<DIRECT, 1, 3>, usize) {
-    let one = OneStep::new::<4>(parameters, dt, hold);
-    (one.part(None), one.late()[0])
-}
-
 /// The model with a delay network in the loop.
 pub fn delayed(
     parameters: &Parameters,

@@ -11,7 +11,6 @@
 //! the inertias), `dX = X` (rack position as commanded, before the dead time).
 
 pub(crate) mod basis;
-pub(crate) mod delta_form;
 mod discrete;
 mod number;
 mod parameters;

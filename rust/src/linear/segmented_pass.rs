@@ -58,11 +58,6 @@ impl<'a> Drive<'a> {
         Ok(Self { dn_set, dt, hold, initial: start })
     }
 
-    /// Set point, hold and initial (dn, dE).
-    pub(crate) const fn parts(&self) -> (&'a [f64], Hold, [f64; 2]) {
-        (self.dn_set, self.hold, self.initial)
-    }
-
     /// Number of samples.
     #[must_use]
     pub const fn samples(&self) -> usize {

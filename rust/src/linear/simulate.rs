@@ -2,7 +2,7 @@
 
 use super::basis::Basis;
 use super::parameters::{By, OUTPUTS, Output, Parameters};
-use super::segmented_pass::{BLOCK, Drive, Layout, walk};
+use super::segmented_pass::{BLOCK, Drive, LANES, Layout, walk};
 use crate::error::{Error, Result};
 use crate::stop::Stop;
 
@@ -34,7 +34,8 @@ pub fn simulate(
         .flat_map(|&by| outputs.iter().map(move |&output| (by, output)))
         .map(|(by, output)| basis.sensitivity(output, by, parameters))
         .collect();
-    let mut fill = |layout| -> Result<Option<(usize, &'static str)>> {
+    let mut fill = |layout| -> Result<bool> {
+        let mut are_finite = true;
         walk(parameters, drive, &basis, layout, 0, stop, |mut block| {
             let mut finished = [0.0; BLOCK];
             let values = values.chunks_exact_mut(samples).zip(&value_rows);
@@ -42,17 +43,32 @@ pub fn simulate(
                 values.chain(derivatives.chunks_exact_mut(samples).zip(&derivative_rows))
             {
                 combine(block.rows(), combination, &mut finished);
+                are_finite &= all_numbers(&finished);
                 block.take(&finished, series);
             }
             Ok(())
         })?;
-        Ok(first_not_finite(values, derivatives, samples, outputs))
+        Ok(are_finite)
     };
     // Where segments meet, infinity times zero can turn up before the simulation itself leaves the numbers: look again.
-    let diverged = if fill(Layout::Segments)?.is_some() { fill(Layout::Sequential)? } else { None };
+    if fill(Layout::Segments)? || fill(Layout::Sequential)? {
+        return Ok(());
+    }
+    let diverged = first_not_finite(values, derivatives, samples, outputs);
     diverged.map_or(Ok(()), |(sample, what)| {
         Err(Error::Diverged { sample, time: sample as f64 * drive.dt(), what })
     })
+}
+
+/// Whether a block is finite. It is looked at while it is in the fastest cache: a result is not read again.
+fn all_numbers(block: &[f64; BLOCK]) -> bool {
+    let mut sums = [0.0; LANES];
+    for pack in block.as_chunks::<LANES>().0 {
+        for (sum, value) in sums.iter_mut().zip(pack) {
+            *sum += value * 0.0; // NaN from what is not finite
+        }
+    }
+    sums.iter().all(|sum| *sum == 0.0)
 }
 
 /// The combination of a block's rows with those factors.

@@ -2,18 +2,18 @@
 
 use std::ops::{Add, Mul, Sub};
 
-use super::{Number, State};
+use super::{State, times_plus};
 
 /// `constant` + `set_speed` `n_set` + `speed` `n_e` + `error` `E_n`.
 ///
 /// Governor and engine are affine up to the torque limit. They are composed into one such form before a simulation,
 /// so that its loop pays for one dot product instead of a chain of components.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Affine<T = f64> {
-    pub(super) constant: T,
-    pub(super) set_speed: T,
-    pub(super) speed: T,
-    pub(super) error: T,
+pub struct Affine {
+    constant: f64,
+    set_speed: f64,
+    speed: f64,
+    error: f64,
 }
 
 impl Affine {
@@ -24,30 +24,15 @@ impl Affine {
     pub const SPEED: Self = Self { speed: 1.0, ..Self::ZERO };
     /// The integrated speed error.
     pub const ERROR: Self = Self { error: 1.0, ..Self::ZERO };
-}
 
-impl<T: Number> Affine<T> {
     /// The value at a set point and state.
     // What waits for the speed of the stage before comes last: it is the critical path of a step.
     #[inline(always)]
     #[must_use]
-    pub fn at<const FUSED: bool>(&self, set_speed: T, state: State<T>) -> T {
-        let constant = self.set_speed.times_plus::<FUSED>(set_speed, self.constant);
-        let constant = self.error.times_plus::<FUSED>(state.error, constant);
-        self.speed.times_plus::<FUSED>(state.speed, constant)
-    }
-}
-
-impl<const LANES: usize> Affine<[f64; LANES]> {
-    /// Those of some lanes.
-    #[inline(always)]
-    pub(super) fn load<T: Number>(&self, place: T::Place) -> Affine<T> {
-        Affine {
-            constant: T::load(place, &self.constant),
-            set_speed: T::load(place, &self.set_speed),
-            speed: T::load(place, &self.speed),
-            error: T::load(place, &self.error),
-        }
+    pub fn at<const FUSED: bool>(&self, set_speed: f64, state: State) -> f64 {
+        let constant = times_plus::<FUSED>(self.set_speed, set_speed, self.constant);
+        let constant = times_plus::<FUSED>(self.error, state.error, constant);
+        times_plus::<FUSED>(self.speed, state.speed, constant)
     }
 }
 

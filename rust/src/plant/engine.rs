@@ -18,7 +18,7 @@ pub struct Engine<T = f64> {
 }
 
 impl<T: Copy> Engine<T> {
-    /// Brake torque [Nm] before its limits, of numbers or what is affine in the state.
+    /// Brake torque [Nm] before its limits. The arguments are numbers, or affine functions of the state.
     #[inline(always)]
     #[must_use]
     pub fn demand<Q>(&self, rack: Q, engine_speed: Q) -> Q

@@ -1,18 +1,11 @@
 //! Torque-speed envelope of the engine (Fig. 3.3): the brake torque it can't exceed.
 
-use super::Number;
 use crate::error::{Error, Result, require};
 
 /// A torque limit, as the loop over the samples looks it up.
 pub trait Limit {
     /// Largest brake torque [Nm] at an engine speed [rev/s].
     fn torque(&mut self, engine_speed: f64) -> f64;
-
-    /// The same at several speeds; `FUSED` where multiply-adds are one instruction.
-    #[inline(always)]
-    fn torques<T: Number, const FUSED: bool>(&mut self, engine_speed: T) -> T {
-        engine_speed.join(engine_speed, |speed, _| self.torque(speed))
-    }
 }
 
 /// A limit that knows how it changes with the speed.
@@ -95,18 +88,6 @@ impl Table {
     pub fn cursor(&self) -> Cursor<'_> {
         Cursor { pieces: &self.0, index: 0, piece: self.0[0] }
     }
-
-    /// The table as a sum, where it has at most that many points.
-    #[must_use]
-    pub fn hinges<const POINTS: usize>(&self) -> Option<Hinges<POINTS>> {
-        // Every piece after the first begins at a point.
-        let hinge = |pair: &[Piece]| (pair[1].from, pair[1].slope - pair[0].slope);
-        let mut points = self.0.windows(2).map(hinge);
-        (self.0.len() <= POINTS + 1).then(|| Hinges {
-            level: self.0[0].intercept,
-            points: std::array::from_fn(|_| points.next().unwrap_or_default()),
-        })
-    }
 }
 
 /// Looks a table up, starting from the piece found last.
@@ -120,24 +101,10 @@ pub struct Cursor<'a> {
     piece: Piece,
 }
 
-/// A table as its first torque and, for each point, its speed and by how much the slope changes there.
-///
-/// The sum has no branch and vectorises.
-#[derive(Debug, Clone, Copy)]
-pub struct Hinges<const POINTS: usize> {
-    level: f64,
-    points: [(f64, f64); POINTS],
-}
-
 impl Limit for Constant {
     #[inline(always)]
     fn torque(&mut self, _engine_speed: f64) -> f64 {
         self.0
-    }
-
-    #[inline(always)]
-    fn torques<T: Number, const FUSED: bool>(&mut self, engine_speed: T) -> T {
-        engine_speed.like(self.0)
     }
 }
 
@@ -170,29 +137,6 @@ impl Slope for Cursor<'_> {
     }
 }
 
-impl<const POINTS: usize> Limit for Hinges<POINTS> {
-    #[inline(always)]
-    fn torque(&mut self, engine_speed: f64) -> f64 {
-        self.torques::<f64, false>(engine_speed)
-    }
-
-    #[inline(always)]
-    fn torques<T: Number, const FUSED: bool>(&mut self, engine_speed: T) -> T {
-        const { assert!(POINTS.is_multiple_of(2)) };
-        // Two sums, each of which waits half as often; no closures, which might not be compiled for the machine's vectors.
-        let zero = engine_speed.like(0.0);
-        let (mut torque, mut other) = (engine_speed.like(self.level), zero);
-        for i in (0..POINTS).step_by(2) {
-            let [(from, bend), (other_from, other_bend)] = [self.points[i], self.points[i + 1]];
-            let beyond = (engine_speed - zero.like(from)).at_least(zero);
-            torque = beyond.times_plus::<FUSED>(zero.like(bend), torque);
-            let beyond = (engine_speed - zero.like(other_from)).at_least(zero);
-            other = beyond.times_plus::<FUSED>(zero.like(other_bend), other);
-        }
-        torque + other
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -221,11 +165,9 @@ mod tests {
         fn every_lookup_is_the_interpolation_wherever_the_speed_was_before(speeds in prop::collection::vec(-5.0..40.0, 1..20)) {
             let table = table();
             let mut cursor = table.cursor();
-            let mut hinges = table.hinges::<8>().unwrap();
             for speed in speeds {
                 let (found, expected) = (cursor.torque(speed), interpolated(speed));
                 prop_assert!((found - expected).abs() < 1e-12 * expected);
-                prop_assert!((hinges.torque(speed) - expected).abs() < 1e-12 * expected);
                 prop_assert_eq!(found.to_bits(), table.cursor().torque(speed).to_bits());
             }
         }
@@ -237,12 +179,6 @@ mod tests {
         for speed in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN, 20.0] {
             let _ = table.cursor().torque(speed);
         }
-    }
-
-    #[test]
-    fn hinges_hold_as_many_points_as_they_have_room_for() {
-        assert!(table().hinges::<4>().is_some());
-        assert!(table().hinges::<3>().is_none());
     }
 
     #[test]

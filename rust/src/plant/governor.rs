@@ -14,7 +14,7 @@ pub struct Governor<T = f64> {
 }
 
 impl<T: Copy> Governor<T> {
-    /// Rack position [mm] for a speed error [rev/s] and its integral [rev], numbers or what is affine in the state.
+    /// Rack position [mm] for a speed error [rev/s] and its integral [rev]; the arguments are numbers, or affine functions of the state.
     #[inline(always)]
     #[must_use]
     pub fn rack<Q>(&self, speed_error: Q, integrated_error: Q) -> Q

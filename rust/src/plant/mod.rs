@@ -3,21 +3,21 @@
 mod affine;
 mod engine;
 mod envelope;
+mod fused;
 mod gearbox;
 mod governor;
 mod motion;
-mod number;
 mod power;
 mod propeller;
 mod shaft;
 
 pub use affine::Affine;
 pub use engine::{Engine, limited};
-pub use envelope::{Constant, Cursor, Envelope, Hinges, Limit, Slope, Table};
+pub use envelope::{Constant, Cursor, Envelope, Limit, Slope, Table};
+pub use fused::times_plus;
 pub use gearbox::Gearbox;
 pub use governor::Governor;
 pub use motion::Motion;
-pub use number::{Number, Registers};
 pub use power::{Library, Polynomial, Power, Square, polynomial, power_and_slopes};
 pub use propeller::Propeller;
 pub use shaft::Shaft;
@@ -42,7 +42,7 @@ pub const PARAMETERS: [&str; 12] = [
     "minimum_torque",
 ];
 
-/// State of the plant, or a change of it, in the units of a [`Motion`]; `T` is a number, or several.
+/// State of the plant, or a change of it, in the units of a [`Motion`]; `T` is a number, or one with derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State<T = f64> {
     /// Engine speed.
@@ -51,14 +51,14 @@ pub struct State<T = f64> {
     pub error: T,
 }
 
-impl<T: Number> State<T> {
+impl State {
     /// The state plus a multiple of another.
     #[inline(always)]
     #[must_use]
     pub fn plus<const FUSED: bool>(self, other: Self, factor: f64) -> Self {
         Self {
-            speed: other.speed.times_plus::<FUSED>(other.speed.like(factor), self.speed),
-            error: other.error.times_plus::<FUSED>(other.error.like(factor), self.error),
+            speed: times_plus::<FUSED>(other.speed, factor, self.speed),
+            error: times_plus::<FUSED>(other.error, factor, self.error),
         }
     }
 }

@@ -1,23 +1,23 @@
 //! The plant's equations of motion, folded for a loop.
 
-use super::{Affine, Limit, Number, Plant, Power, State};
+use super::{Affine, Limit, Plant, Power, State, limited, times_plus};
 
-/// The equations in the units in which a loop multiplies least; `T` is a number, or one for each lane.
+/// The equations in the units in which a loop multiplies least.
 ///
 /// Speeds are the engine's, integrals count in units of `duration`, torques as what they add to the speed over it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion<T = f64> {
-    rack: Affine<T>,
-    demand: Affine<T>,
-    minimum: T,
+pub struct Motion {
+    rack: Affine,
+    demand: Affine,
+    minimum: f64,
     /// What a brake torque of 1 Nm adds to the engine speed over `duration`, and its inverse.
-    drive: T,
-    undrive: T,
+    drive: f64,
+    undrive: f64,
     /// What the propeller adds to the engine speed over `duration` where that is 1 rev/s; negative.
-    drag: T,
-    exponent: T,
-    duration: T,
-    shaft_per_engine_speed: T,
+    drag: f64,
+    exponent: f64,
+    duration: f64,
+    shaft_per_engine_speed: f64,
 }
 
 impl Motion {
@@ -47,78 +47,33 @@ impl Motion {
     pub fn state(&self, [shaft_speed, integrated_error]: [f64; 2]) -> State {
         State { speed: shaft_speed / self.shaft_per_engine_speed, error: integrated_error / self.duration }
     }
-}
 
-impl<T: Number> Motion<T> {
     /// What the engine adds to the speed.
     #[inline(always)]
     #[must_use]
-    pub fn push<const FUSED: bool>(&self, limit: &mut impl Limit, set_speed: T, state: State<T>) -> T {
-        let maximum = self.drive * limit.torques::<T, FUSED>(state.speed);
-        // As `limited` has it, an instruction each.
-        self.minimum.at_least(maximum.at_most(self.demand.at::<FUSED>(set_speed, state)))
+    pub fn push<const FUSED: bool>(&self, limit: &mut impl Limit, set_speed: f64, state: State) -> f64 {
+        let maximum = self.drive * limit.torque(state.speed);
+        limited(self.demand.at::<FUSED>(set_speed, state), self.minimum, maximum)
     }
 
     /// Change of the state under a push.
     #[inline(always)]
     #[must_use]
-    pub fn change<P: Power, const FUSED: bool>(&self, push: T, set_speed: T, state: State<T>) -> State<T> {
-        let power = P::each::<T, FUSED>(state.speed, self.exponent);
-        State { speed: self.drag.times_plus::<FUSED>(power, push), error: set_speed - state.speed }
+    pub fn change<P: Power, const FUSED: bool>(&self, push: f64, set_speed: f64, state: State) -> State {
+        let power = P::of(state.speed, self.exponent);
+        State { speed: times_plus::<FUSED>(self.drag, power, push), error: set_speed - state.speed }
     }
 
     /// What is recorded of a state and the push in it: `n_s` [rev/s], `E_n` [rev], `X_f` [mm], `M_b` [Nm].
     #[inline(always)]
     #[must_use]
-    pub fn record<const FUSED: bool>(&self, push: T, set_speed: T, state: State<T>) -> [T; 4] {
+    pub fn record<const FUSED: bool>(&self, push: f64, set_speed: f64, state: State) -> [f64; 4] {
         [
             state.speed * self.shaft_per_engine_speed,
             state.error * self.duration,
             self.rack.at::<FUSED>(set_speed, state),
             push * self.undrive,
         ]
-    }
-}
-
-impl<const LANES: usize> Motion<[f64; LANES]> {
-    /// Lay the motions of several plants beside each other.
-    #[must_use]
-    pub fn beside(motions: &[Motion; LANES]) -> Self {
-        let each = |field: fn(&Motion) -> f64| motions.each_ref().map(field);
-        let affine = |field: fn(&Motion) -> &Affine| Affine {
-            constant: motions.each_ref().map(|motion| field(motion).constant),
-            set_speed: motions.each_ref().map(|motion| field(motion).set_speed),
-            speed: motions.each_ref().map(|motion| field(motion).speed),
-            error: motions.each_ref().map(|motion| field(motion).error),
-        };
-        Self {
-            rack: affine(|motion| &motion.rack),
-            demand: affine(|motion| &motion.demand),
-            minimum: each(|motion| motion.minimum),
-            drive: each(|motion| motion.drive),
-            undrive: each(|motion| motion.undrive),
-            drag: each(|motion| motion.drag),
-            exponent: each(|motion| motion.exponent),
-            duration: each(|motion| motion.duration),
-            shaft_per_engine_speed: each(|motion| motion.shaft_per_engine_speed),
-        }
-    }
-
-    /// The motions of some of them.
-    #[inline(always)]
-    #[must_use]
-    pub fn load<T: Number>(&self, place: T::Place) -> Motion<T> {
-        Motion {
-            rack: self.rack.load(place),
-            demand: self.demand.load(place),
-            minimum: T::load(place, &self.minimum),
-            drive: T::load(place, &self.drive),
-            undrive: T::load(place, &self.undrive),
-            drag: T::load(place, &self.drag),
-            exponent: T::load(place, &self.exponent),
-            duration: T::load(place, &self.duration),
-            shaft_per_engine_speed: T::load(place, &self.shaft_per_engine_speed),
-        }
     }
 }
 

@@ -1,34 +1,21 @@
 //! The power law of the propeller, n |n|^(p - 1).
 
-use super::Number;
-
 /// A way to compute it.
 pub trait Power {
     /// `speed` |`speed`|^(`exponent` - 1).
     fn of(speed: f64, exponent: f64) -> f64;
-
-    /// The same of several numbers; `FUSED` where multiply-adds are one instruction.
-    #[inline(always)]
-    fn each<T: Number, const FUSED: bool>(speed: T, exponent: T) -> T {
-        speed.join(exponent, Self::of)
-    }
 }
 
 /// Where the exponent is 2.
 pub struct Square;
 /// With the platform's power function; the fastest for one plant.
 pub struct Library;
-/// With polynomials, without branches; vectorises.
+/// With polynomials, without branches; vectorises, as where derivatives are carried in lanes.
 pub struct Polynomial;
 
 impl Power for Square {
     #[inline(always)]
     fn of(speed: f64, _exponent: f64) -> f64 {
-        speed * speed.abs()
-    }
-
-    #[inline(always)]
-    fn each<T: Number, const FUSED: bool>(speed: T, _exponent: T) -> T {
         speed * speed.abs()
     }
 }
@@ -43,27 +30,17 @@ impl Power for Library {
 impl Power for Polynomial {
     #[inline(always)]
     fn of(speed: f64, exponent: f64) -> f64 {
-        power::<false>(speed, exponent)
+        let logarithm = log2(speed.abs().max(f64::MIN_POSITIVE));
+        speed * exp2(logarithm * (exponent - 1.0))
     }
-
-    #[inline(always)]
-    fn each<T: Number, const FUSED: bool>(speed: T, exponent: T) -> T {
-        speed.join(exponent, power::<FUSED>)
-    }
-}
-
-#[inline(always)]
-fn power<const FUSED: bool>(speed: f64, exponent: f64) -> f64 {
-    let logarithm = log2::<FUSED>(speed.abs().max(f64::MIN_POSITIVE));
-    speed * exp2::<FUSED>(logarithm * (exponent - 1.0))
 }
 
 /// `speed` |`speed`|^(`exponent` - 1), and its derivatives by speed and by exponent.
 #[inline(always)]
 #[must_use]
 pub fn power_and_slopes(speed: f64, exponent: f64) -> [f64; 3] {
-    let logarithm = log2::<false>(speed.abs().max(f64::MIN_POSITIVE));
-    let slope = exp2::<false>(logarithm * (exponent - 1.0));
+    let logarithm = log2(speed.abs().max(f64::MIN_POSITIVE));
+    let slope = exp2(logarithm * (exponent - 1.0));
     let value = speed * slope;
     [value, exponent * slope, value * (logarithm * std::f64::consts::LN_2)]
 }
@@ -75,7 +52,7 @@ const TWO_52: f64 = 4_503_599_627_370_496.0;
 ///
 /// The number is 2^k m with m in [sqrt(1/2), sqrt(2)), and ln m = 2 atanh(s) with s = (m - 1)/(m + 1).
 #[inline(always)]
-fn log2<const FUSED: bool>(x: f64) -> f64 {
+fn log2(x: f64) -> f64 {
     const SQRT_HALF: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
     const ONE: u64 = 1.0_f64.to_bits();
     /// 2 atanh(s) / (s ln 2) in powers of s^2, interpolated at Chebyshev nodes; off by 1.5e-17 at most.
@@ -94,12 +71,12 @@ fn log2<const FUSED: bool>(x: f64) -> f64 {
     let k = f64::from_bits(TWO_52.to_bits() | biased) - (TWO_52 + 1023.0);
     let m = f64::from_bits(x.to_bits().wrapping_sub(biased.wrapping_sub(1023) << 52));
     let s = (m - 1.0) / (m + 1.0);
-    s.times_plus::<FUSED>(polynomial::<FUSED, _>(s * s, SERIES), k)
+    s * polynomial(s * s, SERIES) + k
 }
 
 /// 2^y, from 2^-1022 to 2^1023: 2^k 2^f with f in [-1/2, 1/2].
 #[inline(always)]
-fn exp2<const FUSED: bool>(y: f64) -> f64 {
+fn exp2(y: f64) -> f64 {
     /// Adding it rounds to a whole number, which the low bits then hold in two's complement.
     const ROUND: f64 = 1.5 * TWO_52;
     /// 2^f, interpolated at Chebyshev nodes; off by 2e-17 at most.
@@ -119,8 +96,7 @@ fn exp2<const FUSED: bool>(y: f64) -> f64 {
     ];
     let y = y.clamp(-1022.0, 1023.0);
     let rounded = y + ROUND;
-    polynomial::<FUSED, _>(y - (rounded - ROUND), SERIES)
-        * f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52)
+    polynomial(y - (rounded - ROUND), SERIES) * f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52)
 }
 
 /// A polynomial of an even number of coefficients, the constant one first.
@@ -128,14 +104,14 @@ fn exp2<const FUSED: bool>(y: f64) -> f64 {
 /// Even and odd powers apart: two chains half as long, which is what its caller waits for.
 #[inline(always)]
 #[must_use]
-pub fn polynomial<const FUSED: bool, const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
+pub fn polynomial<const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
     let square = x * x;
     let (mut even, mut odd) = (0.0_f64, 0.0_f64);
     for pair in coefficients.as_chunks::<2>().0.iter().rev() {
-        even = even.times_plus::<FUSED>(square, pair[0]);
-        odd = odd.times_plus::<FUSED>(square, pair[1]);
+        even = even * square + pair[0];
+        odd = odd * square + pair[1];
     }
-    odd.times_plus::<FUSED>(x, even)
+    odd * x + even
 }
 
 #[cfg(test)]
@@ -150,10 +126,9 @@ mod tests {
         fn polynomials_agree_with_the_library(speed in -1e4..1e4_f64, small in -1e-4..1e-4_f64, exponent in 0.3..4.0) {
             for speed in [speed, small] {
                 let expected = Library::of(speed, exponent);
-                for found in [Polynomial::of(speed, exponent), Polynomial::each::<_, true>(speed, exponent)] {
-                    // The logarithm's last bit counts as often as the logarithm is large.
-                    prop_assert!((found - expected).abs() <= 1e-14 * expected.abs(), "{found} {expected}");
-                }
+                let found = Polynomial::of(speed, exponent);
+                // The logarithm's last bit counts as often as the logarithm is large.
+                prop_assert!((found - expected).abs() <= 1e-14 * expected.abs(), "{found} {expected}");
             }
         }
 

@@ -96,8 +96,8 @@ impl PulseCrossings {
         Ok(self.taken(found))
     }
 
-    /// As [`Self::edges`], where it is known already where a chunk without gaps fires first, all its other crossings, and
-    /// whether the detector is armed after it, having been so or not `before`; None where that was otherwise.
+    /// As [`Self::edges`] for a chunk without gaps whose crossings are `known`, found for a detector that was armed or not
+    /// as `before` says. None where this detector's state differs: the chunk must then be searched.
     pub(super) fn timed<T: Sample>(
         &mut self,
         chunk: &[T],

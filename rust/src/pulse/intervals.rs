@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::error::{Result, require};
+use crate::stop::Stop;
 
 /// Intervals whose mean length tells how many samples each should have.
 const AROUND: usize = 33;
@@ -57,8 +58,8 @@ struct Scatter {
 /// [rev], deviation were the errors of the ends independent.
 ///
 /// # Errors
-/// If the lengths do not fit, or a count is not positive.
-pub fn interval_speeds(track: &Counted<'_>, columns: [&mut [f64]; COLUMNS]) -> Result<()> {
+/// If the lengths do not fit, or a count is not positive; on a stop.
+pub fn interval_speeds(track: &Counted<'_>, columns: [&mut [f64]; COLUMNS], stop: &Stop) -> Result<()> {
     let wholes = track.edges.len().saturating_sub(1);
     require(wholes > 0 && track.count.len() == wholes, || {
         format!(
@@ -87,8 +88,7 @@ pub fn interval_speeds(track: &Counted<'_>, columns: [&mut [f64]; COLUMNS]) -> R
     require(columns.iter().all(|column| column.len() == total), || {
         format!("columns: found {} rows, expected the counts' sum, {total}", columns[0].len())
     })?;
-    Pass { track, turned: track.turned(), around: AROUND.min(wholes) }.fill(columns);
-    Ok(())
+    Pass { track, turned: track.turned(), around: AROUND.min(wholes) }.fill(columns, stop)
 }
 
 /// Angle of each interval [rev]; one number where all are equal.
@@ -127,11 +127,12 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn fill(&self, columns: [&mut [f64]; COLUMNS]) {
+    fn fill(&self, columns: [&mut [f64]; COLUMNS], stop: &Stop) -> Result<()> {
         let [middles, speeds, stds, durations, angles, ends] = columns;
         let Counted { edges, count, fractions, relative, .. } = *self.track;
         let (mut row, mut place, mut passed) = (0, 0, 0.0);
         for first in (0..count.len()).step_by(TOGETHER) {
+            stop.check()?;
             let part = first..(first + TOGETHER).min(count.len());
             let (expected, scatters) = self.scatters(&part);
             for ((k, usual), Scatter { random, sampled, alike, surplus }) in part.zip(expected).zip(scatters)
@@ -153,6 +154,7 @@ impl Pass<'_> {
                 }
             }
         }
+        Ok(())
     }
 
     /// Expected lengths of some intervals [s], and the scatter of their speeds.
@@ -239,13 +241,16 @@ impl Pass<'_> {
 
 /// Whether no period differs from its neighbours by more than these ratios: it is at least `least` and below `most` times any
 /// of the ten before and after it, and so of their median.
-#[must_use]
-pub fn is_even(times: &[f64], least: f64, most: f64) -> bool {
+///
+/// # Errors
+/// On a stop.
+pub fn is_even(times: &[f64], least: f64, most: f64, stop: &Stop) -> Result<bool> {
     const { assert!(BLOCK >= REACH) };
     let periods = times.len().saturating_sub(1);
-    let extremes: Vec<(f64, f64)> = (0..periods)
+    let extremes = (0..periods)
         .step_by(BLOCK)
         .map(|first| {
+            stop.check()?;
             let part = &times[first..=(first + BLOCK).min(periods)];
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
             for (one, next) in part.iter().zip(&part[1..]) {
@@ -253,13 +258,13 @@ pub fn is_even(times: &[f64], least: f64, most: f64) -> bool {
                 low = if period < low { period } else { low };
                 high = if period > high { period } else { high };
             }
-            (low, high)
+            Ok((low, high))
         })
-        .collect();
-    extremes.iter().enumerate().all(|(block, &(low, high))| {
+        .collect::<Result<Vec<(f64, f64)>>>()?;
+    Ok(extremes.iter().enumerate().all(|(block, &(low, high))| {
         let near = &extremes[block.saturating_sub(1)..(block + 2).min(extremes.len())];
         let lowest = near.iter().fold(f64::INFINITY, |found, pair| found.min(pair.0));
         let highest = near.iter().fold(f64::NEG_INFINITY, |found, pair| found.max(pair.1));
         low >= least * highest && high < most * lowest
-    })
+    }))
 }

@@ -97,7 +97,7 @@ fn least_difference(stretch: &mut [f64]) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// The middle value, the upper of two.
+/// The median; of an even number of values the upper one of the two in the middle.
 fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1

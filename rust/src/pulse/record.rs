@@ -49,7 +49,7 @@ impl PulseTracker {
     /// Look at the windows of a record and take their crossings, as by [`Self::look`] and [`Self::cross`].
     ///
     /// # Errors
-    /// As these, or for a window without samples.
+    /// Those of the two methods, and [`Error::Invalid`] for a window without samples.
     pub fn follow<T: Sample>(&mut self, samples: &[T], window: usize, stop: &Stop) -> Result<Record> {
         require(window > 0, || "window: found 0, expected samples in it".to_owned())?;
         let mut record = Record::default();

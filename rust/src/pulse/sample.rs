@@ -3,7 +3,7 @@
 /// Samples compared at a time: one bit of a word each.
 pub(super) const BLOCK: usize = u64::BITS as usize;
 
-/// The largest f64 that is not taken for saturated.
+/// The largest f64 that counts as a measured value; a larger one means that the channel is saturated.
 pub(super) const LARGEST: f64 = f64::MAX / 4.0;
 
 /// A type in which loggers store samples.

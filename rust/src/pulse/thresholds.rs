@@ -44,10 +44,10 @@ impl Levels {
         self.middle + self.slope * sample.wrapping_sub(self.origin).cast_signed() as f64
     }
 
-    /// Low and high in the samples' type, deciding as they do in f64.
+    /// Low and high threshold in the samples' type; a comparison with them gives the same as in f64.
     ///
     /// # Errors
-    /// If it can't hold one of them.
+    /// Where the samples' type cannot hold one of the two.
     pub(super) fn thresholds<T: Sample>(&self) -> Result<(T, T)> {
         let outside = |name: &str, level: f64| {
             Error::Invalid(format!(

@@ -30,8 +30,8 @@ const GRID: [(f64, f64); 20] = [
     (0.938, 0.2298),
     (1.0, 0.2887),
 ];
-/// Ratio of the noise to the rise in a sample, to a factor on the standard deviation of a crossing: noise makes several
-/// crossings of one edge, of which the last counts; by simulation.
+/// Noise makes an edge cross the level several times, and the last crossing counts. Pairs of the noise over the rise in a
+/// sample, and the factor by which this lessens the standard deviation of a crossing; from simulations.
 const LAST: [(f64, f64); 9] = [
     (0.3, 1.0),
     (0.5, 0.982),

@@ -60,7 +60,7 @@ struct Piece {
 struct Window {
     length: usize,
     noise: f64,
-    /// Of a window that goes on as those before: the train's state at its start, and where it fires.
+    /// Only where a window continues the pulses of those before it: the train's state at its start, and its crossings.
     held: Option<(Steady, Held)>,
 }
 
@@ -184,7 +184,7 @@ impl PulseTracker {
         Steady::after(window, &self.extremes, level, levels)
     }
 
-    /// Take the crossings of the oldest window that was looked at, given once more.
+    /// Return the crossings of the oldest window that was looked at; `samples` are those of that window.
     ///
     /// # Errors
     /// If it is not that long, if its type can't hold a given threshold, or on a stop, after which the tracker is of no

@@ -58,20 +58,9 @@ pub fn expect_shape<const N: usize>(
     })?)
 }
 
-/// Borrow parameter vectors [M, `length`], and build of each what `make` makes; its label names it in messages.
-pub fn members<T>(
-    parameters: &Bound<'_, PyAny>,
-    length: usize,
-    make: impl Fn(&[f64], &str) -> Result<T>,
-) -> PyResult<Vec<T>> {
-    let vectors: Matrix<'_> = borrow("parameters", parameters)?;
-    expect_shape("parameters", vectors.shape(), [vectors.shape()[0], length], "members, parameters")?;
-    let each = vectors.as_slice()?.chunks_exact(length).enumerate();
-    Ok(each.map(|(member, vector)| make(vector, &format!("parameters[{member}]"))).collect::<Result<_>>()?)
-}
-
-/// Zeros of that shape; one that no memory holds is a `MemoryError`, and a panic in the crate's own constructor.
-fn zeros<const N: usize>(
+/// An array of that shape, of whatever its memory held; one that no memory holds is a `MemoryError`, and a panic in the
+/// crate's own constructor.
+fn unfilled<const N: usize>(
     py: Python<'_>,
     shape: [usize; N],
 ) -> PyResult<Bound<'_, PyArray<f64, Dim<[usize; N]>>>>
@@ -82,11 +71,11 @@ where
     if bytes.is_none_or(|bytes| isize::try_from(bytes).is_err()) {
         return Err(Error::Memory { bytes: bytes.unwrap_or(usize::MAX) }.into());
     }
-    let array = py.import("numpy")?.call_method1("zeros", (shape.to_vec(),))?;
+    let array = py.import("numpy")?.call_method1("empty", (shape.to_vec(),))?;
     Ok(array.cast_into()?)
 }
 
-/// An array of that shape, filled by a guarded kernel of so many inner steps.
+/// An array of that shape, every value of which a guarded kernel of so many inner steps writes.
 pub fn filled<const N: usize>(
     py: Python<'_>,
     shape: [usize; N],
@@ -96,7 +85,7 @@ pub fn filled<const N: usize>(
 where
     Dim<[usize; N]>: Dimension,
 {
-    let array = zeros(py, shape)?;
+    let array = unfilled(py, shape)?;
     {
         let mut values = array.readwrite();
         let values = values.as_slice_mut()?;
@@ -108,14 +97,14 @@ where
 /// Outputs [O, N] and their derivatives [W, O, N].
 pub type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
 
-/// Outputs and their derivatives of the shape [W, O, N], filled by a guarded kernel of so many inner steps.
+/// Outputs and their derivatives of the shape [W, O, N], every value of which a guarded kernel of so many inner steps writes.
 pub fn filled_with_derivatives(
     py: Python<'_>,
     [by, outputs, samples]: [usize; 3],
     work: usize,
     kernel: impl FnOnce(&mut [f64], &mut [f64], &Stop) -> Result<()> + Send,
 ) -> PyResult<Sensitivities<'_>> {
-    let derivatives = zeros(py, [by, outputs, samples])?;
+    let derivatives = unfilled(py, [by, outputs, samples])?;
     let values = {
         let mut slopes = derivatives.readwrite();
         let slopes = slopes.as_slice_mut()?;

@@ -1,15 +1,14 @@
 //! Bindings of the linear kernels.
 
-use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use numpy::{Complex64, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{
-    Matrix, Sensitivities, Sums, Targets, Vector, borrow, expect_shape, filled_with_derivatives, hand_back,
-    hand_back_sums, members,
+    Sensitivities, Sums, Targets, Vector, borrow, filled_with_derivatives, hand_back, hand_back_sums,
 };
 use super::guard;
-use crate::cost::{Cost, Objective, Record};
+use crate::cost::Record;
 use crate::integrate::Hold;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
@@ -18,7 +17,6 @@ const RESPONSE: usize = 16;
 
 type ComplexRows<'py> = Bound<'py, PyArray2<Complex64>>;
 type Rows<'py> = Bound<'py, PyArray2<f64>>;
-type RowsByParameter<'py> = Bound<'py, PyArray3<f64>>;
 
 /// Simulate the linear structure; [O, N].
 #[pyfunction]
@@ -77,72 +75,6 @@ fn run_response(
     Ok((result, frequency_hz.len()))
 }
 
-type CostOfOne<'py> = (f64, Bound<'py, PyArray1<f64>>, Rows<'py>, Rows<'py>, usize);
-type CostOfMany<'py> =
-    (Bound<'py, PyArray1<f64>>, Rows<'py>, RowsByParameter<'py>, RowsByParameter<'py>, usize);
-
-/// Weighted cost of one parameter vector: (cost, gradient [W], Gauss-Newton matrix [W, W], scatter [O, O], samples counted).
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn linear_cost<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    dn_set: &Bound<'py, PyAny>,
-    dt: f64,
-    hold: Hold,
-    initial: &Bound<'py, PyAny>,
-    outputs: Vec<usize>,
-    measured: &Bound<'py, PyAny>,
-    weight: &Bound<'py, PyAny>,
-    wrt: Vec<usize>,
-) -> PyResult<CostOfOne<'py>> {
-    let vector: Vector<'_> = borrow("parameters", parameters)?;
-    let vector = Parameters::new(vector.as_slice()?, "parameters")?;
-    let arrays = ObjectiveArrays::borrow(dn_set, initial, measured, weight)?;
-    let objective = arrays.objective(dt, hold, &outputs, &wrt)?;
-    let Cost { cost, gradient, gauss_newton, scatter, count } =
-        guard::run(py, objective.work(), |stop| objective.evaluate(&vector, stop))?;
-    Ok((
-        cost,
-        hand_back(py, gradient, [wrt.len()])?,
-        hand_back(py, gauss_newton, [wrt.len(), wrt.len()])?,
-        hand_back(py, scatter, [outputs.len(), outputs.len()])?,
-        count,
-    ))
-}
-
-/// The same of many parameter vectors [M, 9] on so many threads, 0 for all cores; one that diverges costs infinity.
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn linear_cost_batch<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    dn_set: &Bound<'py, PyAny>,
-    dt: f64,
-    hold: Hold,
-    initial: &Bound<'py, PyAny>,
-    outputs: Vec<usize>,
-    measured: &Bound<'py, PyAny>,
-    weight: &Bound<'py, PyAny>,
-    wrt: Vec<usize>,
-    threads: usize,
-) -> PyResult<CostOfMany<'py>> {
-    let vectors = members(parameters, PARAMETERS.len(), Parameters::new)?;
-    let members = vectors.len();
-    let arrays = ObjectiveArrays::borrow(dn_set, initial, measured, weight)?;
-    let objective = arrays.objective(dt, hold, &outputs, &wrt)?;
-    let work = objective.work().saturating_mul(members);
-    let costs = guard::run(py, work, |stop| objective.evaluate_batch(&vectors, threads, stop))?;
-    let gather = |part: fn(&Cost) -> &[f64]| costs.iter().flat_map(part).copied().collect::<Vec<_>>();
-    Ok((
-        hand_back(py, costs.iter().map(|cost| cost.cost).collect(), [members])?,
-        hand_back(py, gather(|cost| &cost.gradient), [members, wrt.len()])?,
-        hand_back(py, gather(|cost| &cost.gauss_newton), [members, wrt.len(), wrt.len()])?,
-        hand_back(py, gather(|cost| &cost.scatter), [members, outputs.len(), outputs.len()])?,
-        costs.iter().map(|cost| cost.count).max().unwrap_or_default(),
-    ))
-}
-
 /// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted). The columns of an output
 /// are its derivatives by `wrt`, what an offset of it adds, and its residual.
 #[pyfunction]
@@ -172,39 +104,6 @@ fn linear_products<'py>(
     let record = Record::new(drive, outputs, measured, wrt)?.filtered(filters)?.with_offsets(offsets)?;
     let products = guard::run(py, record.work(), |stop| record.products(&vector, stop))?;
     hand_back_sums(py, products.values, [rows, products.columns], products.count)
-}
-
-/// The arrays behind an objective, borrowed from Python.
-struct ObjectiveArrays<'py> {
-    dn_set: Vector<'py>,
-    initial: Vector<'py>,
-    measured: Matrix<'py>,
-    weight: Matrix<'py>,
-}
-
-impl<'py> ObjectiveArrays<'py> {
-    fn borrow(
-        dn_set: &Bound<'py, PyAny>,
-        initial: &Bound<'py, PyAny>,
-        measured: &Bound<'py, PyAny>,
-        weight: &Bound<'py, PyAny>,
-    ) -> PyResult<Self> {
-        Ok(Self {
-            dn_set: borrow("dn_set", dn_set)?,
-            initial: borrow("initial", initial)?,
-            measured: borrow("measured", measured)?,
-            weight: borrow("weight", weight)?,
-        })
-    }
-
-    fn objective(&self, dt: f64, hold: Hold, outputs: &[usize], wrt: &[usize]) -> PyResult<Objective<'_>> {
-        let drive = Drive::new(self.dn_set.as_slice()?, dt, hold, self.initial.as_slice()?)?;
-        let rows = outputs.len();
-        expect_shape("measured", self.measured.shape(), [rows, drive.samples()], "outputs, samples")?;
-        expect_shape("weight", self.weight.shape(), [rows, rows], "outputs, outputs")?;
-        let (outputs, wrt) = (Output::from_indices(outputs)?, By::from_indices(wrt)?);
-        Ok(Objective::new(drive, outputs, self.measured.as_slice()?, self.weight.as_slice()?, wrt)?)
-    }
 }
 
 /// Exact frequency response of the linear structure from the set point, dead times included; complex [O, F].
@@ -240,8 +139,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("LINEAR_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
     module.add_function(wrap_pyfunction!(simulate_linear, module)?)?;
     module.add_function(wrap_pyfunction!(linear_sensitivities, module)?)?;
-    module.add_function(wrap_pyfunction!(linear_cost, module)?)?;
-    module.add_function(wrap_pyfunction!(linear_cost_batch, module)?)?;
     module.add_function(wrap_pyfunction!(linear_products, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response_sensitivities, module)?)?;

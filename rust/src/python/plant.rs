@@ -1,11 +1,11 @@
 //! Bindings of the plant kernels.
 
-use numpy::{PyArray2, PyArray3, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Matrix, Vector, borrow, filled};
-use crate::integrate::{Hold, ROWS, Rows, Runs, Scheme, simulate};
+use super::arrays::{Vector, borrow, filled};
+use crate::integrate::{Hold, ROWS, Run, Scheme, simulate};
 use crate::plant::{Envelope, PARAMETERS};
 
 /// Simulate one plant; rows `n_s`, `E_n`, `X_f`, `M_b`.
@@ -28,38 +28,9 @@ fn simulate_plant<'py>(
     let initial: Vector<'_> = borrow("initial", initial)?;
     let envelope = envelope(limit_speed, limit_torque)?;
     let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
-    let runs = Runs::one(parameters.as_slice()?, n_set.as_slice()?, initial.as_slice()?)?;
+    let run = Run::new(parameters.as_slice()?, n_set.as_slice()?, initial.as_slice()?)?;
     filled(py, [ROWS, n_set.len()], scheme.steps(n_set.len()), |values, stop| {
-        simulate(&runs, &envelope, &scheme, 1, values, stop)
-    })
-}
-
-/// Simulate many plants; for each the rows of `simulate_plant`.
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn simulate_plant_batch<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    limit_speed: &Bound<'py, PyAny>,
-    limit_torque: &Bound<'py, PyAny>,
-    n_set: &Bound<'py, PyAny>,
-    dt: f64,
-    substeps: usize,
-    method: &str,
-    hold: Hold,
-    initial: &Bound<'py, PyAny>,
-    threads: usize,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let parameters: Matrix<'_> = borrow("parameters", parameters)?;
-    let n_set: Matrix<'_> = borrow("n_set", n_set)?;
-    let initial: Matrix<'_> = borrow("initial", initial)?;
-    let envelope = envelope(limit_speed, limit_torque)?;
-    let scheme = Scheme::new(dt, substeps, method.parse()?, hold)?;
-    let runs = Runs::many(rows(&parameters)?, rows(&n_set)?, rows(&initial)?)?;
-    let samples = n_set.shape()[1];
-    let work = scheme.steps(samples).saturating_mul(runs.len());
-    filled(py, [runs.len(), ROWS, samples], work, |values, stop| {
-        simulate(&runs, &envelope, &scheme, threads, values, stop)
+        simulate(&run, &envelope, &scheme, values, stop)
     })
 }
 
@@ -69,13 +40,8 @@ pub(super) fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> P
     Ok(Envelope::new(speed.as_slice()?, torque.as_slice()?)?)
 }
 
-fn rows<'a>(matrix: &'a Matrix<'_>) -> PyResult<Rows<'a>> {
-    Ok(Rows { values: matrix.as_slice()?, shape: [matrix.shape()[0], matrix.shape()[1]] })
-}
-
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("PLANT_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
     module.add_function(wrap_pyfunction!(simulate_plant, module)?)?;
-    module.add_function(wrap_pyfunction!(simulate_plant_batch, module)?)?;
     Ok(())
 }

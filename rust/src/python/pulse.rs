@@ -1,9 +1,9 @@
 //! Bindings of the pulse kernels.
 
-use numpy::{IntoPyArray, Ix1, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use numpy::{IntoPyArray, Ix1, PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use super::arrays::{Vector, borrow, hand_back, hand_back_spans};
+use super::arrays::{Vector, borrow, filled, hand_back, hand_back_spans};
 use super::guard;
 use crate::error::{Error, Result};
 use crate::pulse;
@@ -188,7 +188,7 @@ fn pulse_levels(py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<(f64, f6
 fn pulses_are_even(py: Python<'_>, times: &Bound<'_, PyAny>, least: f64, most: f64) -> PyResult<bool> {
     let times: Vector<'_> = borrow("times", times)?;
     let times = times.as_slice()?;
-    guard::run(py, times.len(), |_| Ok(pulse::is_even(times, least, most)))
+    guard::run(py, times.len(), |stop| pulse::is_even(times, least, most, stop))
 }
 
 /// Middles, speeds, deviations, lengths, angles and deviations of independent ends, of the intervals between pulses [6, N].
@@ -227,15 +227,11 @@ fn interval_speeds<'py>(
         .count
         .iter()
         .fold(0, |sum: usize, &count| sum.saturating_add(usize::try_from(count).unwrap_or(0).min(1 << 20)));
-    // Of NumPy's own memory, which is of large pages where it is long.
-    let found = PyArray2::<f64>::zeros(py, [pulse::COLUMNS, rows], false);
-    {
-        let mut columns = found.readwrite();
-        let mut parts = columns.as_slice_mut()?.chunks_mut(rows.max(1));
+    filled(py, [pulse::COLUMNS, rows], rows, |values, stop| {
+        let mut parts = values.chunks_mut(rows.max(1));
         let columns = std::array::from_fn(|_| parts.next().unwrap_or_default());
-        guard::run(py, rows, |_| pulse::interval_speeds(&track, columns))?;
-    }
-    Ok(found)
+        pulse::interval_speeds(&track, columns, stop)
+    })
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -235,7 +235,7 @@ class ClockScan:
 def spliced(
     blocks: Callable[[str, int, int], Iterator[Samples]], segments: tuple[Segment, ...]
 ) -> Callable[[str, int, int], Iterator[Samples]]:
-    """Return a reader of samples from a reader of rows: missing ones are NaN, rows left out are passed over."""
+    """Return a reader of samples made from one of rows: missing samples are NaN, rows that are no samples are skipped."""
 
     def read(channel: str, first: int, size: int) -> Iterator[Samples]:
         at = first

@@ -31,10 +31,8 @@ class HumScan:
 
     Parameters
     ----------
-    rate_hz
-        Sample rate [Hz].
-    mains_hz
-        Frequency of the mains [Hz].
+    rate_hz, mains_hz
+        Sample rate, and frequency of the mains [Hz].
     """
 
     @staticmethod

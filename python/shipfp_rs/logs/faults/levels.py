@@ -73,7 +73,7 @@ def find_level_faults(
     Parameters
     ----------
     extremes
-        Of the whole channel, or of the stretch in question.
+        Extremes by block, of the whole channel or of the stretch that is searched.
     read
         Samples on the same index; called for blocks that look odd, and a few beside them.
     rate_hz

@@ -54,8 +54,8 @@ class Fault:
     spans
         First sample and first sample after on the channel's own index, shape (K, 2), ascending.
     excluded
-        Whether no fit sees the signals at these times. Samples that were invented or are doubtful are; what was
-        only told, or taken out without touching what was measured, is not.
+        Whether these samples are left out of fits: yes where they were filled in or are doubtful, no where the fault
+        was only reported, or removed without changing what was measured.
     """
 
     kind: str

@@ -28,7 +28,7 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     """Open a delimited file: delimiter, decimal mark, headings, units, time and rate are found in its first lines.
 
     A last line without a line end may have been cut anywhere, also within its last number: it is left out, with a
-    warning. So are lines of words after the last record.
+    warning. Lines of text after the last record are left out, too.
     """
     layout = find_layout(path)
     index = _Index(path, layout)

@@ -27,7 +27,7 @@ class Found:
 
 
 def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequence[str] = ()) -> Log:
-    """Return the log of the channels found; it begins with the earliest, `rows` yields their rows as recorded."""
+    """Return the log of the channels found. Its clock begins with the earliest channel; `rows` yields the recorded rows."""
     zero = min((each.start_utc for each in found if each.start_utc), default=None)
     channels = [
         replace(each.channel, start_s=each.channel.start_s + (each.start_utc - zero).total_seconds())

@@ -221,7 +221,7 @@ def _time_of(path: Path, key: str, length: int, times: dict[str, _Row]) -> str:
 
 
 def _clock(path: Path, key: str, row: _Row) -> tuple[TimeAxis, datetime | None]:
-    """Return grid and zero of a row of times."""
+    """Return the even grid of a dataset of times, and the date of its time zero where its unit tells one."""
     facts = row.dataset.attrs
     unit = _text(facts.get("units", facts.get("unit", split_bracketed(key)[1])))
     since = SINCE.fullmatch(unit)

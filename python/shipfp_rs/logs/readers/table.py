@@ -138,7 +138,7 @@ def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, 
 
 
 def _time_before(column: str, plans: Sequence[TimePlan], order: Sequence[str]) -> int:
-    """Return the place of the time that a column goes by: the last one that stands before it, else the first."""
+    """Return which time column belongs to a column: the last one to its left, or the first if there is none."""
     before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
     return max(before, default=0)
 
