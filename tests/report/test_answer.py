@@ -279,7 +279,7 @@ def test_no_english_word_is_left_on_the_german_first_screen(which, usable, trial
     assert english & german == set()
     # Its numbers have a decimal comma, too; 12.5 is told as 12,5.
     assert re.findall(r"\d\.\d", screens[1]) == []
-    assert len(re.findall(r"\d,\d", screens[1])) > 20
+    assert len(re.findall(r"\d,\d", screens[1])) > 10 or usable == "no minimum"  # which shows no figure
 
 
 def test_a_fingerprint_that_can_not_be_used_says_what_to_do_and_shows_no_loop(found, trial) -> None:
