@@ -374,7 +374,7 @@ def _is_exact(search: Search, minimum: Minimum) -> bool:
 def _both_ended(structure: Structure, behind: float) -> Structure:
     """Return a structure whose shaft keeps some inertia on the engine's end beside what is behind the gauge."""
     whole, least = structure["tau_n"], behind / (1.0 - LIGHTEST_ENGINE)
-    if whole.fixed or not whole.lower < least < whole.upper:
+    if whole.fixed or whole.tied is not None or not whole.lower < least < whole.upper:
         return structure
     return structure.with_bounds(tau_n=(least, max(1.2 * least, whole.start), whole.upper))
 
