@@ -12,6 +12,7 @@ import numpy as np
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
+from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
 from shipfp_rs.identification.sampling import between_samples, held
@@ -44,7 +45,7 @@ SOFTENS = (CUTS, "actuator_lag")
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0
-"""Fall of the deviance from which on the outputs tell how the set point runs between its samples."""
+"""Fall of the deviance from which on the outputs tell which set point they follow."""
 NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
 NEARBY_S = 0.02
@@ -122,6 +123,8 @@ class Chooser:
         """Whether the set point between its samples is taken for a band-limited signal: one that was low-passed is."""
         if self.band_limited:
             self.experiments = [band_limited(one) for one in experiments]
+        self.is_quiet = False
+        """Whether the set point is taken without the noise that it was logged with: where the outputs do not follow that."""
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
         self.options = {
@@ -190,28 +193,29 @@ class Chooser:
             search = self._less_held(search, best)
             best = search.minimise(best.vector)
         if not self.band_limited:
-            search, best = self._interpolated(elements, search, best)
+            changed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
+            search, best, self.band_limited = self._fed(changed, search, best)
+        changed = [without_noise(one) for one in self.experiments]
+        search, best, self.is_quiet = self._fed(changed, search, best)
         if _is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
         return self.refined(Fitted(elements, search, best))
 
-    def _interpolated(self, elements: Sequence[str], search: Search, best: Minimum) -> tuple[Search, Minimum]:
-        """Take the set point between its samples for what the outputs follow: straight lines, or a band-limited signal."""
-        smoothed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
-        straight, self.experiments = self.experiments, smoothed
-        other = self.search(elements)
+    def _fed(self, changed: list[Experiment], search: Search, best: Minimum) -> tuple[Search, Minimum, bool]:
+        """Take experiments with a changed set point in place of theirs if the outputs follow it better; tell whether."""
+        before, self.experiments = self.experiments, changed
+        other = self.search(self.ordered(search.structure.settings["elements"]))
         try:
             trial = other.minimise(best.vector)
         except (IdentificationError, SimulationError) as error:
-            LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
+            LOGGER.debug("identify: a changed set point could not be simulated: %s", error)
         else:
             if trial.criterion < best.criterion - TOLD:
-                self.band_limited = True
-                return other, trial
-        self.experiments = straight
-        return search, best
+                return other, trial, True
+        self.experiments = before
+        return search, best, False
 
     @property
     def _clears(self) -> bool:
