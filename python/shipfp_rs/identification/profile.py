@@ -35,7 +35,7 @@ INSIDE = 0.5
 """If a point less than so many deviations high lies within `CLOSE` of one past the level, the others were not at their
 best at the latter."""
 DOUBTS = 8
-"""How often such a point is dropped and tried again, starting from a nearer one."""
+"""How often such a point is dropped and tried again, starting from a nearer one; of a trace, how often its step is halved."""
 EDGE = 0.05
 """The next value keeps this part of a bracket away from its ends; also the least growth of a step."""
 
@@ -134,7 +134,7 @@ class Profile:
             np.empty((len(values), len(self._origin.vector))),
         )
         for place, value in enumerate(values):
-            point = self._best_at(near, index, float(value), threshold)
+            point = self._led_to(near, index, float(value), threshold)
             rise[place], vectors[place] = max(point.cost - self._origin.cost, 0.0), point.vector
             near = point if np.isfinite(point.cost) else near
         return rise, vectors
@@ -150,6 +150,23 @@ class Profile:
             gain[index] = _explained(point, free) - here
             free[index] = False
         return gain
+
+    def _led_to(self, near: Point, index: int, value: float, threshold: float) -> Point:
+        """Lead the other parameters to one value of this one, in shorter steps where the cost rises as if they were lost."""
+        best, doubts = self._best_at(near, index, value, threshold), DOUBTS
+        point, aim, step = best, value, value - float(near.vector[index])
+        while doubts:
+            lost = not point.cost < near.cost + threshold
+            if not lost and aim == value:
+                break
+            near, doubts = (near, doubts - 1) if lost else (point, doubts)
+            step *= 0.5 if lost else 2.0
+            here = float(near.vector[index])
+            aim = value if abs(step) >= abs(value - here) else here + step
+            point = self._best_at(near, index, aim, threshold)
+            if aim == value:
+                best = min(best, point, key=lambda one: one.cost)
+        return best
 
     def _best_at(self, near: Point, index: int, value: float, threshold: float) -> Point:
         """Lead the other parameters to their best at one value of this one."""
