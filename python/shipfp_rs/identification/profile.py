@@ -35,7 +35,7 @@ INSIDE = 0.5
 """If a point less than so many deviations high lies within `CLOSE` of one past the level, the others were not at their
 best at the latter."""
 DOUBTS = 8
-"""How often such a point is dropped and tried again, starting from a nearer one; of a trace, how often its step is halved."""
+"""How often such a point is dropped and tried again, starting from a nearer one, or the step of a trace is halved."""
 EDGE = 0.05
 """The next value keeps this part of a bracket away from its ends; also the least growth of a step."""
 
