@@ -138,6 +138,8 @@ def design(
     """
     if duration_s is None and accuracy_pct is None:
         raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
+    if accuracy_pct is None and parameters is not None and len(parameters):
+        raise InputError("parameters: found without accuracy_pct, expected both; the accuracy is theirs")
     if duration_s is not None:
         positive("duration_s", duration_s)
     if accuracy_pct is not None:

@@ -166,7 +166,11 @@ def _culprit(label: str, value: Any, hint: Any) -> tuple[str, Any, Any]:
             continue
         if issubclass(origin, Mapping) and isinstance(value, Mapping):
             entries, kind = list(value.items()), inner[1]
-        elif issubclass(origin, Sequence) and origin is not tuple and isinstance(value, list | tuple):
+        elif (
+            issubclass(origin, (Sequence, Iterable))
+            and origin is not tuple
+            and isinstance(value, list | tuple)
+        ):
             entries, kind = list(enumerate(value)), inner[0]
         else:
             continue
@@ -192,7 +196,7 @@ def fits(value: Any, hint: Any) -> bool:
         numbers_of = "biufc" if "complex" in str(hint) else "biuf"
         return not isinstance(value, numbers.Number) and _is_array(value, numbers_of)
     if hint == npt.ArrayLike:
-        return _is_array(value, "biuf")
+        return not isinstance(value, bool | np.bool_) and _is_array(value, "biuf")
     if origin is Annotated:
         return fits(value, inner[0]) and all(rule(value) for rule in inner[1:] if callable(rule))
     if origin in (Union, types.UnionType):
