@@ -12,12 +12,13 @@ import numpy as np
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
+from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
 from shipfp_rs.identification.sampling import between_samples, held
 from shipfp_rs.identification.search import Search
-from shipfp_rs.identification.starts import starts
-from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
+from shipfp_rs.identification.starts import both_ended, starts
+from shipfp_rs.identification.weighted_problem import Minimum, is_exact
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
@@ -44,7 +45,7 @@ SOFTENS = (CUTS, "actuator_lag")
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0
-"""Fall of the deviance from which on the outputs tell how the set point runs between its samples."""
+"""Fall of the deviance from which on the outputs tell which set point they follow."""
 NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
 NEARBY_S = 0.02
@@ -63,14 +64,10 @@ PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
-LIGHTEST_ENGINE = 0.05
-"""The same of the engine's end of a shaft that twists."""
 DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
 """Passes over the records of one search."""
-EXACT = 1e-5
-"""Residual over spread of an output below which there is no noise."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +108,9 @@ class Chooser:
         self.clock = clock
         """Period at which the governor samples and its deviation [s], where the raw torque told them."""
         self.experiments, self.torque, self.outputs = list(experiments), torque, tuple(outputs)
+        self._logged = list(experiments)
         self._told = [one.dn_set for one in experiments]
-        """Deviations of the set point as it was sampled."""
+        """Deviations of the set point as it was sampled, without noise where that is left out."""
         self._beyond = [np.zeros((len(outputs), len(one))) for one in experiments]
         """What was taken from the outputs of each experiment, see `held`, shape (O, N)."""
         self.forced = tuple(forced)
@@ -122,6 +120,8 @@ class Chooser:
         """Whether the set point between its samples is taken for a band-limited signal: one that was low-passed is."""
         if self.band_limited:
             self.experiments = [band_limited(one) for one in experiments]
+        self.is_quiet = False
+        """Whether the set point is taken without the noise that it was logged with: where the outputs do not follow that."""
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
         self.options = {
@@ -190,28 +190,31 @@ class Chooser:
             search = self._less_held(search, best)
             best = search.minimise(best.vector)
         if not self.band_limited:
-            search, best = self._interpolated(elements, search, best)
-        if _is_exact(search, best):
+            changed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
+            search, best, self.band_limited = self._fed(changed, search, best)
+        changed = [without_noise(one) for one in self.experiments]
+        search, best, self.is_quiet = self._fed(changed, search, best)
+        if self.is_quiet:
+            self._told = [without_noise(one).dn_set for one in self._logged]
+        if is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
         return self.refined(Fitted(elements, search, best))
 
-    def _interpolated(self, elements: Sequence[str], search: Search, best: Minimum) -> tuple[Search, Minimum]:
-        """Take the set point between its samples for what the outputs follow: straight lines, or a band-limited signal."""
-        smoothed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
-        straight, self.experiments = self.experiments, smoothed
-        other = self.search(elements)
+    def _fed(self, changed: list[Experiment], search: Search, best: Minimum) -> tuple[Search, Minimum, bool]:
+        """Take experiments with a changed set point in place of theirs if the outputs follow it better; tell whether."""
+        before, self.experiments = self.experiments, changed
+        other = self.search(self.ordered(search.structure.settings["elements"]))
         try:
             trial = other.minimise(best.vector)
         except (IdentificationError, SimulationError) as error:
-            LOGGER.debug("identify: a band-limited set point could not be simulated: %s", error)
+            LOGGER.debug("identify: a changed set point could not be simulated: %s", error)
         else:
             if trial.criterion < best.criterion - TOLD:
-                self.band_limited = True
-                return other, trial
-        self.experiments = straight
-        return search, best
+                return other, trial, True
+        self.experiments = before
+        return search, best, False
 
     @property
     def _clears(self) -> bool:
@@ -288,7 +291,7 @@ class Chooser:
             # Of the inertia that a shaft's twist divides, the propeller's is a part.
             values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
         if "twist" in ordered and "tau_prop" in origin.search.names:
-            search = replace(search, structure=_both_ended(search.structure, values["tau_prop"]))
+            search = replace(search, structure=both_ended(search.structure, values["tau_prop"]))
         # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
         changed = set(ordered) ^ set(origin.elements)
         clears = self._clears and bool(changed & {CUTS} if self.clock is not None else changed & {*SOFTENS})
@@ -362,21 +365,6 @@ class Chooser:
     def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
         """Return elements in the table's order."""
         return tuple(name for name in ELEMENTS if name in elements)
-
-
-def _is_exact(search: Search, minimum: Minimum) -> bool:
-    """Whether the residuals are rounding beside every output's spread: a simulation without noise."""
-    count, scatter = mean_scatter(minimum.sums)
-    spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
-    return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
-
-
-def _both_ended(structure: Structure, behind: float) -> Structure:
-    """Return a structure whose shaft keeps some inertia on the engine's end beside what is behind the gauge."""
-    whole, least = structure["tau_n"], behind / (1.0 - LIGHTEST_ENGINE)
-    if whole.fixed or whole.tied is not None or not whole.lower < least < whole.upper:
-        return structure
-    return structure.with_bounds(tau_n=(least, max(1.2 * least, whole.start), whole.upper))
 
 
 def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:

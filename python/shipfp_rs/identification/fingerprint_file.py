@@ -37,6 +37,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "covariance": get_args(Covariance),
     "intervals": get_args(Intervals),
     "set_point": ("band-limited", "straight lines"),
+    "set_point_noise": ("left out", "taken for signal"),
 }
 """Settings that are one of some words."""
 SETTINGS: Mapping[str, tuple[Any, str]] = {

@@ -209,6 +209,7 @@ def _chosen(
         "structure": "chosen by the data",
         "ladder": [rung.to_dict() for rung in choice.ladder],
         "set_point": "band-limited" if chooser.band_limited else "straight lines",
+        "set_point_noise": "left out" if chooser.is_quiet else "taken for signal",
     }
     found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
     fingerprint = within_bounds(with_limits(fingerprint_of(found, vessel=vessel)), choice)
