@@ -36,7 +36,7 @@ def found() -> Fingerprint:
 
 def test_a_good_fit_is_usable_for_all(found) -> None:
     told = reworded(found)
-    assert told.usable.endswith("comparison: the data tell every parameter.")
+    assert told.usable.endswith("comparison: the data determine every parameter.")
     assert (told.usability, told.why_not) == ("usable", "")
 
 
@@ -122,8 +122,8 @@ def test_a_given_structure_is_judged_too(found) -> None:
     fit = {"dn": tested, "dM": tested, "overall": {"structure_p": 1e-9}}
     told = judged(replace(found, fit=fit, adequate={}), 5000)
     assert told.usable.startswith(
-        "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model "
-        "misses 4.4 %"
+        "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
+        "model misses 4.4 %"
     )
     assert (told.usability, told.adequate["stands"]) == ("usable except", False)
     assert told.verdict == found.verdict

@@ -44,7 +44,7 @@ def found(trial) -> fp.Fingerprint:
         fitted,
         si=in_si(fitted, TUG),
         elements=ELEMENTS,
-        usable="Usable for simulation, control tuning and comparison: the data tell every parameter.",
+        usable="Usable for simulation, control tuning and comparison: the data determine every parameter.",
         usability="usable",
     )
 
@@ -64,9 +64,9 @@ def test_the_first_screen_has_verdict_ship_loop_and_pictures_before_the_first_he
     screen = page[page.index("<main>") : page.index("<h2")]
     assert '<p class="answer good">Usable for simulation, control tuning and comparison' in screen
     assert screen.count("<svg") == 2
-    assert "Answer to a step of the set point" in screen
+    assert "answer to a step of the set point" in screen
     for words in (
-        "The ship, with intervals of 95 %",
+        "The drive train, with 95 % intervals",
         "inertia of the whole drive train",
         "propeller exponent",
         "bandwidth",
@@ -75,7 +75,7 @@ def test_the_first_screen_has_verdict_ship_loop_and_pictures_before_the_first_he
     ):
         assert words in screen
     assert "kg\u00a0m²" in screen
-    assert "measured, and the model" in screen
+    assert "measurement, and the model" in screen
 
 
 def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None:
@@ -86,8 +86,8 @@ def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None
     assert float(value.split()[0]) == pytest.approx(inertia["value"], rel=0.05)
     low, high = (float(text) for text in re.findall(r"\d[\d.]*", spread))
     assert (low, high) == pytest.approx(inertia["ci95"], rel=0.05)
-    assert more.startswith("tau_n = ")
-    assert float(more.split()[2]) == pytest.approx(found["tau_n"].value, rel=0.05)
+    assert more.startswith("normalised: tau_n = ")
+    assert float(more.split("=")[1].split()[0]) == pytest.approx(found["tau_n"].value, rel=0.05)
     assert rows["propeller exponent"][3] == ""  # a ratio is the same in SI
 
 
@@ -98,12 +98,13 @@ def test_the_loop_s_figures_are_those_of_the_linearisation(found) -> None:
     assert rows["phase margin"].endswith("°")
     unlimited = {**loop, "gain margin": Estimate(None, status="unidentifiable", reason="there is none")}
     assert {row[0]: row[2] for row in loop_rows(unlimited, Say())}["gain margin"] == "no limit"
+    limited = {**loop, "gain margin": Estimate(3.862, 0.1, (3.666, 4.058))}
+    assert {row[0]: row[2] for row in loop_rows(limited, Say())}["gain margin"] == "3.86 times"
 
 
 def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
     decided = replace(found, elements={})
-    assert open_questions(decided, Say())[0].startswith(("Nothing is left open", "Told only roughly"))
-    assert not any("Nothing is left open" in line for line in open_questions(found, Say()))
+    assert all(line.startswith("Known only roughly") for line in open_questions(decided, Say()))
     gap = replace(found.identifiability, closes_gap=("v", "K_p"))
     lost = replace(
         found,
@@ -112,15 +113,16 @@ def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
     )
     (line,) = open_questions(lost, Say())
     assert line == (
-        "Cannot be told: slope of engine torque with fuel rack (v). Known from elsewhere (torsional calculation, factory "
-        "test), any of slope of engine torque with fuel rack (v), proportional gain of the governor (K_p) would settle it."
+        "Not determined by the data: slope of engine torque with fuel rack (v). One of these would settle it, known from "
+        "elsewhere (torsional calculation, factory test): slope of engine torque with fuel rack (v), proportional gain of "
+        "the governor (K_p)."
     )
     rough = {
         "tau_n": Estimate(1.2, 0.4, (0.4, 2.0), "s"),
         "T_set": Estimate(1e-4, 1e-3, (-0.001, 0.002), "s"),
     }
     (line,) = open_questions(replace(found, parameters=rough), Say())
-    assert line.startswith("Told only roughly: inertia of the whole drive train (tau_n).")
+    assert line.startswith("Known only roughly: inertia of the whole drive train (tau_n).")
     assert "T_set" not in line  # that it is short is what is told of it
 
 
@@ -131,7 +133,7 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
         for name, line in re.findall(r'<tr><th scope="row">([^<]*)</th>(.*?)</tr>', section)
     }
     assert rows["dead time in the loop"] == ["acts", "120", ""]
-    assert rows["lag of the fuel actuator"][0] == "cannot be told"
+    assert rows["lag of the fuel actuator"][0] == "undecided"
     assert rows["upper torque limit"] == ["not found to act", "0", "M_max above 1.12"]
     assert section.count("<svg") == 1
 
@@ -152,9 +154,10 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
     ],
 )
 def test_the_symbols_of_the_table_are_explained_below_it(found, language, heading, meaning) -> None:
-    told = re.search(rf"(?s)<h3>{heading}</h3>(.*?)</ul>", render(found, [], language=language))[1]
+    told = re.search(rf"(?s)<h3>{heading}</h3>(.*?</ul>.*?)</p>", render(found, [], language=language))[1]
     assert meaning in told
     assert told.count("<li>") == len(found.parameters)
+    assert re.search(r"\bI: [^;]* \[kg m²\]; .*\bn_s0: .* M_s0: ", told)  # the other symbols of the formulas
     speed_rpm, torque_Nm, _ = operating_point(found)
     assert f"{speed_rpm:.4g} rpm" in told.replace(",", ".")  # what they are normalised to
     assert f"{torque_Nm:.4g} Nm" in told.replace(",", ".")
@@ -220,22 +223,22 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
     assert rows["inertia time constant"] == "not identifiable"
     assert rows["proportional gain over inertia"].endswith("1/s")
     assert open_questions(partly, Say())[0].startswith(
-        "Cannot be told: inertia of the whole drive train (tau_n)"
+        "Not determined by the data: inertia of the whole drive train (tau_n)"
     )
 
 
 SENTENCES = {
-    "all": "Usable for simulation, control tuning and comparison: the data tell every parameter, g only roughly.",
+    "all": "Usable for simulation, control tuning and comparison: the data determine every parameter, g only roughly.",
     "some": "Usable for simulation and comparison, but the data do not determine tau_n and g: other values fit as well.",
-    "misfit": "Not usable, because the model misses 12.5 % of the response that the set point still explains.",
+    "misfit": "Not usable, because the model misses 12.5 % of the response to the set point.",
     "nothing explained": "Not usable, because the model explains nothing of the torque.",
     "nothing told": "Not usable, because the data determine no parameter.",
     "no minimum": "Not usable, because the search did not end in a minimum; no figure is an estimate.",
 }
 STEPS = {
-    "nothing explained": "a channel of another record",
-    "misfit": "The figures hold for the model, not for the ship.",
-    "no minimum": "A longer record",
+    "nothing explained": "a channel from another recording",
+    "misfit": "Possible causes:",
+    "no minimum": "a longer recording",
     "nothing told": "a larger swing of the set point",
 }
 SMALL_MISSES = {"stands": True, "misses_pct": {"dn": 0.35, "dM": 0.98}, "dispersion": 1.2}
@@ -290,7 +293,13 @@ def test_a_fingerprint_that_can_not_be_used_says_what_to_do_and_shows_no_loop(fo
         assert f'<p class="answer bad">{SENTENCES[why_not]}' in page
         assert step in screen
         assert "phase margin" not in screen
-        assert "Nothing is left open" not in screen
+        assert "Elements that act" not in screen
+        # No figure of it looks like a result anywhere on the page.
+        parameters = page[page.index('id="parameters"') : page.index('id="signals"')]
+        assert '<table class="facts">' not in page
+        assert not re.search(r">estimated|phase margin|class=\"good", parameters)
+        assert "not to be used" in parameters
+        assert "Estimates with their 95 % intervals" not in page
 
 
 @pytest.mark.parametrize(("which", "tone"), [("all", "good"), ("some", "warn"), ("misfit", "bad")])
@@ -303,7 +312,7 @@ def test_the_colour_goes_by_the_state_and_not_by_words(found, which, tone) -> No
 def test_the_german_page_is_german(which, trial, request) -> None:
     found = replace(
         request.getfixturevalue(which),
-        usable="Usable for simulation, control tuning and comparison: the data tell every parameter.",
+        usable="Usable for simulation, control tuning and comparison: the data determine every parameter.",
     )
     page = render(found, [trial], simulated=[found.predict(trial)], language="de")
     assert '<html lang="de">' in page

@@ -12,14 +12,18 @@ import pytest
 
 import shipfp_rs.report
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report.charts import BUTTONS, HELP
+from shipfp_rs.report.driven import replacements
 from shipfp_rs.report.elements import STATES
-from shipfp_rs.report.findings import FIGURES
-from shipfp_rs.report.german import ELEMENTS as GERMAN_ELEMENTS
+from shipfp_rs.report.findings import FIGURES, IN_FORMULAS
 from shipfp_rs.report.german import SENTENCES
+from shipfp_rs.report.german_words import ELEMENTS as GERMAN_ELEMENTS
 from shipfp_rs.report.language import Say
+from shipfp_rs.structures import glossary, names
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.vessel.vessel import Vessel
 
 SOURCES = sorted(Path(shipfp_rs.report.__file__).parent.glob("*.py"))
 
@@ -47,6 +51,7 @@ def said_in(source: Path) -> set[str]:
 
 def test_every_sentence_of_the_report_has_a_german_one() -> None:
     said = set().union(*map(said_in, SOURCES)) | {*BUTTONS, HELP, *STATES.values(), *FIGURES.values()}
+    said |= {*IN_FORMULAS.values()}
     assert len(said) > 100
     assert said - set(SENTENCES) == set()
 
@@ -67,21 +72,55 @@ def test_every_element_has_a_german_name() -> None:
     assert {element.words for element in ELEMENTS.values()} <= set(GERMAN_ELEMENTS)
 
 
+def test_every_symbol_in_a_formula_is_explained() -> None:
+    named = {symbol for term in glossary.LINEAR for symbol in re.findall(r"[^\W\d]\w*", term.formula)}
+    assert named - {term.symbol for term in glossary.LINEAR} - {"exp", "n", "π"} == set(IN_FORMULAS)
+
+
+DIRECT = Vessel.load("direct-drive")
+MEASURED_LOAD = Experiment(
+    "S1", 10.0, {"n_set": np.ones(3), "M_load": np.ones(3)}, {"n_set": 1.0, "M_load": 1.0}
+)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_drive_without_propeller_and_engine_has_neither_in_any_word(language) -> None:
+    say = Say(language, replacements(DIRECT, [], language))
+    said = [text for text in (*SENTENCES, *IN_FORMULAS.values()) if "channel" not in text]
+    told = [say(text) for text in said] + [say.word(element.words) for element in ELEMENTS.values()]
+    told += [text for symbol in names.NAMES for text in (say.name(symbol), say.meaning(symbol))]
+    assert re.findall(r"(?i)propeller\w*|engine|fuel|rack\b|füllung|kraftstoff\w*", " ".join(told)) == []
+
+
+def test_a_ship_keeps_its_words_and_a_measured_load_has_no_propeller() -> None:
+    assert replacements(Vessel.load("stan-tug-1205"), [], "en") == ()
+    assert replacements(None, [], "en") == ()
+    say = Say("en", replacements(None, [MEASURED_LOAD], "en"))
+    assert say.name("p") == "load exponent"
+    assert say.name("v") == "slope of engine torque with fuel rack"
+
+
+def test_an_experiment_is_called_by_name_and_by_what_the_set_point_did() -> None:
+    assert Say("en").called("X1", "chirp") == "X1 (set point: chirp, a gliding sine)"
+    assert Say("de").called("X1", "chirp") == "X1 (Sollwert: Gleitsinus)"
+    assert Say("en").called("X1", "") == "X1"
+
+
 VERDICTS = [
     "Not usable, because the data determine no parameter.",
-    "Not usable, because the model misses 12 % of the response that the set point still explains.",
+    "Not usable, because the model misses 12 % of the response to the set point.",
     "Not usable, because the search did not end in a minimum; no figure is an estimate.",
     "Not usable, because the model explains nothing of the torque.",
     "Not usable, because the model explains nothing of the speed and the torque.",
     "Usable for simulation and comparison, but the data do not determine v: other values fit as well.",
     "Usable for simulation and comparison, but the data do not determine tau_n, g and v: other values fit as well.",
-    "Usable for simulation and comparison, but the data do not determine g and p, and tell tau_n and v only roughly: "
+    "Usable for simulation and comparison, but the data do not determine g and p, and determine tau_n and v only roughly: "
     "other values fit as well.",
-    "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
-    "4.2 % of the response that the set point still explains.",
-    "Usable for simulation and comparison, but the model misses 4.2 % of the response that the set point still explains.",
-    "Usable for simulation, control tuning and comparison: the data tell every parameter.",
-    "Usable for simulation, control tuning and comparison: the data tell every parameter, tau_n and g only roughly.",
+    "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the model misses "
+    "4.2 % of the response to the set point.",
+    "Usable for simulation and comparison, but the model misses 4.2 % of the response to the set point.",
+    "Usable for simulation, control tuning and comparison: the data determine every parameter.",
+    "Usable for simulation, control tuning and comparison: the data determine every parameter, tau_n and g only roughly.",
     "Known: tau_n = 1.13 (0.6627 to 1.597) s; g = -0.5158 (-1.623 to 0.5905).",
     "Acting elements: dead time of the set point, delay of the torque channel.",
     "Not found to act: lag of the fuel actuator (tau_act below 0.000717 s, 95 %), upper torque limit (M_max above 1.12, "
@@ -89,7 +128,7 @@ VERDICTS = [
     "The residuals show that something small is missing (0.35 % of the speed, 0.98 % of the torque); every interval is "
     "widened by what that can do.",
     "The residuals show that something is missing (4.2 % of the speed); every interval is widened by what that can do.",
-    "Told by this model: tau_n = 1.13 (0.6627 to 1.597) s.",
+    "According to this model: tau_n = 1.13 (0.6627 to 1.597) s.",
     "Undecided, with and without it the model fits as well: torsionally flexible shaft; the intervals hold for both.",
 ]
 

@@ -197,7 +197,8 @@ def test_an_interval_that_begins_on_a_bound_has_one_end(fingerprint) -> None:
     }
     page = render(replace(fingerprint, parameters=on_bounds), [])
     told = [re.findall(r"<td[^>]*>([^<>]*)</td>", row_of(name, page)) for name in on_bounds]
-    assert [cells[3] for cells in told] == ["≤ 0.0213", "≥ 43.2", ""]
+    assert [cells[1] for cells in told] == ["at most 0.0213", "50", "1"]
+    assert [cells[3] for cells in told] == ["may be none", "≥ 43.2", ""]
 
 
 def recorded(experiment: Experiment) -> Experiment:

@@ -360,9 +360,9 @@ def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
 def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) -> None:
     page = visit().page
     for name, begins in (
-        ("All estimates as CSV", b"symbol,name,value"),
+        ("These figures as CSV", b"symbol,name,value"),
         ("PNG", b"\x89PNG"),
-        ("CSV", b"time_s,n_e_rpm,n_e_model,M_g_Nm,M_g_model\n"),
+        ("CSV", b"time_s,n_set_rpm,n_e_rpm,n_e_model,M_g_Nm,M_g_model\n"),
     ):
         with page.expect_download() as waiting:
             page.get_by_role("link", name=name, exact=True).first.click()

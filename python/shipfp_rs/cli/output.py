@@ -52,7 +52,7 @@ def print_fingerprint(
 
     head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(
-        title or f"Fingerprint of {fingerprint.vessel or 'a ship not named'}",
+        title or f"Fingerprint of {fingerprint.vessel or 'a drive train not named'}",
         head,
         [
             [row.name, *([row.truth] if truth else []), row.value, row.low, row.high, row.unit, row.status]

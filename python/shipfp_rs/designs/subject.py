@@ -71,7 +71,7 @@ class Subject:
                     "expected one fitted to an experiment"
                 )
         known = fingerprint.settings.get("optimum", {})
-        name = f"fingerprint of {fingerprint.vessel or 'a ship not named'}"
+        name = f"fingerprint of {fingerprint.vessel or 'a drive train not named'}"
         return cls(name, structure, _expected(structure, known), point)
 
     @property

@@ -91,7 +91,7 @@ def with_limits(fingerprint: Fingerprint) -> Fingerprint:
         if estimate.status != "at_bound" or estimate.value is None:
             continue
         if estimate.ci95 is None:
-            reason = f"the fit wants it beyond {estimate.value:.3g}, where no ship is"
+            reason = f"the fit goes beyond {estimate.value:.3g}, which no drive train has"
         elif estimate.value <= estimate.ci95[0]:
             reason = f"the data only say that it is below {estimate.ci95[1]:.3g} (95 %)"
         else:
@@ -136,7 +136,7 @@ def _joined(
             std=None,
             ci95=None,
             status="unidentifiable",
-            reason=f"not told by a structure that fits as well ({words}): {other.reason}",
+            reason=f"not determined by a structure that fits as well ({words}): {other.reason}",
         )
     # An end that the rival's search did not find is the bound.
     low = max(min(estimate.ci95[0], other.ci95[0]), bounds[0])
@@ -315,7 +315,7 @@ def reworded(fingerprint: Fingerprint) -> Fingerprint:
     ]
     lines = [found.sentence]
     if known:
-        told = "Known" if fingerprint.adequate["stands"] else "Told by this model"
+        told = "Known" if fingerprint.adequate["stands"] else "According to this model"
         lines.append(
             f"{told}: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + "."
         )

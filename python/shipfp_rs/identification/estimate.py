@@ -15,7 +15,7 @@ Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 STATUS: Mapping[str, str] = {
     "free": "estimated",
     "fixed": "given",
-    "prior": "estimated, with prior",
+    "prior": "estimated, with prior knowledge",
     "at_bound": "on its bound",
     "unidentifiable": "not identifiable",
 }

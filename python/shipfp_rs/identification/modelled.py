@@ -93,7 +93,7 @@ class Modelled:
             signal: point[signal] * (row if signal == "E_n" else 1.0 + row)
             for signal, row in zip(names.values(), rows, strict=True)
         }
-        source = {"simulated": f"fingerprint of {self.vessel or 'a ship not named'}"}
+        source = {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
         return Experiment(
             drive.name, drive.rate_hz, {"n_set": set_point, **signals}, point, drive.hold, drive.kind, source
         )

@@ -114,7 +114,7 @@ class Told:
 
     def _repr_html_(self) -> str:
         return shown(
-            f"Fingerprint of {self.vessel or 'a ship not named'}",
+            f"Fingerprint of {self.vessel or 'a drive train not named'}",
             ["symbol", "name", "value", "std", "95 % from", "to", "unit", "status"],
             [
                 [row.name, plain_name(row.name), row.value, row.std, row.low, row.high, row.unit, row.status]

@@ -81,18 +81,16 @@ def usability(fingerprint: Fingerprint) -> Usability:
     if not known:
         return _unusable("nothing told", "the data determine no parameter")
     if not fingerprint.adequate["stands"] and worst > LARGE_MISS_PCT:
-        return _unusable(
-            "misfit", f"the model misses {worst:.2g} % of the response that the set point still explains"
-        )
+        return _unusable("misfit", f"the model misses {worst:.2g} % of the response to the set point")
     if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
         return Usability(
             "usable except",
-            "Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model "
-            f"misses {worst:.2g} % of the response that the set point still explains.",
+            "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
+            f"model misses {worst:.2g} % of the response to the set point.",
         )
     rough = [name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])]
     if left_open:
-        also = f", and tell {listed(rough)} only roughly" if rough else ""
+        also = f", and determine {listed(rough)} only roughly" if rough else ""
         return Usability(
             "usable except",
             f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}{also}: "
@@ -101,13 +99,12 @@ def usability(fingerprint: Fingerprint) -> Usability:
     if not fingerprint.adequate["stands"]:
         return Usability(
             "usable except",
-            f"Usable for simulation and comparison, but the model misses {worst:.2g} % of the response that the set point "
-            "still explains.",
+            f"Usable for simulation and comparison, but the model misses {worst:.2g} % of the response to the set point.",
         )
     but = f", {listed(rough)} only roughly" if rough else ""
     return Usability(
         "usable",
-        f"Usable for simulation, control tuning and comparison: the data tell every parameter{but}.",
+        f"Usable for simulation, control tuning and comparison: the data determine every parameter{but}.",
     )
 
 

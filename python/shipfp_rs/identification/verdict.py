@@ -41,7 +41,7 @@ def verdict(
     if poor := _poor(fit):
         lines.append(
             f"The structure {structure.name!r} explains the data poorly ({', '.join(poor)}): its intervals "
-            "hold for the structure, not for the ship."
+            "hold for the structure, not for the drive train."
         )
     return tuple(lines)
 
@@ -83,8 +83,8 @@ def _gaps(identifiability: Identifiability) -> Iterator[str]:
     """Yield what the data can't tell apart, and what would settle it."""
     if identifiability.rank < identifiability.free:
         yield (
-            f"The data tell {identifiability.rank} of {identifiability.free} free parameters apart; the response stays "
-            "the same along: "
+            f"The data distinguish {identifiability.rank} of {identifiability.free} free parameters; the response stays the "
+            "same along: "
             + " / ".join(str(entry["combination"]) for entry in identifiability.null_space)
             + "."
         )
@@ -141,7 +141,8 @@ def _contradictions(
         return [
             f"The residuals contradict the structure {structure.name!r}: the set point still explains some of "
             + ", ".join(followed)
-            + ". Dynamics are missing, a dead time for instance; the intervals hold for the structure, not for the ship."
+            + ". Dynamics are missing, a dead time for instance; the intervals hold for the structure, "
+            "not for the drive train."
         ]
     coloured = [
         f"{output} ({_chance(p)})"

@@ -23,13 +23,13 @@ FAULTS: Mapping[str, str] = {
 
 
 def rank(found: Identifiability) -> str:
-    """Say how many of the free parameters the data tell apart."""
+    """Say how many of the free parameters the data distinguish."""
     if found.rank == found.free:
         return (
-            f"The data tell all {found.free} free parameters apart (condition number of the scaled "
+            f"The data distinguish all {found.free} free parameters (condition number of the scaled "
             f"sensitivities {found.condition:.3g})."
         )
-    return f"The data tell {found.rank} of {found.free} free parameters apart."
+    return f"The data distinguish {found.rank} of {found.free} free parameters."
 
 
 def something_missing(adequate: Mapping[str, Any]) -> str:

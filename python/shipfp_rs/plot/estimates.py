@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -27,7 +27,8 @@ def intervals(
     """Draw the 95 % intervals of parameters and combinations relative to the truth, or else to the estimate.
 
     What the data leave open has no interval and is left out; an interval that misses the truth is red. Where
-    most intervals are narrow, one that is not, such as that of a parameter near zero, ends in an arrow at the edge.
+    most intervals are narrow, one that is not, such as that of a parameter near zero, ends in an arrow at the edge, and the
+    figure beside the arrow says where.
 
     Parameters
     ----------
@@ -62,6 +63,8 @@ def intervals(
         for end, mark in ((low, "<"), (high, ">")):
             if (end > edge) if mark == ">" else (end < -edge):
                 ax.plot(np.sign(end) * edge, place, mark, color=color, ms=7, clip_on=False)
+                if np.isfinite(end):
+                    _write_end(ax, end, float(np.sign(end)) * edge, place, color)
         if abs(middle) <= edge:
             ax.plot(middle, place, "o", color=color, ms=5)
     ax.axvline(0.0, color=GREY, lw=1.0)
@@ -158,6 +161,21 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     panels[1].xaxis.set_major_formatter("{x:g}")
     panels[1].set_xlabel(f"residual after the set point [{unit}]")
     return panels
+
+
+def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> None:
+    """Write where an interval ends [%] above its arrow."""
+    side: Literal["left", "right"] = "right" if edge > 0.0 else "left"
+    inwards = -8.0 if edge > 0.0 else 8.0
+    ax.annotate(
+        f"{end:+.3g} %".replace("-", "\N{MINUS SIGN}"),
+        (edge, place),
+        (inwards, 3.0),
+        textcoords="offset points",
+        ha=side,
+        fontsize="x-small",
+        color=color,
+    )
 
 
 def _edge(ends: Sequence[tuple[float, float]]) -> float:

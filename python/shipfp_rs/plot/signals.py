@@ -9,13 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.experiments.experiment import UNITS, Experiment
-from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
+from shipfp_rs.plot.style import COLOURS, GREEN, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Mask
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+SPEEDS = ("n_e", "n_s")
 
 
 @checked
@@ -62,7 +64,7 @@ def fit(
     *,
     stretch_s: tuple[float, float] | None = None,
 ) -> Sequence[Axes]:
-    """Draw measured signals and what the fitted model makes of them, one panel a signal.
+    """Draw measured signals and the fitted model's, one panel a signal, and the set point beside a speed.
 
     Parameters
     ----------
@@ -92,11 +94,15 @@ def fit(
             half = DEVIATIONS_95 * float(np.nanstd(measured - model))
             times, low = envelope(time, model[rows] - half)
             _, high = envelope(time, model[rows] + half)
-            ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % band")
+            ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % of samples")
+        if name in SPEEDS and "n_set" in experiment.signals:
+            asked = experiment.operating_point[name] * (1.0 + experiment.normalised("n_set")[rows])
+            ax.plot(*envelope(time, asked), color=GREEN, lw=0.8, label="set point")
         ax.plot(*envelope(time, measured[rows]), color=GREY, lw=1.0, label="measured")
         ax.plot(*envelope(time, model[rows]), color=color, lw=1.2, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
-    panels[0].set_title(experiment.name, loc="left", parse_math=False)
+    if stretch_s is None:  # else the legend has its place
+        panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
 

@@ -20,12 +20,14 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report import answer, elements, fate, findings, loop, markup
 from shipfp_rs.report.bode import compared_responses
 from shipfp_rs.report.charts import charts
+from shipfp_rs.report.driven import replacements
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.pictures import Pictures
 from shipfp_rs.structures.names import Language
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import environment
+from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = ["compared_responses", "render", "write_report"]
 
@@ -44,6 +46,7 @@ class Content(TypedDict, total=False):
     title: str
     language: Language
     structure: Structure | None
+    vessel: Vessel | None
 
 
 def write_report(
@@ -74,6 +77,8 @@ def write_report(
         "en" or "de".
     structure
         The fingerprint's, where its equations are a user's own; None rebuilds it.
+    vessel
+        The trial's: words for its drive and its load go by it; None: an engine and a propeller.
 
     Returns
     -------
@@ -93,16 +98,17 @@ def render(
     title: str = "Fingerprint",
     language: Language = "en",
     structure: Structure | None = None,
+    vessel: Vessel | None = None,
 ) -> str:
     """Return the page of `write_report` as a string."""
-    say = Say(language)
+    say = Say(language, replacements(vessel, experiments, language))
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
     step = loop.step_response(fingerprint, structure, figures, pictures, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
-        ("elements", say("Elements that act"), elements.choice(fingerprint, pictures, say)),
+        ("elements", say("Elements of the model"), elements.choice(fingerprint, pictures, say)),
         ("loop", say("The speed loop"), loop.section(fingerprint, figures, say)),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
@@ -125,7 +131,7 @@ def render(
     sections = [section for section in made if section[2]]
     ship = say(
         "{vessel}; model: {name}",
-        vessel=fingerprint.vessel or say("ship not named"),
+        vessel=fingerprint.vessel or say("drive train not named"),
         name=_structure_name(str(fingerprint.structure.get("name", "")), say),
     )
     scripts = [_resource("sort.js"), _resource("zoom.js")]
@@ -182,7 +188,8 @@ def _signals(
     for index, (experiment, chart) in enumerate(
         zip(experiments, charts(experiments, simulated, say), strict=True)
     ):
-        yield markup.piece("heading", experiment.name)
+        name = say.called(experiment.name, experiment.kind)
+        yield markup.piece("heading", name)
         yield chart
         if index >= STILL_PICTURES:
             continue
@@ -191,8 +198,8 @@ def _signals(
                 len(simulated[index]),
                 partial(plot.fit, experiment, simulated[index]),
                 say(
-                    "{name}: measured signals and what the fitted model makes of the same set point.",
-                    name=experiment.name,
+                    "{name}: measured signals, and the model's answer to the same set point.",
+                    name=name,
                 ),
                 saved=False,
             )
@@ -202,7 +209,7 @@ def _signals(
                 partial(plot.time_series, experiment),
                 say(
                     "{name}: signals; masked samples, marked at the bottom, are not fitted.",
-                    name=experiment.name,
+                    name=name,
                 ),
                 saved=False,
             )

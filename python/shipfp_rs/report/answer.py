@@ -66,14 +66,14 @@ def answer(
     tone = TONES.get(fingerprint.usability, "")
     yield piece("lead", lead or say("No verdict was given."), tone)
     heading = (
-        say("The model's figures, not the ship's") if failed else say("The ship, with intervals of 95 %")
+        say("Figures of the model, not to be used") if failed else say("The drive train, with 95 % intervals")
     )
     # Where the search found no minimum there is nothing to tell, not even of the model.
     told = fingerprint.why_not != "no minimum"
-    tables = [piece("facts", heading, ship_rows(fingerprint, say))] if told else []
+    tables = [piece("facts", heading, ship_rows(fingerprint, say), failed)] if told else []
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
-        tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say)))
+        tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say), False))
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
     columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
     yield piece("columns", [column for column in columns if column])
@@ -86,17 +86,17 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     if not fingerprint.why_not:
         return []
     part = say(
-        "Look where measurement and model part: a channel of another record, a wrong calibration, or a load or limit "
-        "that the model lacks."
+        "Possible causes: a channel from another recording, a wrong calibration, or a load or limit that the model lacks."
     )
     more = say(
-        "A longer record, a larger swing of the set point, a torque channel, or a parameter known from elsewhere would help."
+        "What would help: a longer recording, a larger swing of the set point, a torque channel, or a parameter known "
+        "from elsewhere."
     )
     if fingerprint.why_not == "nothing told":
         return [more]
     if fingerprint.why_not == "no minimum":
         return [f"{part} {more}"]
-    return [f"{say('The figures hold for the model, not for the ship.')} {part}"]
+    return [part]
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
@@ -110,11 +110,12 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     for row in fingerprint.elements.values():
         named[row["state"]].append(say.word(row["words"]))
     sentences = {
-        "on": say("Acts: {names}.", names=", ".join(named["on"])),
-        "open": say("May act or not: {names}.", names=", ".join(named["open"])),
-        "off": say(
-            "No effect found, either absent or too small to show: {names}.", names=", ".join(named["off"])
+        "on": say("Elements that act: {names}.", names=", ".join(named["on"])),
+        "open": say(
+            "Elements that may act or not: {names}. The intervals cover both cases.",
+            names=", ".join(named["open"]),
         ),
+        "off": say("Elements absent, or too weak to show: {names}.", names=", ".join(named["off"])),
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
     if little := something_missing(fingerprint.adequate):
@@ -159,14 +160,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
     for row in rounded_rows(known):
         if row.name in CHANNELS:
             continue
-        estimate = known[row.name]
-        value = f"{say.number(row.value)}\u00a0{unit_shown(row.unit)}".strip()
-        told = interval(row, estimate, say) or say.word(row.status)
-        if not row.value:
-            value, told = say.word(row.status), ""
-        if row.name in DELAYS and estimate.ci95 and estimate.ci95[0] < NONE * estimate.ci95[1]:
-            value = f"{say('at most {high}', high=row.high)}\u00a0{unit_shown(row.unit)}"
-            told = say("may be none")
+        value, told = _value_and_interval(row, known[row.name], "\u00a0", say)
         name = say.name(row.name)
         quantity = fingerprint.si.get(QUANTITIES.get(row.name, ""))
         if quantity is None or not row.value or quantity["unit"] in ("-", row.unit):
@@ -175,8 +169,11 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
             inertia = say("{inertia}, seen from the propeller shaft", inertia=short_name(row.name, say))
-        alone = interval(row, estimate, say, with_end=False)  # said once, of the interval in SI units
-        normalised = f"{row.name} = {value} ({alone})" if alone else f"{row.name} = {value}"
+        # Where it lies in its interval is said once, of the interval in SI units.
+        none = may_be_none(row, known[row.name])
+        alone = told if none else interval(row, known[row.name], say, with_end=False)
+        normalised = f"{say('normalised')}: {row.name} {value if none else f'= {value}'}"
+        normalised += f" ({alone})" if alone else ""
         rows.append((inertia, "", *_in_si(known[row.name], quantity, say), normalised))
     return rows
 
@@ -187,10 +184,29 @@ def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[s
     told = replace(
         estimate, value=quantity["value"], std=quantity["std"], ci95=None if ends is None else tuple(ends)
     )
-    (row,) = rounded_rows({"": told})
+    (row,) = rounded_rows({"": replace(told, unit=quantity["unit"])})
     # Where there is no room for both the unit goes to the next line, and stays whole.
-    unit = unit_shown(quantity["unit"]).replace(" ", "\u00a0")
-    return f"{say.number(row.value)} {unit}", interval(row, told, say)
+    return _value_and_interval(row, told, " ", say)
+
+
+def _value_and_interval(row: Row, estimate: Estimate, gap: str, say: Say) -> tuple[str, str]:
+    """Return a value with its unit and its interval; of what may be none how much it is at most."""
+    unit = unit_shown(row.unit).replace(" ", "\u00a0")
+    if not row.value:
+        return say.word(row.status), ""
+    if may_be_none(row, estimate):
+        return f"{say('at most {high}', high=row.high)}{gap}{unit}".strip(), say("may be none")
+    return f"{say.number(row.value)}{gap}{unit}".strip(), interval(row, estimate, say) or say.word(row.status)
+
+
+def may_be_none(row: Row, estimate: Estimate) -> bool:
+    """Whether the data only limit a parameter from above: a delay that may be none, or a value that rounds to zero."""
+    if estimate.ci95 is None or not 0.0 < estimate.ci95[1] < np.inf:
+        return False
+    low, high = estimate.ci95
+    if row.name in DELAYS:
+        return low < NONE * high
+    return low >= 0.0 and float(row.value) == 0.0
 
 
 def unit_shown(unit: str) -> str:
@@ -201,12 +217,12 @@ def unit_shown(unit: str) -> str:
 def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str, str]]:
     """Return what a control engineer asks first: name, no symbol, value with unit, interval, and what it means."""
     meanings = {
-        "bandwidth": say("the speed follows the set point up to here"),
+        "bandwidth": say("up to this frequency the speed follows the set point"),
         "phase margin": _damped(loop["phase margin"].value, say),
-        "gain margin": say("what the gains may grow by before the loop swings")
+        "gain margin": say("growth of the gains at which the loop begins to swing")
         if loop["gain margin"].value is not None
-        else say("nothing was found that would let the loop swing at higher gains"),
-        "recovery time": say("until the speed stays within 5 % of a step of the set point"),
+        else say("no gain was found at which the loop swings"),
+        "recovery time": say("after a step of the set point, until the speed stays within 5 % of it"),
     }
     rows = []
     for row in rounded_rows({name: loop[name] for name in WORTH if name in loop}):
@@ -216,6 +232,8 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
             if row.value
             else say("none")
         )
+        if row.value and row.name == "gain margin":
+            value = say("{factor} times", factor=row.value)
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
             value = say("no limit")
         rows.append((say.word(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
@@ -250,21 +268,18 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
     if unknown:
         closing = fingerprint.identifiability.closes_gap
         settled = say(
-            "Known from elsewhere (torsional calculation, factory test), any of {names} would settle it."
+            "One of these would settle it, known from elsewhere (torsional calculation, factory test): {names}."
         )
         told = (
             settled.format(names=_listed(closing, say))
             if closing
             else _sharpened(fingerprint, [*unknown, *rough], say)
-            or say("More excitation or another signal may.")
+            or say("More excitation or another signal may help.")
         )
-        lines.append(say("Cannot be told: {names}.", names=_listed(unknown, say)) + " " + told)
+        lines.append(say("Not determined by the data: {names}.", names=_listed(unknown, say)) + " " + told)
     if rough:
         sharpened = "" if unknown else _sharpened(fingerprint, rough, say)
-        lines.append(f"{say('Told only roughly: {names}.', names=_listed(rough, say))} {sharpened}".strip())
-    decided = not any(row["state"] == "open" for row in fingerprint.elements.values())
-    if not lines and fingerprint.parameters and decided and not fingerprint.why_not:
-        lines.append(say("Nothing is left open: the data tell every parameter that was asked for."))
+        lines.append(f"{say('Known only roughly: {names}.', names=_listed(rough, say))} {sharpened}".strip())
     return lines
 
 
@@ -279,7 +294,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
     if not linked:
         return ""
     return say(
-        "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.",
+        "One of these, known from elsewhere (torsional calculation, factory test), would sharpen the others: {names}.",
         names=_listed(linked, say),
     )
 
@@ -320,8 +335,9 @@ def _picture(
         len(model),
         partial(plot.fit, experiment, model, stretch_s=stretch),
         say(
-            "{name}, {start} to {stop} s: measured, and the model's answer to the same set point.",
-            name=experiment.name,
+            "{name}, {start} to {stop} s: measurement, and the model's answer to the same set point. Shaded: 95 % of the "
+            "measured samples lie this close to the model.",
+            name=say.called(experiment.name, experiment.kind),
             start=f"{stretch[0]:.0f}",
             stop=f"{stretch[1]:.0f}",
         ),
@@ -335,6 +351,8 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Any], stretch: tupl
     """Return a stretch of an experiment, measured and modelled, as CSV."""
     rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
     columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
+    if "n_set" in experiment.signals:
+        columns["n_set_rpm"] = experiment.signals["n_set"]
     for name, fitted in model.items():
         columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
         columns[f"{name}_model"] = experiment.operating_point[name] * (

@@ -10,6 +10,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.promise import threshold
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import unit_shown
+from shipfp_rs.report.findings import not_to_be_used
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, number, paragraph, table
 from shipfp_rs.report.pictures import NARROW, Pictures
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = {"on": BLUE, "off": GREY, "open": ORANGE}
-STATES = {"on": "acts", "off": "not found to act", "open": "cannot be told"}
+STATES = {"on": "acts", "off": "not found to act", "open": "undecided"}
 TONES = {"on": "good", "off": "", "open": "warn"}
 
 
@@ -26,10 +27,11 @@ def choice(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[s
     """Yield the ladder of elements as a picture and as a table."""
     if not fingerprint.elements:
         return
+    yield from not_to_be_used(fingerprint, say)
     yield paragraph(
         say(
-            "The data chose which elements of the ship model act. The bar is what an element buys: how much worse the fit "
-            "is without one that acts, how much better with one that does not."
+            "An element is a part of the model that the data can switch on, such as a dead time. The bar shows how much "
+            "worse the fit is without an element that acts, or how much better with one that does not."
         )
     )
     rows = list(fingerprint.elements.values())
@@ -37,8 +39,8 @@ def choice(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[s
         1,
         lambda axes: ladder(axes[0], rows, say),
         say(
-            "What each element buys, as the change of the deviance. Left of the line it is no more than chance brings; "
-            "right of it an element is taken on, unless the others explain as much once they are fitted with it."
+            "Gain of fit by each element, as the change of the deviance. Left of the line the gain may be chance. An "
+            "element right of it acts, unless the others explain as much when they are fitted together with it."
         ),
         height=0.2 + 0.36 * len(rows),
         width=NARROW,
@@ -47,12 +49,12 @@ def choice(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[s
     )
     head = [say(text) for text in ("element", "found", "change of the deviance", "limit at 95 %")]
     yield table(
-        say("elements of the ship model"),
+        say("elements of the model"),
         head,
         [
             [
                 Cell(say.word(str(row["words"]))),
-                Cell(say(STATES[row["state"]]), tone=TONES[row["state"]]),
+                Cell(say(STATES[row["state"]]), tone="" if fingerprint.why_not else TONES[row["state"]]),
                 number("" if row["evidence"] is None else f"{_gain(row):.3g}", key=row["evidence"]),
                 Cell(_limit(name, row, say)),
             ]

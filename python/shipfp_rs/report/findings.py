@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -11,7 +12,7 @@ from shipfp_rs.assessment.si import operating_point
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
-from shipfp_rs.report.answer import at_an_end, interval, unit_shown
+from shipfp_rs.report.answer import at_an_end, interval, may_be_none, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
@@ -33,6 +34,33 @@ FIGURES: Mapping[str, str] = {
     "degrees_of_freedom": "degrees of freedom",
 }
 """Figure of a fit to what the report calls it."""
+IN_FORMULAS: Mapping[str, str] = {
+    "I": "inertia of the whole drive train, seen from the propeller shaft [kg m²]",
+    "I_prop": "inertia on the propeller's side of the torque gauge [kg m²]",
+    "n_0": "speed at the operating point",
+    "n_s0": "shaft speed at the operating point [rev/s]",
+    "n_e0": "engine speed at the operating point [rpm]",
+    "M_s0": "engine torque at the operating point, at the shaft [Nm]",
+    "M_b0": "engine torque at the operating point [Nm]",
+    "M_load0": "load torque at the operating point [Nm]",
+    "X_0": "fuel rack at the operating point [mm]",
+    "n_s": "shaft speed [rev/s]",
+    "n_e": "engine speed [rpm]",
+    "M_p": "propeller torque [Nm]",
+    "M_b": "engine torque [Nm]",
+    "M_load": "measured load torque [Nm]",
+    "X_f": "fuel rack [mm]",
+    "dX": "change of the engine torque by the fuel rack, over its operating point",
+    "dt": "step of time [s]",
+    "Kp_abs": "proportional gain as set in the governor [mm/rpm]",
+    "Ki_abs": "integral gain as set in the governor [mm/(rpm s)]",
+    "Kd_abs": "derivative gain as set in the governor [mm s/rpm]",
+    "shaft_stiffness": "torsional stiffness of the shaft [Nm/rad]",
+    "s": "variable of the Laplace transform [1/s]",
+}
+"""Symbol in a parameter's formula, if no parameter itself, to what it is."""
+UNEVEN = 1.5
+"""How many times the longer side of an interval is the shorter one before it is explained."""
 NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
 
 
@@ -41,28 +69,32 @@ def parameters(
 ) -> Iterable[str]:
     """Yield the tables of parameters and combinations and the picture of their intervals."""
     failed = bool(fingerprint.why_not)
-    if failed:
-        yield paragraph(say("These are figures of the model; of the ship they say nothing."))
+    yield from not_to_be_used(fingerprint, say)
     about = say("parameters with their 95 % intervals")
     yield _estimates(about, fingerprint.parameters, truth, say, formula=True, failed=failed)
     yield from _meanings(fingerprint, say)
     if fingerprint.derived:
-        yield piece("heading", say("Combinations"))
-        yield paragraph(say("Told better than their members, or though these are not told one by one."))
+        yield piece("heading", say("Combinations of parameters"))
+        yield paragraph(
+            say(
+                "The data often determine a product, a ratio or a sum more closely than its single parameters."
+            )
+        )
         about = say("combinations with their 95 % intervals")
         yield _estimates(about, fingerprint.derived, truth, say, failed=failed)
     text = fingerprint.to_csv()
     assert isinstance(text, str)
-    yield link(say("All estimates as CSV"), "fingerprint.csv", "text/csv", text.encode())
-    reference = say("the truth that the log was simulated with") if truth else say("the estimate")
-    caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
-    caption += " " + (
-        say("Red where the interval does not hold the truth.")
-        if truth
-        else say("An arrow: it reaches further.")
-    )
+    yield link(say("These figures as CSV"), "fingerprint.csv", "text/csv", text.encode())
     drawn = [e for e in (*fingerprint.parameters.values(), *fingerprint.derived.values()) if e.ci95]
-    if drawn:
+    # Intervals of a model that is not to be used would be taken for results.
+    if drawn and not failed:
+        reference = say("the truth that the log was simulated with") if truth else say("the estimate")
+        caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
+        caption += " " + say("An arrow: the interval ends outside, at the figure beside it.")
+        if truth:
+            caption += " " + say("Red where the interval does not hold the truth.")
+        if any(map(_is_uneven, drawn)):
+            caption += " " + say("Uneven intervals also cover other models that fit as well.")
         height = 0.3 + 0.3 * len(drawn)
         yield pictures.draw(
             1,
@@ -74,17 +106,33 @@ def parameters(
         )
 
 
+def not_to_be_used(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
+    """Yield a warning above the figures of a fingerprint that can't be used."""
+    if fingerprint.why_not:
+        yield paragraph(say("Not to be used: the model does not describe the measurement."), "bad")
+
+
+def _is_uneven(estimate: Estimate) -> bool:
+    if estimate.value is None or estimate.ci95 is None:
+        return False
+    below, above = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
+    return max(below, above) > UNEVEN * min(below, above)
+
+
 def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     """Yield what each symbol means, and what gains and slopes are normalised to."""
     told = [f"{name}: {meaning}." for name in fingerprint.parameters if (meaning := say.meaning(name))]
     if not told:
         return
     yield piece("heading", say("What the symbols mean"))
+    formulas = " ".join(glossary.term(name).formula for name in fingerprint.parameters)
+    named = set(re.findall(r"[^\W\d]\w*", formulas))
+    others = [f"{symbol}: {say(meaning)}" for symbol, meaning in IN_FORMULAS.items() if symbol in named]
     notes = []
     if set(NORMALISED) & set(fingerprint.parameters):
         notes.append(
             say(
-                "Gains and slopes are normalised: they count changes in per cent of the value at the operating point."
+                "Gains and slopes are normalised: they relate changes in per cent of the value at the operating point."
             )
         )
         point = operating_point(fingerprint)
@@ -92,7 +140,7 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
             speed_rpm, torque_Nm, _ = point
             notes.append(
                 say(
-                    "That is an engine speed of {speed} rpm and a torque of {torque} Nm where it was measured.",
+                    "Operating point: engine speed {speed} rpm, measured torque {torque} Nm.",
                     speed=f"{speed_rpm:.4g}",
                     torque=f"{torque_Nm:.4g}",
                 )
@@ -100,13 +148,15 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     if "vK_p" in fingerprint.parameters:
         notes.append(
             say(
-                "v is the per cent of engine torque that 1 % more fuel rack brings. Speed and torque show the "
-                "governor's gains K_p and K_i only as the products vK_p and vK_i; a fuel rack channel would tell v apart."
+                "v is the per cent of engine torque that 1 % more fuel rack brings. From speed and torque follow only the "
+                "products vK_p and vK_i with the governor's gains K_p and K_i; a channel of the fuel rack would give v."
             )
         )
     if notes:
         yield paragraph(" ".join(notes))
     yield bullets(told)
+    if others:
+        yield paragraph(f"{say('In the formulas')} – {'; '.join(others)}.")
 
 
 def _estimates(
@@ -120,17 +170,19 @@ def _estimates(
 ) -> str:
     truths = ["truth"] if truth else []
     formulas = ["formula"] if formula else []
-    head = ["symbol", "name", "estimate", "std", "95 % interval", "unit", *truths, *formulas, "status"]
+    value = "value of the model" if failed else "estimate"
+    head = ["symbol", "name", value, "std", "95 % interval", "unit", *truths, *formulas, "status"]
     rows = []
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
+        none = may_be_none(row, estimate)
         cells = [
             Cell(row.name, code=True),
             Cell(say.name(row.name)),
-            number(row.value, key=estimate.value),
-            number(row.std, key=estimate.std),
+            number(say("at most {high}", high=row.high) if none else row.value, key=estimate.value),
+            number("" if none else row.std, key=estimate.std),
             number(
-                interval(row, estimate, say, with_end=False),
+                say("may be none") if none else interval(row, estimate, say, with_end=False),
                 key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
             ),
             Cell(unit_shown(row.unit)),
@@ -142,9 +194,10 @@ def _estimates(
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
         reason = f": {row.reason}" if row.reason and row.reason != "given" else ""
-        end = at_an_end(estimate, say) if row.status == "estimated" else ""
+        end = "" if none or row.status != "estimated" else at_an_end(estimate, say)
         told = say.word(row.status) + say.sentence(reason) + (f", {end}" if end else "")
-        # Green would say that the ship has this value.
+        if failed and row.status != "given":
+            told = say("not to be used")
         cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
         rows.append(cells)
     return table(about, [say(text) for text in head], rows)
@@ -157,7 +210,7 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
         yield bullets(say.sentence(line) for line in fingerprint.verdict)
     yield piece("heading", say("How well the model follows"))
     yield from _fits(fingerprint, say)
-    yield piece("heading", say("What the data tell apart"))
+    yield piece("heading", say("What the data distinguish"))
     yield from _rank(fingerprint, say)
     yield piece("heading", say("What the residuals say"))
     yield from _residual_tests(fingerprint, pictures, say)
@@ -168,7 +221,7 @@ def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     if found.rank == found.free:
         yield paragraph(
             say(
-                "The data tell all {free} free parameters apart (condition number of the scaled sensitivities "
+                "The data distinguish all {free} free parameters (condition number of the scaled sensitivities "
                 "{condition}).",
                 free=found.free,
                 condition=f"{found.condition:.3g}",
@@ -176,7 +229,7 @@ def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
         )
     else:
         yield paragraph(
-            say("The data tell {rank} of {free} free parameters apart.", rank=found.rank, free=found.free)
+            say("The data distinguish {rank} of {free} free parameters.", rank=found.rank, free=found.free)
         )
     if found.null_space:
         yield paragraph(

@@ -1,4 +1,4 @@
-"""A report in German: its sentences, the words of fingerprints and faults, and the labels of pictures."""
+"""A report in German: its sentences."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ SENTENCES: Mapping[str, str] = {
     "{vessel}; model: {name}": "{vessel}; Modell: {name}",
     "drive train without further elements": "Antriebsstrang ohne weitere Elemente",
     "drive train with {elements}": "Antriebsstrang mit {elements}",
-    "ship not named": "Schiff ohne Namen",
     "Skip to the parameters": "Zu den Parametern springen",
     "Contents": "Inhalt",
     "Parameters": "Parameter",
-    "Elements that act": "Wirkende Elemente",
     "The speed loop": "Der Drehzahlregelkreis",
     "Signals and model": "Signale und Modell",
     "Frequency responses": "Frequenzgänge",
@@ -27,8 +25,6 @@ SENTENCES: Mapping[str, str] = {
     "version": "Version",
     "Structure, settings and seed": "Struktur, Einstellungen und Startwert des Zufalls",
     "No verdict was given.": "Es gibt kein Urteil.",
-    "The ship, with intervals of 95 %": "Das Schiff, mit Intervallen von 95 %",
-    "The model's figures, not the ship's": "Zahlen des Modells, nicht des Schiffs",
     "What it means for the speed loop": "Was das für den Drehzahlregelkreis heißt",
     "{low} to {high}": "{low} bis {high}",
     "none": "keine",
@@ -40,72 +36,18 @@ SENTENCES: Mapping[str, str] = {
     "{inertia}, seen from the propeller shaft": "{inertia}, auf die Propellerwelle bezogen",
     "at most {high}": "höchstens {high}",
     "may be none": "vielleicht keine",
-    "nothing was found that would let the loop swing at higher gains": (
-        "nichts gefunden, was den Kreis bei höherer Verstärkung schwingen ließe"
-    ),
-    "The intervals hold as well for structures that fit as well, and for elements that were not found, each at its limit.": (
-        "Die Bereiche gelten auch für Strukturen, die ebenso gut passen, und für nicht gefundene Elemente, jedes an seiner Grenze."
-    ),
-    "the speed follows the set point up to here": "bis hierher folgt die Drehzahl dem Sollwert",
-    "what the gains may grow by before the loop swings": "so viel darf die Verstärkung wachsen, bis der Kreis schwingt",
-    "until the speed stays within 5 % of a step of the set point": "bis die Drehzahl nach einem Sollwertsprung auf 5 % genau bleibt",
     "well damped": "gut gedämpft",
     "lively": "lebhaft",
     "close to swinging": "nahe am Schwingen",
-    "{name}, {start} to {stop} s: measured, and the model's answer to the same set point.": (
-        "{name}, {start} bis {stop} s: gemessen, und die Antwort des Modells auf denselben Sollwert."
-    ),
-    "A longer record, a larger swing of the set point, a torque channel, or a parameter known from elsewhere would help.": (
-        "Es hilft: längere Aufzeichnung, größerer Ausschlag des Sollwerts, ein Drehmomentkanal, ein Parameter aus anderer Quelle."
-    ),
-    "The figures hold for the model, not for the ship.": "Die Zahlen gelten für das Modell, nicht für das Schiff.",
-    "Look where measurement and model part: a channel of another record, a wrong calibration, or a load or limit that the "
-    "model lacks.": (
-        "Zu prüfen, wo Messung und Modell auseinandergehen: ein Kanal aus einer anderen Aufzeichnung, eine falsche Kalibrierung, "
-        "eine Last oder Grenze, die dem Modell fehlt."
-    ),
-    "These are figures of the model; of the ship they say nothing.": "Dies sind Zahlen des Modells; über das Schiff sagen sie nichts.",
-    "Acts: {names}.": "Es wirkt: {names}.",
-    "May act or not: {names}.": "Wirkt vielleicht: {names}.",
-    "No effect found, either absent or too small to show: {names}.": "Keine Wirkung gefunden, nicht da oder zu schwach: {names}.",
-    "Cannot be told: {names}.": "Nicht bestimmbar: {names}.",
-    "Known from elsewhere (torsional calculation, factory test), any of {names} would settle it.": (
-        "Aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde eines davon es klären: {names}."
-    ),
-    "More excitation or another signal may.": "Mehr Anregung oder ein weiteres Signal können es klären.",
-    "Told only roughly: {names}.": "Nur grob bestimmt: {names}.",
-    "Any one of {names}, known from elsewhere (torsional calculation, factory test), would sharpen the others.": (
-        "Eines von {names}, aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde die übrigen schärfen."
-    ),
-    "Nothing is left open: the data tell every parameter that was asked for.": (
-        "Nichts bleibt offen: Die Daten bestimmen jeden gesuchten Parameter."
-    ),
     "parameters with their 95 % intervals": "Parameter mit ihren 95-%-Bereichen",
     "combinations with their 95 % intervals": "Kombinationen mit ihren 95-%-Bereichen",
     "What the symbols mean": "Was die Zeichen bedeuten",
-    "Gains and slopes are normalised: they count changes in per cent of the value at the operating point.": (
-        "Verstärkungen und Steigungen sind normiert: Sie zählen Änderungen in Prozent des Werts am Betriebspunkt."
-    ),
-    "That is an engine speed of {speed} rpm and a torque of {torque} Nm where it was measured.": (
-        "Das sind eine Motordrehzahl von {speed} rpm und ein Drehmoment von {torque} Nm, wo es gemessen wurde."
-    ),
-    "v is the per cent of engine torque that 1 % more fuel rack brings. Speed and torque show the governor's gains K_p and K_i "
-    "only as the products vK_p and vK_i; a fuel rack channel would tell v apart.": (
-        "v sind die Prozent Motormoment, die 1 % mehr Füllung bringt. Drehzahl und Drehmoment zeigen K_p und K_i des Reglers nur "
-        "als Produkte vK_p und vK_i; ein Kanal der Füllung würde v davon trennen."
-    ),
-    "Combinations": "Kombinationen",
-    "Told better than their members, or though these are not told one by one.": (
-        "Genauer bestimmt als ihre Glieder, oder obwohl diese einzeln nicht bestimmbar sind."
-    ),
-    "All estimates as CSV": "Alle Schätzwerte als CSV",
     "the truth that the log was simulated with": "der Wahrheit, mit der die Aufzeichnung simuliert wurde",
     "the estimate": "des Schätzwerts",
     "Estimates with their 95 % intervals, in per cent of {reference}.": (
         "Schätzwerte mit ihren 95-%-Bereichen, in Prozent {reference}."
     ),
     "Red where the interval does not hold the truth.": "Rot, wo der Bereich die Wahrheit nicht enthält.",
-    "An arrow: it reaches further.": "Ein Pfeil: Er reicht weiter.",
     "symbol": "Zeichen",
     "name": "Name",
     "estimate": "Schätzwert",
@@ -115,17 +57,6 @@ SENTENCES: Mapping[str, str] = {
     "truth": "Wahrheit",
     "formula": "Formel",
     "status": "Stand",
-    "The data chose which elements of the ship model act. The bar is what an element buys: how much worse the fit is without "
-    "one that acts, how much better with one that does not.": (
-        "Die Daten haben gewählt, welche Elemente des Schiffsmodells wirken. Der Balken zeigt, was ein Element bringt: wie viel "
-        "schlechter die Anpassung ohne ein wirkendes ist, wie viel besser mit einem, das nicht wirkt."
-    ),
-    "What each element buys, as the change of the deviance. Left of the line it is no more than chance brings; right of it an "
-    "element is taken on, unless the others explain as much once they are fitted with it.": (
-        "Was jedes Element bringt, als Änderung der Devianz. Links der Linie ist es nicht mehr, als der Zufall bringt; rechts davon "
-        "wird ein Element aufgenommen, wenn nicht die übrigen, mit ihm angepasst, ebenso viel erklären."
-    ),
-    "elements of the ship model": "Elemente des Schiffsmodells",
     "element": "Element",
     "found": "Befund",
     "change of the deviance": "Änderung der Devianz",
@@ -134,16 +65,9 @@ SENTENCES: Mapping[str, str] = {
     "acts": "wirkt",
     "not found to act": "keine Wirkung gefunden",
     "the others explain it": "die übrigen erklären es",
-    "cannot be told": "nicht entscheidbar",
     "forced by the user": "vom Benutzer vorgegeben",
     "above": "über",
     "below": "unter",
-    "From the model linearised about the operating point, for small motions.": (
-        "Aus dem Modell, um den Betriebspunkt linearisiert, für kleine Bewegungen."
-    ),
-    "Answer to a step of the set point by 1 %; the speed stays within 5 % of the step after the dotted line.": (
-        "Antwort auf einen Sollwertsprung von 1 %; nach der punktierten Linie bleibt die Drehzahl auf 5 % des Sprungs genau."
-    ),
     "poles, margins and gains of the loop": "Pole, Reserven und Verstärkungen des Kreises",
     "figure": "Größe",
     "note": "Anmerkung",
@@ -161,9 +85,6 @@ SENTENCES: Mapping[str, str] = {
     "model of {name}": "Modell von {name}",
     "{name} − model [{unit}]": "{name} − Modell [{unit}]",
     "{name} less the model": "{name} ohne das Modell",
-    "{name}: measured signals and what the fitted model makes of the same set point.": (
-        "{name}: gemessene Signale, und was das angepasste Modell aus demselben Sollwert macht."
-    ),
     "{name}: signals; masked samples, marked at the bottom, are not fitted.": (
         "{name}: Signale; ausgeblendete Messwerte, unten markiert, gehen nicht in die Anpassung ein."
     ),
@@ -236,12 +157,7 @@ SENTENCES: Mapping[str, str] = {
     "account": "Bericht",
     "The verdict in full": "Das Urteil im Ganzen",
     "How well the model follows": "Wie gut das Modell folgt",
-    "What the data tell apart": "Was die Daten unterscheiden",
     "What the residuals say": "Was die Residuen sagen",
-    "The data tell all {free} free parameters apart (condition number of the scaled sensitivities {condition}).": (
-        "Die Daten unterscheiden alle {free} freien Parameter (Konditionszahl der skalierten Empfindlichkeiten {condition})."
-    ),
-    "The data tell {rank} of {free} free parameters apart.": "Die Daten unterscheiden {rank} von {free} freien Parametern.",
     "The model's outputs stay the same when these change together, in the proportion given:": (
         "Die Ausgänge des Modells bleiben gleich, wenn sich diese gemeinsam ändern, im angegebenen Verhältnis:"
     ),
@@ -295,106 +211,129 @@ SENTENCES: Mapping[str, str] = {
         "Geweißte Residuen ({output}): Korrelation mit der eigenen Vergangenheit, {own}, und mit dem Sollwert, {by_set_point}. "
         "Bei Rauschen liegt einer von zwanzig außerhalb."
     ),
+    "Combinations of parameters": "Kombinationen von Parametern",
+    "The data often determine a product, a ratio or a sum more closely than its single parameters.": (
+        "Ein Produkt, ein Verhältnis oder eine Summe bestimmen die Daten oft genauer als die einzelnen Parameter."
+    ),
+    "An arrow: the interval ends outside, at the figure beside it.": "Ein Pfeil: Der Bereich endet außerhalb, bei der Zahl daneben.",
+    "Uneven intervals also cover other models that fit as well.": (
+        "Ungleichseitige Bereiche umfassen auch andere Modelle, die ebenso gut passen."
+    ),
+    "An element is a part of the model that the data can switch on, such as a dead time. The bar shows how much worse the"
+    " fit is without an element that acts, or how much better with one that does not.": (
+        "Ein Element ist ein Teil des Modells, den die Daten einschalten können, etwa eine Totzeit. Der Balken zeigt, wie"
+        " viel schlechter die Anpassung ohne ein wirkendes Element ist oder wie viel besser mit einem, das nicht wirkt."
+    ),
+    "Gain of fit by each element, as the change of the deviance. Left of the line the gain may be chance. An element "
+    "right of it acts, unless the others explain as much when they are fitted together with it.": (
+        "Gewinn durch jedes Element, als Änderung der Devianz. Links der Linie kann er Zufall sein. Ein Element rechts "
+        "davon wirkt, wenn nicht die übrigen, gemeinsam mit ihm angepasst, ebenso viel erklären."
+    ),
+    "Computed from the model linearised about the operating point, for small motions.": (
+        "Berechnet aus dem Modell, um den Betriebspunkt linearisiert, für kleine Bewegungen."
+    ),
+    "Elements absent, or too weak to show: {names}.": "Elemente, die fehlen oder zu schwach sind, um sich zu zeigen: {names}.",
+    "Elements of the model": "Elemente des Modells",
+    "elements of the model": "Elemente des Modells",
+    "Elements that act: {names}.": "Wirkende Elemente: {names}.",
+    "Elements that may act or not: {names}. The intervals cover both cases.": (
+        "Elemente, die vielleicht wirken: {names}. Die Bereiche umfassen beide Fälle."
+    ),
+    "Figures of the model, not to be used": "Zahlen des Modells, nicht zu verwenden",
+    "Gains and slopes are normalised: they relate changes in per cent of the value at the operating point.": (
+        "Verstärkungen und Steigungen sind normiert: Sie beziehen Änderungen in Prozent des Werts am Betriebspunkt "
+        "aufeinander."
+    ),
+    "Known only roughly: {names}.": "Nur grob bekannt: {names}.",
+    "More excitation or another signal may help.": "Mehr Anregung oder ein weiteres Signal kann helfen.",
+    "Not determined by the data: {names}.": "Von den Daten nicht bestimmt: {names}.",
+    "Not to be used: the model does not describe the measurement.": "Nicht zu verwenden: Das Modell beschreibt die Messung nicht.",
+    "normalised": "normiert",
+    "In the formulas": "In den Formeln",
+    "not to be used": "nicht zu verwenden",
+    "One of these would settle it, known from elsewhere (torsional calculation, factory test): {names}.": (
+        "Eines davon würde es klären, aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand): {names}."
+    ),
+    "One of these, known from elsewhere (torsional calculation, factory test), would sharpen the others: {names}.": (
+        "Eines davon, aus anderer Quelle bekannt (Drehschwingungsrechnung, Prüfstand), würde die übrigen schärfen: "
+        "{names}."
+    ),
+    "Operating point: engine speed {speed} rpm, measured torque {torque} Nm.": (
+        "Betriebspunkt: Motordrehzahl {speed} rpm, gemessenes Drehmoment {torque} Nm."
+    ),
+    "Possible causes: a channel from another recording, a wrong calibration, or a load or limit that the model lacks.": (
+        "Mögliche Ursachen: ein Kanal aus einer anderen Aufzeichnung, eine falsche Kalibrierung, eine Last oder Grenze, "
+        "die dem Modell fehlt."
+    ),
+    "The data distinguish all {free} free parameters (condition number of the scaled sensitivities {condition}).": (
+        "Die Daten unterscheiden alle {free} freien Parameter (Konditionszahl der skalierten Empfindlichkeiten "
+        "{condition})."
+    ),
+    "The data distinguish {rank} of {free} free parameters.": "Die Daten unterscheiden {rank} von {free} freien Parametern.",
+    "What the data distinguish": "Was die Daten unterscheiden",
+    "The drive train, with 95 % intervals": "Der Antriebsstrang, mit 95-%-Bereichen",
+    "The intervals also cover other models that fit as well, and elements that were not found, each at its limit.": (
+        "Die Bereiche umfassen auch andere Modelle, die ebenso gut passen, und nicht gefundene Elemente, jedes an seiner "
+        "Grenze."
+    ),
+    "The model's answer to a step of the set point by 1 %. Dashed: the set point. Dotted: from here on the speed stays "
+    "within 5 % of the step.": (
+        "Antwort des Modells auf einen Sollwertsprung von 1 %. Gestrichelt: der Sollwert. Punktiert: Von hier an bleibt "
+        "die Drehzahl auf 5 % des Sprungs genau."
+    ),
+    "These figures as CSV": "Diese Zahlen als CSV",
+    "What would help: a longer recording, a larger swing of the set point, a torque channel, or a parameter known from "
+    "elsewhere.": (
+        "Es hilft: eine längere Aufzeichnung, ein größerer Ausschlag des Sollwerts, ein Drehmomentkanal oder ein "
+        "Parameter aus anderer Quelle."
+    ),
+    "after a step of the set point, until the speed stays within 5 % of it": (
+        "nach einem Sollwertsprung, bis die Drehzahl auf 5 % genau bleibt"
+    ),
+    "up to this frequency the speed follows the set point": "bis zu dieser Frequenz folgt die Drehzahl dem Sollwert",
+    "growth of the gains at which the loop begins to swing": "Erhöhung der Verstärkung, bei der der Kreis zu schwingen beginnt",
+    "no gain was found at which the loop swings": "keine Verstärkung gefunden, bei der der Kreis schwingt",
+    "{factor} times": "{factor}-fach",
+    "drive train not named": "Antriebsstrang ohne Namen",
+    "undecided": "unentschieden",
+    "{name}, {start} to {stop} s: measurement, and the model's answer to the same set point. Shaded: 95 % of the measured"
+    " samples lie this close to the model.": (
+        "{name}, {start} bis {stop} s: Messung, und die Antwort des Modells auf denselben Sollwert. Schattiert: 95 % der "
+        "Messwerte liegen so nah am Modell."
+    ),
+    "{name}: measured signals, and the model's answer to the same set point.": (
+        "{name}: gemessene Signale, und die Antwort des Modells auf denselben Sollwert."
+    ),
+    "set point: {kind}": "Sollwert: {kind}",
+    "value of the model": "Wert des Modells",
+    "v is the per cent of engine torque that 1 % more fuel rack brings. From speed and torque follow only the products "
+    "vK_p and vK_i with the governor's gains K_p and K_i; a channel of the fuel rack would give v.": (
+        "v sind die Prozent Motormoment, die 1 % mehr Füllung bringt. Aus Drehzahl und Drehmoment folgen nur die Produkte"
+        " vK_p und vK_i mit den Beiwerten K_p und K_i des Reglers; ein Kanal der Füllung ergäbe v."
+    ),
+    "inertia of the whole drive train, seen from the propeller shaft [kg m²]": (
+        "Trägheitsmoment des ganzen Antriebsstrangs, auf die Propellerwelle bezogen [kg m²]"
+    ),
+    "inertia on the propeller's side of the torque gauge [kg m²]": "Trägheitsmoment auf der Propellerseite der Momentmessung [kg m²]",
+    "speed at the operating point": "Drehzahl am Betriebspunkt",
+    "shaft speed at the operating point [rev/s]": "Wellendrehzahl am Betriebspunkt [Umdrehungen/s]",
+    "engine speed at the operating point [rpm]": "Motordrehzahl am Betriebspunkt [rpm]",
+    "engine torque at the operating point, at the shaft [Nm]": "Motormoment am Betriebspunkt, an der Welle [Nm]",
+    "engine torque at the operating point [Nm]": "Motormoment am Betriebspunkt [Nm]",
+    "load torque at the operating point [Nm]": "Lastmoment am Betriebspunkt [Nm]",
+    "fuel rack at the operating point [mm]": "Füllung am Betriebspunkt [mm]",
+    "shaft speed [rev/s]": "Wellendrehzahl [Umdrehungen/s]",
+    "engine speed [rpm]": "Motordrehzahl [rpm]",
+    "propeller torque [Nm]": "Propellermoment [Nm]",
+    "engine torque [Nm]": "Motormoment [Nm]",
+    "measured load torque [Nm]": "gemessenes Lastmoment [Nm]",
+    "fuel rack [mm]": "Füllung [mm]",
+    "change of the engine torque by the fuel rack, over its operating point": "Änderung des Motormoments durch die Füllung, je Betriebspunkt",
+    "step of time [s]": "Zeitschritt [s]",
+    "proportional gain as set in the governor [mm/rpm]": "P-Beiwert, wie im Regler eingestellt [mm/rpm]",
+    "integral gain as set in the governor [mm/(rpm s)]": "I-Beiwert, wie im Regler eingestellt [mm/(rpm s)]",
+    "derivative gain as set in the governor [mm s/rpm]": "D-Beiwert, wie im Regler eingestellt [mm s/rpm]",
+    "torsional stiffness of the shaft [Nm/rad]": "Drehsteifigkeit der Welle [Nm/rad]",
+    "variable of the Laplace transform [1/s]": "Variable der Laplace-Transformation [1/s]",
 }
 """English sentence of the report to its German one."""
-
-ELEMENTS: Mapping[str, str] = {
-    "dead time in the loop": "Totzeit im Kreis",
-    "dead time of the set point": "Totzeit des Sollwerts",
-    "lag of the fuel actuator": "Trägheit des Stellglieds",
-    "derivative gain": "Differenzialanteil",
-    "digital governor that acts every T_s": "digitaler Regler, der alle T_s eingreift",
-    "upper torque limit": "obere Momentengrenze",
-    "rate limit of the fuel rack": "begrenzte Stellgeschwindigkeit der Füllung",
-    "torsionally flexible shaft": "drehelastische Welle",
-    "load damping": "Dämpfung der Last",
-    "delay of the torque channel": "verspäteter Drehmomentkanal",
-    "delay of the speed channel": "verspäteter Drehzahlkanal",
-    "measured load torque": "gemessenes Lastmoment",
-    "no element": "kein Element",
-}
-
-WORDS: Mapping[str, str] = {
-    **ELEMENTS,
-    "ship": "Schiff",
-    "linear": "linear",
-    "estimated": "geschätzt",
-    "given": "vorgegeben",
-    "estimated, with prior": "geschätzt, mit Vorwissen",
-    "on its bound": "auf seiner Grenze",
-    "not identifiable": "nicht bestimmbar",
-    "speed": "Drehzahl",
-    "torque": "Drehmoment",
-    "integrated speed error": "aufsummierte Drehzahlabweichung",
-    "fuel rack": "Füllung",
-    "all outputs": "alle Ausgänge",
-    "bandwidth": "Bandbreite",
-    "crossover": "Durchtrittsfrequenz",
-    "phase margin": "Phasenreserve",
-    "gain margin": "Amplituden\u00adreserve",
-    "recovery time": "Ausregelzeit",
-    "overshoot": "Überschwingen",
-    "pole 1, real": "Pol 1, Realteil",
-    "pole 1, imaginary": "Pol 1, Imaginärteil",
-    "pole 2, real": "Pol 2, Realteil",
-    "pole 2, imaginary": "Pol 2, Imaginärteil",
-    "there is none": "es gibt keine",
-    "double crossings (A)": "doppelte Durchgänge (A)",
-    "lost pulses (B)": "verlorene Impulse (B)",
-    "torque spikes (C)": "Drehmomentspitzen (C)",
-    "set-point jumps (D1)": "Sollwertsprünge (D1)",
-    "mains hum on the set point (D2)": "Netzbrummen auf dem Sollwert (D2)",
-    "chirp of constant frequency (D3)": "Gleitsinus fester Frequenz (D3)",
-    "pulses that can't be told from noise": "Impulse, vom Rauschen nicht zu unterscheiden",
-    "spikes": "Spitzen",
-    "missing samples": "fehlende Messwerte",
-    "dropouts to zero": "Aussetzer auf null",
-    "stuck channel": "hängender Kanal",
-    "clipped": "begrenzt",
-    "torque of the other sign": "Drehmoment mit anderem Vorzeichen",
-    "rows recorded twice": "doppelt aufgezeichnete Zeilen",
-    "jump of the clock, rows missing": "Sprung der Uhr, Zeilen fehlen",
-    "clock set back": "Uhr zurückgestellt",
-    "clock drift between loggers": "Uhren laufen auseinander",
-    "masked samples": "ausgeblendete Messwerte",
-    "masked": "ausgeblendet",
-    "not fitted": "nicht angepasst",
-    "bridged by straight lines": "mit Geraden überbrückt",
-    "second crossings removed": "zweite Durchgänge entfernt",
-}
-"""Words of fingerprints, elements and faults; what is not here stays as it is."""
-
-LABELS: tuple[tuple[str, str], ...] = (
-    ("distance from the truth", "Abstand von der Wahrheit"),
-    ("distance from the estimate", "Abstand vom Schätzwert"),
-    ("with the set point", "mit dem Sollwert"),
-    ("residual after the set point", "Residuum nach dem Sollwert"),
-    ("set point", "Sollwert"),
-    ("engine speed", "Motordrehzahl"),
-    ("shaft speed", "Wellendrehzahl"),
-    ("shaft torque", "Wellenmoment"),
-    ("brake torque", "Motormoment"),
-    ("gauge torque", "Messmoment"),
-    ("load torque", "Lastmoment"),
-    ("speed error", "Drehzahlabweichung"),
-    ("integrated error", "aufsummierte Abweichung"),
-    ("fuel rack", "Füllung"),
-    ("95 % by chance", "95 % durch Zufall"),
-    ("95 % band", "95-%-Band"),
-    ("autocorrelation", "Autokorrelation"),
-    ("measured", "gemessen"),
-    ("model", "Modell"),
-    ("masked", "ausgeblendet"),
-    ("frequency", "Frequenz"),
-    ("amplitude ratio", "Amplitudenverhältnis"),
-    ("amplitude", "Amplitude"),
-    ("phase", "Phase"),
-    ("within", "innerhalb"),
-    ("outside", "außerhalb"),
-    ("samples", "Messwerte"),
-    ("speed", "Drehzahl"),
-    ("torque", "Drehmoment"),
-    ("lag", "Abstand"),
-    ("time", "Zeit"),
-)
-"""Words of axes and legends, the longer ones first."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shipfp_rs.report.german import ELEMENTS
+from shipfp_rs.report.german_words import ELEMENTS
 
 PHRASES: tuple[tuple[str, str], ...] = (
     (
@@ -10,8 +10,8 @@ PHRASES: tuple[tuple[str, str], ...] = (
         "Nicht brauchbar, weil die Daten keinen Parameter bestimmen.",
     ),
     (
-        r"^Not usable, because the model misses (\S+) % of the response that the set point still explains\.",
-        r"Nicht brauchbar, weil dem Modell \1 % der Antwort fehlen, die der Sollwert noch erklärt.",
+        r"^Not usable, because the model misses (\S+) % of the response to the set point\.",
+        r"Nicht brauchbar, weil dem Modell \1 % der Antwort auf den Sollwert fehlen.",
     ),
     (
         r"^Not usable, because the search did not end in a minimum; no figure is an estimate\.",
@@ -22,8 +22,8 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Nicht brauchbar, weil das Modell nichts erklärt von \1.",
     ),
     (
-        r"^Usable for simulation and comparison, but the data do not determine (.+), and tell (.+) only roughly: other values "
-        r"fit as well\.",
+        r"^Usable for simulation and comparison, but the data do not determine (.+), and determine (.+) only roughly: other "
+        r"values fit as well\.",
         r"Brauchbar für Simulation und Vergleich, aber die Daten bestimmen \1 nicht und \2 nur grob: Andere Werte passen ebenso gut.",
     ),
     (
@@ -31,26 +31,26 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Brauchbar für Simulation und Vergleich, aber die Daten bestimmen \1 nicht: Andere Werte passen ebenso gut.",
     ),
     (
-        r"^Usable for simulation and comparison, but its intervals hold for the structure, not for the ship: the model misses "
-        r"(\S+) % of the response that the set point still explains\.",
-        r"Brauchbar für Simulation und Vergleich, aber die Bereiche gelten für die Struktur, nicht für das Schiff: Dem Modell "
-        r"fehlen \1 % der Antwort, die der Sollwert noch erklärt.",
+        r"^Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the model "
+        r"misses (\S+) % of the response to the set point\.",
+        r"Brauchbar für Simulation und Vergleich, aber die Bereiche gelten für das Modell, nicht für den Antriebsstrang: "
+        r"Dem Modell fehlen \1 % der Antwort auf den Sollwert.",
     ),
     (
-        r"^Usable for simulation and comparison, but the model misses (\S+) % of the response that the set point still explains\.",
-        r"Brauchbar für Simulation und Vergleich, aber dem Modell fehlen \1 % der Antwort, die der Sollwert noch erklärt.",
+        r"^Usable for simulation and comparison, but the model misses (\S+) % of the response to the set point\.",
+        r"Brauchbar für Simulation und Vergleich, aber dem Modell fehlen \1 % der Antwort auf den Sollwert.",
     ),
     (
-        r"^Usable for simulation, control tuning and comparison: the data tell every parameter, (.+) only roughly\.",
+        r"^Usable for simulation, control tuning and comparison: the data determine every parameter, (.+) only roughly\.",
         r"Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter, \1 aber nur grob.",
     ),
     (
-        r"^Usable for simulation, control tuning and comparison: the data tell every parameter\.",
+        r"^Usable for simulation, control tuning and comparison: the data determine every parameter\.",
         "Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter.",
     ),
     (r"^Known only together: ", "Nur gemeinsam bekannt: "),
     (r"^Known: ", "Bekannt: "),
-    (r"^Told by this model: ", "Nach diesem Modell: "),
+    (r"^According to this model: ", "Nach diesem Modell: "),
     (r"^Acting elements: ", "Wirkende Elemente: "),
     (r"^Not found to act: ", "Keine Wirkung gefunden: "),
     (r"^Not identifiable from these data: ", "Aus diesen Daten nicht bestimmbar: "),
@@ -67,7 +67,7 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"Die Residuen zeigen, dass etwas fehlt (\1); jeder Bereich ist um das erweitert, was das anrichten kann.",
     ),
     (
-        r"^The data tell (\d+) of (\d+) free parameters apart; the response stays the same along: ",
+        r"^The data distinguish (\d+) of (\d+) free parameters; the response stays the same along: ",
         r"Die Daten unterscheiden \1 von \2 freien Parametern; die Antwort bleibt gleich entlang: ",
     ),
     (
@@ -80,14 +80,14 @@ PHRASES: tuple[tuple[str, str], ...] = (
     ),
     (
         r"^The residuals contradict the structure (.+): the set point still explains some of (.+)\. Dynamics are missing, a dead "
-        r"time for instance; the intervals hold for the structure, not for the ship\.",
+        r"time for instance; the intervals hold for the structure, not for the drive train\.",
         r"Die Residuen widersprechen der Struktur \1: Der Sollwert erklärt noch einen Teil von \2. Es fehlt Dynamik, etwa eine "
-        r"Totzeit; die Bereiche gelten für die Struktur, nicht für das Schiff.",
+        r"Totzeit; die Bereiche gelten für die Struktur, nicht für den Antriebsstrang.",
     ),
     (r"it explains (\S+) % of what was left", r"er erklärt \1 % des Rests"),
     (
-        r"^The structure (.+) explains the data poorly \((.+)\): its intervals hold for the structure, not for the ship\.",
-        r"Die Struktur \1 erklärt die Daten schlecht (\2): Ihre Bereiche gelten für die Struktur, nicht für das Schiff.",
+        r"^The structure (.+) explains the data poorly \((.+)\): its intervals hold for the structure, not for the drive train\.",
+        r"Die Struktur \1 erklärt die Daten schlecht (\2): Ihre Bereiche gelten für die Struktur, nicht für den Antriebsstrang.",
     ),
     (r"\bfit of (\w+)", r"Anpassung von \1"),
     (
@@ -115,7 +115,10 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"die Daten erlauben alles zwischen den Grenzen \1 und \2",
     ),
     (r"too few samples for an uncertainty", "zu wenige Messwerte für eine Unsicherheit"),
-    (r"not told by a structure that fits as well", "nicht bestimmt von einer Struktur, die ebenso gut passt"),
+    (
+        r"not determined by a structure that fits as well",
+        "nicht bestimmt von einer Struktur, die ebenso gut passt",
+    ),
     (
         r"on its lower bound (\S+); the data allow up to ",
         r"auf seiner unteren Grenze \1; die Daten erlauben bis ",
@@ -134,8 +137,8 @@ PHRASES: tuple[tuple[str, str], ...] = (
     (r"the data only say that it is below ", "die Daten sagen nur: unter "),
     (r"the data only say that it is above ", "die Daten sagen nur: über "),
     (
-        r"the fit wants it beyond (\S+), where no ship is",
-        r"die Anpassung will ihn jenseits von \1, wo kein Schiff ist",
+        r"the fit goes beyond (\S+), which no drive train has",
+        r"die Anpassung geht über \1 hinaus, was kein Antriebsstrang hat",
     ),
     *((rf"\b{english}\b", german) for english, german in ELEMENTS.items()),
     (r"(?<=\w) and (?=\w+( nicht: Andere| nicht und| nur grob| aber nur grob))", " und "),

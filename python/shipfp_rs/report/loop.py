@@ -43,15 +43,15 @@ def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[st
 
 
 def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) -> Iterable[str]:
-    """Yield the table of the loop's figures."""
-    if not loop:
+    """Yield the table of the loop's figures; nothing of a model that is not to be used."""
+    if not loop or fingerprint.why_not:
         return
-    yield paragraph(say("From the model linearised about the operating point, for small motions."))
+    yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
     if "alternatives" in fingerprint.settings:
         yield paragraph(
             say(
-                "The intervals hold as well for structures that fit as well, and for elements that were not found, each at "
-                "its limit."
+                "The intervals also cover other models that fit as well, and elements that were not found, each "
+                "at its limit."
             )
         )
     yield table(
@@ -92,7 +92,8 @@ def step_response(
         len(rows),
         lambda axes: _draw(axes, times, rows, recovery, say),
         say(
-            "Answer to a step of the set point by 1 %; the speed stays within 5 % of the step after the dotted line."
+            "The model's answer to a step of the set point by 1 %. Dashed: the set point. Dotted: from here on the speed "
+            "stays within 5 % of the step."
         ),
         height=1.6,
         width=NARROW,

@@ -75,11 +75,9 @@ class Pictures:
         return piece("figure", svg, caption, width < WIDE, picture, shown, f"picture-{self._count}")
 
     def _translate(self, axes: Sequence[Axes]) -> None:
-        """Put labels and legends into the report's language; titles are names that a user gave."""
-        if self._say.language == "en":
-            return
+        """Put labels and legends into the report's language and words; titles are names that a user gave."""
         for ax in axes:
-            for axis in (ax.xaxis, ax.yaxis):
+            for axis in (ax.xaxis, ax.yaxis) if self._say.language != "en" else ():
                 axis.set_major_formatter(_spoken(axis.get_major_formatter(), self._say))
             legend = ax.get_legend()
             texts = [ax.xaxis.label, ax.yaxis.label, *(legend.get_texts() if legend is not None else ())]

@@ -27,8 +27,8 @@ RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")
 """Names of the files in the folder of a run."""
 
 NO_TORQUE = (
-    "No torque was fitted, since the trial has no table [channels.torque]: the speed alone tells tau_n, g and the "
-    "gains as ratios only."
+    "No torque was fitted, since the trial has no table [channels.torque]: the speed alone determines only ratios of "
+    "tau_n, g and the gains."
 )
 
 Notify = Callable[[str], None]
@@ -133,5 +133,6 @@ def evaluate(
         title=trial.trial.name,
         language=language or trial.report.language,
         structure=structure,
+        vessel=vessel,
     )
     return Run(fingerprint, tuple(experiments))

@@ -48,7 +48,7 @@ ELEMENTS: dict[str, Element] = {
         Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
         Element(
             "sampling",
-            "digital governor that acts every T_s",
+            "sampling of the governor",
             (Parameter("T_s", "s", 0.02, 1e-3, 0.5), Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True)),
         ),
         Element("torque_limit", "upper torque limit", (Parameter("M_max", "-", 1.1, 0.5, 5.0),)),

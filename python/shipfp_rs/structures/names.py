@@ -34,18 +34,24 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "M_max": ("upper torque limit", "obere Momentengrenze"),
     "rate": ("rate limit of the fuel rack", "Stellgeschwindigkeit der Füllung"),
     "k_L": ("gain of the measured load", "Beiwert der gemessenen Last"),
-    "dM_b(0)": ("torque over speed, slow", "Moment je Drehzahl, langsam"),
-    "dM_g(0)": ("torque over speed, slow", "Moment je Drehzahl, langsam"),
-    "dM_b(inf)": ("torque over set point, fast", "Moment je Sollwert, schnell"),
-    "dM_g(inf)": ("torque over set point, fast", "Moment je Sollwert, schnell"),
+    "dM_b(0)": ("torque over speed, for slow motions", "Moment je Drehzahl, bei langsamen Bewegungen"),
+    "dM_g(0)": ("torque over speed, for slow motions", "Moment je Drehzahl, bei langsamen Bewegungen"),
+    "dM_b(inf)": ("torque over set point, for fast motions", "Moment je Sollwert, bei schnellen Bewegungen"),
+    "dM_g(inf)": ("torque over set point, for fast motions", "Moment je Sollwert, bei schnellen Bewegungen"),
     "K_p/K_i": ("reset time of the governor", "Nachstellzeit des Reglers"),
     "p-g": ("self-regulation", "Selbstausgleich"),
-    "(p-g)/tau_n": ("corner of the shaft alone", "Eckfrequenz der Welle allein"),
+    "(p-g)/tau_n": ("corner frequency without governor", "Eckfrequenz ohne Regler"),
     "vK_p/tau_n": ("proportional gain over inertia", "P-Verstärkung je Trägheit"),
     "vK_i/tau_n": ("integral gain over inertia", "I-Verstärkung je Trägheit"),
     "tau_prop/tau_n": ("share of the inertia behind the gauge", "Anteil der Trägheit hinter der Messstelle"),
-    "(p-g)/(vK_i)": ("delay of slow motions", "Nacheilung langsamer Bewegungen"),
-    "(p-g)/(vK_i)+T_set": ("delay of slow motions in all", "Nacheilung langsamer Bewegungen insgesamt"),
+    "(p-g)/(vK_i)": (
+        "lag behind a slow ramp of the set point",
+        "Rückstand hinter einer langsamen Sollwertrampe",
+    ),
+    "(p-g)/(vK_i)+T_set": (
+        "lag behind a slow ramp of the set point, dead time included",
+        "Rückstand hinter einer langsamen Sollwertrampe, mit Totzeit",
+    ),
 }
 """Symbol, or figure of the loop, to its plain name in English and in German."""
 

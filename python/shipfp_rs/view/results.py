@@ -97,7 +97,7 @@ def _run(folder: Path) -> dict[str, Any] | None:
     verdict = found.get("usable") or next(iter(found.get("verdict") or [""]), "")
     return {
         "kind": "run",
-        "about": f"{found.get('vessel') or 'ship not named'}, {_text(found.get('structure'))}",
+        "about": f"{found.get('vessel') or 'drive train not named'}, {_text(found.get('structure'))}",
         "verdict": str(verdict),
         "changed": (folder / "fingerprint.json").stat().st_mtime,
     }
