@@ -109,7 +109,7 @@ def parameters(
 def not_to_be_used(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     """Yield a warning above the figures of a fingerprint that can't be used."""
     if fingerprint.why_not:
-        yield paragraph(say("Not to be used: the model does not describe the measurement."), "bad")
+        yield paragraph(say("These figures are not to be used."), "bad")
 
 
 def _is_uneven(estimate: Estimate) -> bool:

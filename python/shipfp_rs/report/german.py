@@ -247,7 +247,7 @@ SENTENCES: Mapping[str, str] = {
     "Known only roughly: {names}.": "Nur grob bekannt: {names}.",
     "More excitation or another signal may help.": "Mehr Anregung oder ein weiteres Signal kann helfen.",
     "Not determined by the data: {names}.": "Von den Daten nicht bestimmt: {names}.",
-    "Not to be used: the model does not describe the measurement.": "Nicht zu verwenden: Das Modell beschreibt die Messung nicht.",
+    "These figures are not to be used.": "Diese Zahlen sind nicht zu verwenden.",
     "normalised": "normiert",
     "In the formulas": "In den Formeln",
     "not to be used": "nicht zu verwenden",
