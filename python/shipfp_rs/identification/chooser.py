@@ -14,11 +14,11 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.clearing import Clearing
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
-from shipfp_rs.identification.sampling import between_samples, held
 from shipfp_rs.identification.search import Search
-from shipfp_rs.identification.starts import starts
-from shipfp_rs.identification.weighted_problem import Minimum, mean_scatter
+from shipfp_rs.identification.starts import both_ended, starts
+from shipfp_rs.identification.weighted_problem import Minimum, is_exact
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
@@ -50,6 +50,8 @@ NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
 NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
+ROUNDS, LAST_ROUNDS = 4, 12
+"""Times that records are cleared of what a limit does, at most: while elements are tried, and at the end."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 40
@@ -64,14 +66,10 @@ PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
-LIGHTEST_ENGINE = 0.05
-"""The same of the engine's end of a shaft that twists."""
 DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
 """Passes over the records of one search."""
-EXACT = 1e-5
-"""Residual over spread of an output below which there is no noise."""
 
 
 @dataclass(frozen=True)
@@ -112,10 +110,9 @@ class Chooser:
         self.clock = clock
         """Period at which the governor samples and its deviation [s], where the raw torque told them."""
         self.experiments, self.torque, self.outputs = list(experiments), torque, tuple(outputs)
+        self._logged = list(experiments)
         self._told = [one.dn_set for one in experiments]
-        """Deviations of the set point as it was sampled."""
-        self._beyond = [np.zeros((len(outputs), len(one))) for one in experiments]
-        """What was taken from the outputs of each experiment, see `held`, shape (O, N)."""
+        """Deviations of the set point as it was sampled, without noise where that is left out."""
         self.forced = tuple(forced)
         self.candidates = tuple(name for name in CANDIDATES if name not in excluded and name not in forced)
         self.narrow = narrow or {}
@@ -125,6 +122,9 @@ class Chooser:
             self.experiments = [band_limited(one) for one in experiments]
         self.is_quiet = False
         """Whether the set point is taken without the noise that it was logged with: where the outputs do not follow that."""
+        self.clears_limits = False
+        """Whether records are cleared of what a torque limit makes of moving water: from a structure that nearly stands on,
+        since with the load of one that does not water takes the misfit up."""
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
         self.options = {
@@ -189,15 +189,17 @@ class Chooser:
             whole = search.values(best.vector)["tau_n"]
             limits = {"tau_prop": (LIGHTEST_PROPELLER * whole, PROPELLER_PART * whole, whole)}
             self.narrow = {**self.narrow, "bounds": {**self.narrow.get("bounds", {}), **limits}}
-        if self._clears:
-            search = self._less_held(search, best)
+        if self._clears(elements):
+            search = self._cleared(search, best.vector)
             best = search.minimise(best.vector)
         if not self.band_limited:
             changed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
             search, best, self.band_limited = self._fed(changed, search, best)
         changed = [without_noise(one) for one in self.experiments]
         search, best, self.is_quiet = self._fed(changed, search, best)
-        if _is_exact(search, best):
+        if self.is_quiet:
+            self._told = [without_noise(one).dn_set for one in self._logged]
+        if is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
@@ -206,8 +208,9 @@ class Chooser:
     def _fed(self, changed: list[Experiment], search: Search, best: Minimum) -> tuple[Search, Minimum, bool]:
         """Take experiments with a changed set point in place of theirs if the outputs follow it better; tell whether."""
         before, self.experiments = self.experiments, changed
-        other = self.search(self.ordered(search.structure.settings["elements"]))
+        elements = self.ordered(search.structure.settings["elements"])
         try:
+            other = self._cleared(self.search(elements), best.vector)
             trial = other.minimise(best.vector)
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a changed set point could not be simulated: %s", error)
@@ -217,53 +220,48 @@ class Chooser:
         self.experiments = before
         return search, best, False
 
-    @property
-    def _clears(self) -> bool:
-        """Whether records are cleared of what holding does: the governor's, or the set point's between its samples."""
+    def _clears(self, elements: Sequence[str]) -> bool:
+        """Whether records are cleared of what the model leaves out: what holding does, and what limits do."""
         # A brake torque would gain by it without a held set point, too: straight lines have images in it. Not tried yet.
         held_set_point = any(one.held_set_point is not None for one in self.experiments)
-        return self.clock is not None or (held_set_point and self.band_limited and "dM" in self.outputs)
+        between = held_set_point and self.band_limited and "dM" in self.outputs
+        return self.clock is not None or between or (self.clears_limits and CUTS in elements)
 
-    def _held(self, fitted: Fitted) -> Fitted:
-        """Return a fit to records less what holding does by a fit's end; where nothing is held that fit itself."""
-        if not self._clears:
-            return fitted
-        search = self._less_held(fitted.search, fitted.minimum)
-        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
+    def _held(self, fitted: Fitted, rounds: int) -> Fitted:
+        """Return a fit to records cleared by a fit's end; where nothing is to be cleared that fit itself.
 
-    def _less_held(self, search: Search, minimum: Minimum) -> Search:
-        """Take from the records what holding does by a fit's end, and return the search of what is left."""
-        search, self.experiments, self._beyond = self._cleared(search, minimum.vector)
-        return search
-
-    def _cleared(self, search: Search, vector: Array) -> tuple[Search, list[Experiment], list[Array]]:
-        """Return the search of records less what holding does, the governor's or the set point's, and these records.
-
-        A governor that samples holds what it gives, and reads the speed at one moment: at a frequency f its answer differs
-        by up to some (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by
-        serves.
+        What a limit makes of moving water depends so much on the estimates that whole steps may lead away: where the
+        criterion rises, half the step is taken.
         """
-        outputs, measured = search.structure.outputs, search.structure.signal_for
-        experiments, beyonds = [], []
-        for experiment, told, before, (block, values) in zip(
-            self.experiments, self._told, self._beyond, search.each(vector), strict=True
-        ):
-            assert isinstance(block.data, Experiment)
-            equations, beyond = search.structure.equations, np.zeros_like(before)
-            if self.clock is not None:
-                beyond += held(equations, values, block.data)
-            elif "dM" in outputs:
-                row, name = outputs.index("dM"), measured("dM", experiment.signals, experiment.name)
-                torque = experiment.normalised(name) + before[row]
-                beyond[row] = between_samples(equations, values, block.data, told, torque)
-            signals = dict(experiment.signals)
-            for output, change in zip(outputs, beyond - before, strict=True):
-                name = measured(output, signals, experiment.name)
-                signals[name] = signals[name] - experiment.operating_point[name] * change
-            beyonds.append(beyond)
-            experiments.append(replace(experiment, signals=signals))
+        if not self._clears(fitted.elements):
+            return fitted
+        share = 1.0
+        limited = self.clears_limits and CUTS in fitted.elements
+        for _ in range(rounds if limited else 1):
+            cleared = self._cleared(fitted.search, fitted.minimum.vector, share)
+            trial = Fitted(fitted.elements, cleared, cleared.refine(fitted.minimum))
+            fall = fitted.minimum.criterion - trial.minimum.criterion
+            if fall < 0.0 and limited:
+                share *= 0.5
+                continue
+            fitted = trial
+            if fall < SAME:
+                break
+        return fitted
+
+    def _cleared(self, search: Search, vector: Array, share: float = 1.0) -> Search:
+        """Return the search of records less what the model leaves out at a vector, or a share of the way there."""
         elements = self.ordered(search.structure.settings["elements"])
-        return replace(search, blocks=self.search(elements, experiments).blocks), experiments, beyonds
+        if not self._clears(elements):
+            return search
+        clearing = Clearing(self.clock is not None, self.clears_limits, self.band_limited)
+        experiments = [
+            clearing.of(search.structure, values, raw, told, before, share)
+            for raw, told, before, (_, values) in zip(
+                self.experiments, self._told, _records(search), search.each(vector), strict=True
+            )
+        ]
+        return replace(search, blocks=self.search(elements, experiments).blocks)
 
     def with_elements(
         self,
@@ -279,7 +277,7 @@ class Chooser:
         """
         ordered = self.ordered(elements)
         search = replace(
-            self.search(ordered),
+            self.search(ordered, _records(origin.search)),
             weights=origin.minimum.noise,
             enough=TRIAL_FALL,
             worth=worth,
@@ -292,14 +290,15 @@ class Chooser:
             # Of the inertia that a shaft's twist divides, the propeller's is a part.
             values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
         if "twist" in ordered and "tau_prop" in origin.search.names:
-            search = replace(search, structure=_both_ended(search.structure, values["tau_prop"]))
-        # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
+            search = replace(search, structure=both_ended(search.structure, values["tau_prop"]))
+        # What a limit cuts off is told by a fit that has it; one without it is given the records back.
         changed = set(ordered) ^ set(origin.elements)
-        clears = self._clears and bool(changed & {CUTS} if self.clock is not None else changed & {*SOFTENS})
+        stairs = self._clears(()) and bool(changed & ({CUTS} if self.clock is not None else {*SOFTENS}))
+        clears = stairs or (self.clears_limits and CUTS in changed & set(origin.elements))
         ends = []
         for start in self._from(search, values):
             try:
-                own = self._cleared(search, start)[0] if clears else search
+                own = self._cleared(search, start) if clears else search
                 ends.append(Fitted(ordered, own, own.minimise(start)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
@@ -314,11 +313,16 @@ class Chooser:
         search = replace(
             fitted.search,
             weights=None,
-            enough=None if last else TRIAL_FALL,
+            enough=TRIAL_FALL,
             worth=np.inf,
             max_evaluations=MOST_EVALUATIONS,
         )
-        return self._held(Fitted(fitted.elements, search, search.refine(fitted.minimum)))
+        fitted = Fitted(fitted.elements, search, search.refine(fitted.minimum))
+        fitted = self._held(fitted, LAST_ROUNDS if last else ROUNDS)
+        if not last:
+            return fitted
+        search = replace(fitted.search, enough=None)
+        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
         """Start vectors of a structure from another one's end, one for each start that a new element has."""
@@ -368,19 +372,9 @@ class Chooser:
         return tuple(name for name in ELEMENTS if name in elements)
 
 
-def _is_exact(search: Search, minimum: Minimum) -> bool:
-    """Whether the residuals are rounding beside every output's spread: a simulation without noise."""
-    count, scatter = mean_scatter(minimum.sums)
-    spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
-    return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
-
-
-def _both_ended(structure: Structure, behind: float) -> Structure:
-    """Return a structure whose shaft keeps some inertia on the engine's end beside what is behind the gauge."""
-    whole, least = structure["tau_n"], behind / (1.0 - LIGHTEST_ENGINE)
-    if whole.fixed or whole.tied is not None or not whole.lower < least < whole.upper:
-        return structure
-    return structure.with_bounds(tau_n=(least, max(1.2 * least, whole.start), whole.upper))
+def _records(search: Search) -> list[Experiment]:
+    """Experiments of a search, cleared as they are."""
+    return [block.data for block in search.blocks if isinstance(block.data, Experiment)]
 
 
 def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:

@@ -47,6 +47,18 @@ class _Record:
     """Samples that the regressions use."""
 
 
+LIGHTEST_ENGINE = 0.05
+"""Least part of the inertia that is on the engine's end of a shaft that twists: one before less would swing too fast."""
+
+
+def both_ended(structure: Structure, behind: float) -> Structure:
+    """Return a structure whose shaft keeps some inertia on the engine's end beside what is behind the gauge."""
+    whole, least = structure["tau_n"], behind / (1.0 - LIGHTEST_ENGINE)
+    if whole.fixed or whole.tied is not None or not whole.lower < least < whole.upper:
+        return structure
+    return structure.with_bounds(tau_n=(least, max(1.2 * least, whole.start), whole.upper))
+
+
 def starts(structure: Structure, experiments: Sequence[Experiment], count: int = 3) -> list[dict[str, float]]:
     """Return start values of a ship's parameters by name, the most promising first.
 
