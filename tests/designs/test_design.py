@@ -249,6 +249,11 @@ class TestCommand:
             ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
             ([TUG, "--accuracy", "3", "--parameter", "tau_n"], "'tau_n' is not identifiable here"),
             ([TUG, "--accuracy", "0.01"], "would take about"),
+            ([TUG, "--duration", "100", "--parameter", "%s{}"], "--parameter: found without --accuracy"),
+            (
+                [TUG, "--duration", "100", "--torque-noise", "1e15"],
+                "--torque-noise is 1e+15, expected 1e-07 to 100",
+            ),
             (["missing.json", "--duration", "100"], "missing.json"),
         ],
     )

@@ -325,7 +325,10 @@ def short() -> Experiment:
         ),
         (lambda: spectral_response(short(), 200.0), "1 windows of 200 s"),
         (lambda: spectral_response(short(), float("nan")), "segment_s: found nan"),
-        (lambda: spectral_response(short(), 20.0, estimator="H3"), "found 'H3', expected 'H1' or 'H2'"),
+        (
+            lambda: spectral_response(short(), 20.0, estimator="H3"),
+            "estimator is 'H3', expected 'H1' or 'H2'",
+        ),
         (
             lambda: spectral_response(short(), 20.0, band_hz=(0.01, 0.02)),
             "holds none of the bins every 0.1 Hz",

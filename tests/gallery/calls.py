@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import random
 from collections.abc import Callable, Mapping
@@ -51,6 +52,17 @@ def slipped_call(table: Mapping[str, Base], chance: random.Random) -> Call:
     return Call(name, function, {**arguments, key: value}, f"{key} = {repr(value)[:60]}")
 
 
+def _used(made: Callable[..., Any], use: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Return what makes an object and then uses it: what it takes must work, too."""
+
+    @functools.wraps(made, updated=())
+    def call(**given: Any) -> tuple[Any, Any]:
+        one = made(**given)
+        return one, use(one)
+
+    return call
+
+
 def table(folder: Path) -> dict[str, Base]:
     """Return all calls that work, on what `prepare` has written into the folder."""
     log = fp.Log.open(folder / "log.parquet")
@@ -94,7 +106,7 @@ def _of_signals() -> dict[str, Base]:
         "Excitation.settled": (short.settled, {"before_s": 1.0}),
         "Excitation.power_in": (short.power_in, band),
         "Excitation": (
-            fp.signals.Excitation,
+            _used(fp.signals.Excitation, lambda one: fp.simulate(fp.Vessel.load("stan-launch-804"), one)),
             {"name": "S", "kind": "steps", "rate_hz": 10.0, "samples": [1.0, 2.0]},
         ),
     }
@@ -112,7 +124,7 @@ def _of_ships() -> dict[str, Base]:
         "linearise": (fp.linearise, {"vessel": launch, "n_e_rpm": 1200.0}),
         "frequency_response": (model.frequency_response, {"frequency_hz": [0.1, 1.0]}),
         "LinearModel": (
-            type(model),
+            _used(type(model), lambda one: one.frequency_response([0.1, 1.0])),
             {"tau_n": 1.0, "g": -0.5, "v": 1.5, "K_p": 10.0, "K_i": 1.0, "p": 2.0, "tau_prop": 0.4},
         ),
         "simulate": (fp.simulate, {"vessel": launch, "excitation": short, "seed": 1}),
@@ -120,7 +132,13 @@ def _of_ships() -> dict[str, Base]:
             fp.simulate_raw_log,
             {"vessel": launch, "excitations": short, "sensors": fp.Sensors(rate_hz=200.0), "steady_s": 10.0},
         ),
-        "Sensors": (fp.Sensors, {"rate_hz": 2000.0}),
+        "Sensors": (
+            _used(
+                fp.Sensors,
+                lambda one: fp.simulate_raw_log(launch, short, sensors=one, steady_s=10.0, pause_s=1.0),
+            ),
+            {"rate_hz": 200.0},
+        ),
         "parameters_of": (fp.parameters_of, {"vessel": launch}),
         "with_parameters": (fp.with_parameters, {"vessel": launch, "values": {"tau_n": values["tau_n"]}}),
         "design": (fp.design, {"expected": launch, "duration_s": 100.0}),
@@ -136,7 +154,10 @@ def _of_logs(log: fp.Log, trial: fp.Trial, record: fp.Experiment) -> dict[str, B
         "Log.rows": (log.rows, {"name": "speed", "start_s": 1.0, "stop_s": 3.0}),
         "Log.channel": (log.channel, {"name": "speed"}),
         "Log.write": (log.write, {"path": "new.parquet"}),
-        "Calibration": (fp.Calibration, {"scale": 2.0, "offset": 1.0}),
+        "Calibration": (
+            _used(fp.Calibration, lambda one: one.inverse(one([1.0]))),
+            {"scale": 2.0, "offset": 1.0},
+        ),
         "Calibration.from_table": (
             fp.Calibration.from_table,
             {"recorded": [0.0, 1.0, 2.0], "values": [1.0, 3.0, 5.1]},
@@ -155,7 +176,7 @@ def _of_logs(log: fp.Log, trial: fp.Trial, record: fp.Experiment) -> dict[str, B
         "Trial.load": (fp.Trial.load, {"path": "TRIAL.toml"}),
         "process": (fp.process, {"log": log, "trial": trial}),
         "Experiment": (
-            fp.Experiment,
+            _used(fp.Experiment, lambda one: fp.read_experiments(fp.write_experiments("new.parquet", [one]))),
             {
                 "name": "S",
                 "rate_hz": 25.0,

@@ -98,7 +98,7 @@ def _limit(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def outcome(given: Input | Call, folder: Path, limit_s: float = 120.0) -> Outcome:
+def outcome(given: Input | Call, folder: Path, limit_s: float = 600.0) -> Outcome:
     """Run an input in a folder that `prepare` has filled, and clean up after it."""
     files = given.files if isinstance(given, Input) else {}
     for name, text in files.items():
@@ -158,7 +158,7 @@ def _called(given: Call, said: io.StringIO, told: io.StringIO) -> int:
 
 def _without_keys(line: str) -> str:
     """Return an error without what stands in the user's own file: a key of a fingerprint, a file's missing key."""
-    return re.sub(r"KeyError: |\b(fit|adequate|versions|settings)(\.\w+)+", "", line)
+    return re.sub(r"KeyError: |\b(fit|adequate|versions|settings)(\.\w+|\['\w+'\])+", "", line)
 
 
 def _files(folder: Path) -> dict[str, bytes]:

@@ -206,7 +206,7 @@ def test_breakage_a9_a_plan_from_a_fingerprint_holds_what_the_fingerprint_held(f
     ("given", "said"),
     [
         ({"status": True}, "status is True, expected"),
-        ({"status": "lost"}, "status is 'lost', expected one of free, fixed"),
+        ({"status": "lost"}, "status is 'lost', expected 'free', 'fixed'"),
         ({"value": float("nan")}, "value is nan, expected a finite number or None"),
         ({"value": True}, "value is True, expected"),
         ({"std": -0.1}, "std is -0.1, expected 0 or more"),

@@ -206,13 +206,13 @@ def test_a_sine_response_has_the_phase_of_output_minus_input():
     [
         (lambda d, s: identify([], s), "no data given"),
         (lambda d, s: identify(3, s), "data is 3, expected an Experiment or"),
-        (lambda d, s: identify(d, s, weighting="best"), "weighting 'best', expected one of"),
+        (lambda d, s: identify(d, s, weighting="best"), "weighting is 'best', expected 'determinant'"),
         (lambda d, s: identify(d, s, weighting="std"), "needs the standard deviations of 'n_e'"),
         (lambda d, s: identify(d, s, starts=0), "starts is 0, expected a whole number of 1 or more"),
         (lambda d, s: s.with_start(tau_n=20.0), "start 20 is outside its bounds 0.01 to 10"),
         (lambda d, s: s.with_bounds(tau_n=(2.0, 3.0)), "start 1.2 is outside its bounds 2 to 3"),
         (lambda d, s: s.with_fixed(tau=1.0), "no parameter 'tau'; it has tau_n, g"),
-        (lambda d, s: Structure.linear(torque="shaft"), "torque 'shaft', expected 'brake' or 'gauge'"),
+        (lambda d, s: Structure.linear(torque="shaft"), "torque is 'shaft', expected 'brake' or 'gauge'"),
         (lambda d, s: Structure.linear(outputs=("n",)), "output 'n', expected some of dn, dM, dE, dX"),
         (
             lambda d, s: identify(FrequencyResponse("half", [1.0], {"n_e": [1.0]}), s),

@@ -256,7 +256,7 @@ def test_relative_offsets_make_up_for_an_operating_point_that_is_off():
         assert one[name].value == pytest.approx(truth[name].value, abs=truth[name].std)
         # The record's mean is told well, so this knowledge costs next to nothing.
         assert 0.999 * truth[name].std < one[name].std < 1.1 * truth[name].std
-    with pytest.raises(InputError, match="offsets 'absolute', expected True, False or 'relative'"):
+    with pytest.raises(InputError, match="offsets is 'absolute', expected True or False or 'relative'"):
         identify(right, structure, offsets="absolute")
     with pytest.raises(InputError, match="'innovations' knows no relative offsets"):
         identify(right, structure, offsets="relative", noise="innovations")

@@ -105,5 +105,5 @@ def test_intervals_by_the_sandwich_hold_the_truth_in_moving_water():
 
 def test_a_word_that_is_no_covariance_is_refused():
     excitation = signals.steps([30.0], 20.0, rate_hz=10.0)
-    with pytest.raises(InputError, match="'bread', expected one of model, sandwich"):
+    with pytest.raises(InputError, match="'bread', expected 'model' or 'sandwich'"):
         identify(simulate(TUG, excitation), Structure.linear(), covariance="bread")

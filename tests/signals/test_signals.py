@@ -193,7 +193,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "unknown law": (
         lambda: signals.chirp(0.1, 1.0, 10.0, 1.0, "cubic"),
-        "law is 'cubic', expected one of linear, log",
+        "law is 'cubic', expected 'linear' or 'logarithmic'",
     ),  # type: ignore[arg-type]
     "too long": (lambda: signals.chirp(0.1, 1.0, 1e9, 1.0), r"are 1e\+11 samples, expected 1 to"),
     "odd period": (

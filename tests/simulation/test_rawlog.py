@@ -142,7 +142,7 @@ def test_log_and_trial_file_go_together(tmp_path: Path) -> None:
 
 
 def test_an_unknown_fault_is_named() -> None:
-    with pytest.raises(InputError, match=r"faults: found \['Z'\], expected some of A, B, C, D1"):
+    with pytest.raises(InputError, match=r"faults\[1\] is 'Z', expected 'A', 'B', 'C', 'D1'"):
         simulate_raw_log(TUG, signals.steps([10.0], 60.0), faults=("A", "Z"))  # type: ignore[arg-type]
 
 
@@ -150,3 +150,18 @@ def test_an_unknown_fault_is_named() -> None:
 def test_too_little_excitation_is_refused(excitations: list[signals.Excitation]) -> None:
     with pytest.raises(InputError, match="excitations"):
         simulate_raw_log(TUG, excitations, steady_s=1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("torque_noise_V", -1.0),
+        ("receiver_limit_V", 1e15),
+        ("ripple_Nm", (0.0, 0.0, np.nan, 0.0)),
+        ("reflector_errors", (0.0, 2.0, 0.0, 0.0)),
+        ("faults_per_minute", {"A": 1e15}),
+    ],
+)
+def test_breakage_d_sensors_that_nobody_has_are_refused(name, value) -> None:
+    with pytest.raises(InputError, match=f"sensors: {name}.* is .*, expected .* to "):
+        Sensors(**{name: value})

@@ -182,7 +182,7 @@ def test_noise_follows_from_its_seed_alone() -> None:
 
 def test_arguments_out_of_range_are_named() -> None:
     step = signals.steps([13.0], 1.0)
-    with pytest.raises(InputError, match="method is 'rk5', expected one of rk4, heun, euler"):
+    with pytest.raises(InputError, match="method is 'rk5', expected 'rk4', 'heun' or 'euler'"):
         simulate(LAUNCH, step, method="rk5")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="substeps is 0, expected 1 or more"):
         simulate(LAUNCH, step, substeps=0)

@@ -187,7 +187,7 @@ class TestWorkers:
         ("options", "words"),
         [
             ({"workers": 0}, "workers is 0, expected 1 to 1024"),
-            ({"executor": "proceses"}, "executor is 'proceses', expected one of processes"),
+            ({"executor": "proceses"}, "executor is 'proceses', expected 'processes', 'threads' or 'dask'"),
             ({"executor": "threads", "address": "127.0.0.1:1"}, "expected executor 'dask'"),
             ({"draws_per_task": 0}, "draws_per_task is 0"),
             ({"accuracy_pct": 0.0}, "accuracy_pct is 0.0"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,9 @@ def drawn(of: Plan, key: str) -> np.ndarray:
     return np.array([of.factor_values(index)[key] for index in range(of.draws)])
 
 
+LOG = {"chain": "log"}
+
+
 class TestFile:
     def test_the_template_is_valid_as_it_stands(self, tmp_path: Path) -> None:
         path = tmp_path / "SWEEP.toml"
@@ -44,6 +48,11 @@ class TestFile:
         assert "operating_point.n_e_rpm" in tomllib.loads(text)["factors"]
         path = tmp_path / "SWEEP.toml"
         path.write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=r"faults\.A: found it with chain 'experiment'"):
+            Plan.load(path)
+        text = re.sub(r"\[noise\].*?(?=\n\[)", "", text, flags=re.DOTALL).replace('"experiment"', '"log"', 1)
+        kept = [line for line in text.splitlines() if not line.startswith(('"noise', "rate_hz = 50.0"))]
+        path.write_text("\n".join(kept), encoding="utf-8")
         stated = Plan.load(path)
         assert stated.faults.A == 6.0
         assert stated.sweep.time_limit_s == 60.0
@@ -72,6 +81,27 @@ class TestFile:
                 "values or points for a grid",
             ),
             ({"sweep": {"vessel": "stan-lunch-804"}}, "did you mean 'stan-launch-804'?"),
+            (
+                {"sweep": LOG, "faults": {"A": 1e15}},
+                "faults.A: found 1000000000000000.0, expected less than or equal to 600",
+            ),
+            (
+                {"sweep": LOG, "sensors": {"receiver_limit_V": 1e15}},
+                "receiver_limit_V: found 1000000000000000.0",
+            ),
+            (
+                {"sweep": LOG, "sensors": {"rate_hz": 1e6}},
+                "found 180 s at 1e+06 Hz, expected at most 5000000",
+            ),
+            ({"sweep": LOG, "noise": {"n_e": 0.1}}, "noise.n_e: found it with chain 'log'"),
+            (
+                {"sweep": LOG, "excitation": {"rate_hz": 20.0}},
+                "excitation.rate_hz: found it with chain 'log'",
+            ),
+            ({"factors": {"sensors.edge_s": {"values": [0.1]}}}, "sensors.edge_s: found it with chain 'exp"),
+            ({"noise": {"M_s": 1.5}}, "noise.M_s: found 1.5, expected less than or equal to 1"),
+            ({"excitation": {"duration_s": 1e6}}, "1e+06 s at 50 Hz, expected at most 5000000 samples"),
+            ({"sweep": {"time_limit_s": 1e9}}, "sweep.time_limit_s: found 1000000000.0"),
             ({"identify": {"seed": 3}}, "identify.seed: found 3, expected none"),
             ({"identify": {"fixed": {"tau_m": 1.0}}}, "has no parameter 'tau_m'"),
         ],

@@ -155,7 +155,7 @@ def test_a_dead_time_has_no_poles_but_keeps_its_gains() -> None:
 
 def test_unknown_outputs_are_named() -> None:
     model = linearise(LAUNCH)
-    with pytest.raises(InputError, match="output is 'dM', expected one of dn, dE, dM_b, dM_g, dX"):
+    with pytest.raises(InputError, match="is 'dM', expected 'dn', 'dE', 'dM_b', 'dM_g' or 'dX'"):
         model.dc_gain("dM")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="outputs is empty"):
         model.state_space([])

@@ -12,6 +12,7 @@ import typer
 from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, a_path, as_typed, number_option
 from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.checks import between
 
 if TYPE_CHECKING:
     from shipfp_rs.designs import Generator, Noise, Plan
@@ -179,8 +180,11 @@ def _pair(option: str, text: str) -> tuple[float, float]:
 
 def _sensors(speed: float | None, torque: float | None, corner_hz: float) -> dict[str, Noise] | None:
     from shipfp_rs.designs import Noise
-    from shipfp_rs.designs.noise import USUAL
+    from shipfp_rs.designs.noise import LEAST_LEVEL, USUAL
 
+    for option, percent in (("--speed-noise", speed), ("--torque-noise", torque)):
+        if percent is not None:
+            between(option, percent, 100.0 * LEAST_LEVEL, 100.0)
     levels = {"n_e": speed, "M_g": torque}
     return {
         signal: Noise(USUAL[signal].level if level is None else 0.01 * level, corner_hz)

@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.checks import accuracy, one_of, positive
+from shipfp_rs.support.checks import accuracy, positive
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -137,10 +136,10 @@ def design(
     >>> plan.excitation.amplitude_rpm <= 13.0
     True
     """
-    one_of("kind", kind, get_args(Kind))
-    one_of("criterion", criterion, get_args(Criterion))
     if duration_s is None and accuracy_pct is None:
         raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
+    if accuracy_pct is None and parameters is not None and len(parameters):
+        raise InputError("parameters: found without accuracy_pct, expected both; the accuracy is theirs")
     if duration_s is not None:
         positive("duration_s", duration_s)
     if accuracy_pct is not None:

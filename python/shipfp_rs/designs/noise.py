@@ -34,9 +34,9 @@ class Noise:
     corner_hz: float | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.level) and self.level >= LEAST_LEVEL):
+        if not LEAST_LEVEL <= self.level <= 1.0:
             raise InputError(
-                f"noise level is {self.level}, expected a share of the operating point from {LEAST_LEVEL:g} on"
+                f"noise level is {self.level}, expected a share of the operating point from {LEAST_LEVEL:g} to 1"
             )
         if self.corner_hz is not None and not self.corner_hz > 0.0:
             raise InputError(f"noise corner_hz is {self.corner_hz}, expected a positive frequency or None")

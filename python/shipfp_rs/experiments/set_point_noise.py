@@ -1,8 +1,8 @@
 """A logged set point without what the logger added to it.
 
 A model is driven by the set point as it was logged, the ship by the set point as it was sent. Noise of the logger's own
-goes through the model's governor and no other way, and a fit lowers the cost by answering it less: with some parts in
-100,000 of noise the gains, a lag and a twisting shaft were off by many of their standard deviations.
+goes through the model's governor and no other way, and a fit lowers the cost by answering it less: by less gain, more lag,
+or a softer shaft than there is.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -64,8 +64,6 @@ def spectral_response(
     """
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
     names = chosen_signals(given, signals)
-    if estimator not in get_args(Estimator):
-        raise InputError(f"estimator: found {estimator!r}, expected 'H1' or 'H2'")
     rate = given[0].rate_hz
     if any(experiment.rate_hz != rate for experiment in given):
         raise InputError(f"experiments: found rates {sorted({e.rate_hz for e in given})} Hz, expected one")

@@ -16,6 +16,7 @@ from shipfp_rs.identification.estimate import Estimate, Identifiability, Row, ro
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.checks import between
 from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import package
@@ -134,6 +135,7 @@ class Told:
         min_correl
             Smaller correlations are left out.
         """
+        between("min_correl", min_correl, 0.0, 1.0)
         overall = self.fit.get("overall", {})
         counts = {
             "data points": sum(int(record.get("used", record.get("samples", 0))) for record in self.data),

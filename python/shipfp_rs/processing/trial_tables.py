@@ -17,6 +17,10 @@ Relation = Annotated[
     BeforeValidator(lambda value: [*value, 0.0] if isinstance(value, list) and len(value) == 2 else value),
 ]
 """Name of a parameter, factor and offset; the offset is 0 where none is given."""
+Share = Annotated[float, Field(ge=1e-9, le=1e3)]
+Sigmas = Annotated[float, Field(ge=0.1, le=1e6)]
+Stretch = Annotated[float, Field(ge=1e-6, le=3600.0)]
+"""Length of a fault [s]."""
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
 
@@ -77,26 +81,26 @@ class OperatingPoint(Section):
 class Spikes(Section):
     """Short excursions from the running median that are taken for faults."""
 
-    longest_s: Positive = 0.05
+    longest_s: Stretch = 0.05
     """Longest spike [s]; what the plant itself does lasts longer."""
-    threshold: Positive = 6.0
+    threshold: Sigmas = 6.0
     """Height in robust standard deviations about the running median."""
-    least: Positive = 0.05
+    least: Share = 0.05
     """Height below which nothing is a fault, as a share of the median magnitude."""
 
 
 class Faults(Section):
     """What counts as a fault of a recorded channel, apart from spikes."""
 
-    stuck_s: Positive = 0.25
+    stuck_s: Stretch = 0.25
     """Shortest stretch of one and the same value in an otherwise noisy channel [s]."""
-    dropout_s: Positive = 0.01
+    dropout_s: Stretch = 0.01
     """Shortest stretch at zero of a channel that stays away from it [s]."""
-    longest_bridge_s: Positive = 0.25
+    longest_bridge_s: Stretch = 0.25
     """Longest stretch of a lost set point that is bridged by a straight line [s]; the outputs are masked there."""
     mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Frequency of the mains, whose hum is taken out of the set point [Hz]."""
-    least_hum: Positive = 1e-3
+    least_hum: Share = 1e-3
     """Amplitude that counts as hum, as a share of the set point."""
 
 

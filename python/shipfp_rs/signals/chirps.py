@@ -12,7 +12,7 @@ from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.checks import one_of, positive
+from shipfp_rs.support.checks import positive
 
 Law = Literal["linear", "logarithmic"]
 
@@ -52,7 +52,6 @@ def chirp(
     below_nyquist("start_hz", start_hz, rate_hz)
     below_nyquist("stop_hz", stop_hz, rate_hz)
     positive("amplitude_rpm", amplitude_rpm)
-    one_of("law", law, ("linear", "logarithmic"))
     time = sample_times(duration_s, rate_hz)
     pieces = _kept(start_hz, stop_hz, avoid_hz)
     measure = np.log if law == "logarithmic" else np.asarray

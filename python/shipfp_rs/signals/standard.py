@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
 from shipfp_rs.signals.chirps import chirp
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.signals.noise import band_limited_noise, prbs
@@ -87,4 +86,3 @@ def standard(
             )
         case "noise":
             return band_limited_noise(low, high, duration_s, amplitude_rpm / 3.0, seed=seed, rate_hz=rate_hz)
-    raise InputError(f"kind is {kind!r}, expected chirp, steps, multisine, sines, prbs or noise")

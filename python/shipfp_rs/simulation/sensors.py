@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from shipfp_rs.logs.faults import simulated
 from shipfp_rs.support.arguments import check_fields
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.checks import positive
+from shipfp_rs.support.checks import between
 from shipfp_rs.vessel.vessel import Vessel
 
 Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]
@@ -29,6 +30,25 @@ MAINS_HZ = 50.0
 PULSE_HEIGHT_V = 5.0
 PULSE_WIDTH = 0.3
 """Share of a pulse's pitch during which the reflector is seen."""
+
+VOLTS = (0.0, 1000.0)
+RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "rate_hz": (0.01, 1e6),
+        "set_point_noise_V": VOLTS,
+        "torque_noise_V": VOLTS,
+        "pulse_noise_V": VOLTS,
+        "telemetry_hz": (1e-3, 1e9),
+        "receiver_limit_V": (1e-3, 1000.0),
+        "ripple_Nm": (0.0, 1e9),
+        "reflector_errors": (-0.5, 0.5),
+        "edge_s": (0.0, 1.0),
+        "hum_V": VOLTS,
+        "clipped_share": (0.0, 0.5),
+    }
+)
+"""What a chain of sensors can be."""
+FAULTS_PER_MINUTE = (0.0, 600.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +112,12 @@ class Sensors:
 
     def __post_init__(self) -> None:
         check_fields(self, "sensors")
-        positive("sensors: rate_hz", self.rate_hz)
+        for name, (low, high) in RANGES.items():
+            given = getattr(self, name)
+            for value in given if isinstance(given, tuple | list) else (given,):
+                between(f"sensors: {name}", value, low, high)
+        for fault, often in self.faults_per_minute.items():
+            between(f"sensors: faults_per_minute[{fault!r}]", often, *FAULTS_PER_MINUTE)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import dataclasses
 import logging
 import math
 from collections.abc import Mapping
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import signal
@@ -17,7 +17,6 @@ from shipfp_rs.experiments.experiment import UNITS, Experiment, Hold
 from shipfp_rs.signals import Excitation
 from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.checks import one_of
 from shipfp_rs.vessel.drive_train import DriveTrain, drive_train
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
@@ -93,7 +92,6 @@ def simulate(
     >>> round(experiment.signals["n_e"][-1])
     1365
     """
-    one_of("method", method, get_args(Method))
     if substeps is not None and substeps < 1:
         raise InputError(f"substeps is {substeps}, expected 1 or more")
     point = steady_state(vessel, n_e_rpm)

@@ -41,10 +41,8 @@ def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[s
     return signals
 
 
-def require_outputs(outputs: Sequence[str], torque: Torque) -> None:
-    """Refuse outputs that a drive train has not, or has twice, and an unknown place of the torque."""
-    if torque not in ("brake", "gauge"):
-        raise InputError(f"torque {torque!r}, expected 'brake' or 'gauge'")
+def require_outputs(outputs: Sequence[str]) -> None:
+    """Refuse outputs that a drive train has not, or has twice."""
     for output in outputs:
         if output not in OUTPUTS:
             raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")

@@ -77,7 +77,7 @@ class Structure(Editable):
         >>> [one.name for one in Structure.linear().parameters if not one.fixed]
         ['tau_n', 'g', 'v', 'K_p', 'K_i']
         """
-        require_outputs(outputs, torque)
+        require_outputs(outputs)
         require_no_rack(outputs, dead_time=dead_time_loop)
         gauge = torque == "gauge" and "dM" in outputs
         parameters = (
@@ -166,7 +166,7 @@ class Structure(Editable):
         >>> [parameter.name for parameter in Structure.ship(["dead_time_loop"]).free]
         ['tau_n', 'g', 'vK_p', 'vK_i', 'p', 'T_d']
         """
-        require_outputs(outputs, torque)
+        require_outputs(outputs)
         gauge = torque == "gauge" and "dM" in outputs
         acting = chosen(elements)
         parameters = (

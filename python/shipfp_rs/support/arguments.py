@@ -59,9 +59,7 @@ Whole = Annotated[int, _AtLeast(0)]
 
 
 def checked(function: F) -> F:
-    """Return a function that refuses arguments which its annotations exclude.
-
-    Values of a `Literal` are left to the function, whose own words name the nearest one; so is what an array holds.
+    """Return a function that refuses arguments which its annotations exclude; what an array holds is left to it.
 
     Raises
     ------
@@ -168,7 +166,11 @@ def _culprit(label: str, value: Any, hint: Any) -> tuple[str, Any, Any]:
             continue
         if issubclass(origin, Mapping) and isinstance(value, Mapping):
             entries, kind = list(value.items()), inner[1]
-        elif issubclass(origin, Sequence) and origin is not tuple and isinstance(value, list | tuple):
+        elif (
+            issubclass(origin, (Sequence, Iterable))
+            and origin is not tuple
+            and isinstance(value, list | tuple)
+        ):
             entries, kind = list(enumerate(value)), inner[0]
         else:
             continue
@@ -194,13 +196,13 @@ def fits(value: Any, hint: Any) -> bool:
         numbers_of = "biufc" if "complex" in str(hint) else "biuf"
         return not isinstance(value, numbers.Number) and _is_array(value, numbers_of)
     if hint == npt.ArrayLike:
-        return _is_array(value, "biuf")
+        return not isinstance(value, bool | np.bool_) and _is_array(value, "biuf")
     if origin is Annotated:
         return fits(value, inner[0]) and all(rule(value) for rule in inner[1:] if callable(rule))
     if origin in (Union, types.UnionType):
         return any(fits(value, one) for one in _options(hint))
     if origin is Literal:
-        return type(value) in {type(one) for one in inner}
+        return any(type(value) is type(one) and value == one for one in inner)
     if origin is tuple:
         return _fits_tuple(value, inner)
     if inspect.isclass(origin) and issubclass(origin, Mapping):
@@ -280,7 +282,8 @@ def words(hint: Any) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(words(one) for one in _options(hint)))
     if origin is Literal:
-        return " or ".join(repr(one) for one in inner)
+        *others, last = map(repr, inner)
+        return f"{', '.join(others)} or {last}" if others else last
     if inspect.isclass(origin) and issubclass(origin, Mapping):
         return f"a mapping from {words(inner[0])} to {words(inner[1])}"
     if origin is tuple and Ellipsis not in inner:

@@ -38,6 +38,12 @@ def positive(name: str, value: float) -> None:
         raise InputError(f"{name} is {value}, expected a positive number")
 
 
+def between(name: str, value: float, low: float, high: float) -> None:
+    """Refuse a number outside a range; NaN is outside of any."""
+    if not low <= value <= high:
+        raise InputError(f"{name} is {value:g}, expected {low:g} to {high:g}")
+
+
 def accuracy(percent: float) -> None:
     """Refuse a wanted accuracy that no trial has, and one that is none."""
     least, most = ACCURACIES_PCT

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
-from shipfp_rs.support.checks import accuracy, one_of
+from shipfp_rs.support.checks import accuracy
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.json_files import json_text
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
@@ -125,8 +125,6 @@ def sweep(
         raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
-    if isinstance(executor, str):
-        one_of("executor", executor, get_args(Where))
     check_pool(executor, address)
     part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
     with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:

@@ -19,6 +19,8 @@ from shipfp_rs.processing.trial_tables import HOW
 from shipfp_rs.processing.trial_tables import Identify as TrialIdentify
 from shipfp_rs.runs.fit import structure_from
 from shipfp_rs.signals import Kind
+from shipfp_rs.simulation.sensors import FAULTS_PER_MINUTE, RANGES
+from shipfp_rs.simulation.sensors import Sensors as UsualSensors
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.toml import (
@@ -35,12 +37,15 @@ from shipfp_rs.sweeps.design import Design, place, seed_of
 from shipfp_rs.vessel.vessel import Vessel
 
 Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
 Value = float | bool | str
+MOST_SAMPLES = 5_000_000
+"""Samples of a draw; a fit to as many takes a minute or two and a gigabyte."""
 MOST_DRAWS = 10_000_000
 """Rows of a table that is still read at once; at ten draws a second they take twelve days."""
 Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
+OF_OTHER_CHAIN: Mapping[str, tuple[str, ...]] = {"experiment": ("sensors", "faults"), "log": ("noise",)}
+"""Tables that do nothing with a chain."""
 VARIED_OF_IDENTIFY = (*HOW, "starts")
 """Keys of [identify] that may be factors; the others would change which columns the table has."""
 
@@ -58,7 +63,7 @@ class Header(Section):
     """Not for a grid, which has `repeats` for each of its cells."""
     repeats: Draws | None = None
     seed: Seed = 0
-    time_limit_s: Positive | None = None
+    time_limit_s: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     """Of one draw; without one, results do not depend on how fast the machine is."""
 
     @model_validator(mode="after")
@@ -84,16 +89,19 @@ class Excitation(Section):
     """Sample rate of the experiment; a raw log is sampled at sensors.rate_hz."""
 
 
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
 class Noise(Section):
     """Standard deviation of each signal's noise over its operating point, for the chain "experiment"."""
 
-    n_e: NotNegative = 0.0
-    n_s: NotNegative = 0.0
-    M_b: NotNegative = 0.0
-    M_s: NotNegative = 0.0
-    M_g: NotNegative = 0.0
-    X_f: NotNegative = 0.0
-    level: NotNegative = 1.0
+    n_e: Share = 0.0
+    n_s: Share = 0.0
+    M_b: Share = 0.0
+    M_s: Share = 0.0
+    M_g: Share = 0.0
+    X_f: Share = 0.0
+    level: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
     """Multiplies all of them."""
     correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
     """Of successive samples (first-order autoregression)."""
@@ -105,27 +113,35 @@ class OperatingPoint(Section):
     n_e_rpm: Positive | None = None
 
 
-class Sensors(Section):
-    """The measurement chain of a raw log, see `rawlog.Sensors`, which has the usual values."""
+def _can_be(name: str) -> Any:
+    low, high = RANGES[name]
+    return Field(default=None, ge=low, le=high)
 
-    rate_hz: Positive | None = None
-    set_point_noise_V: NotNegative | None = None
-    torque_noise_V: NotNegative | None = None
-    pulse_noise_V: NotNegative | None = None
-    telemetry_hz: Positive | None = None
-    receiver_limit_V: Positive | None = None
-    edge_s: NotNegative | None = None
+
+class Sensors(Section):
+    """The measurement chain of a raw log, see `simulation.sensors.Sensors`, which has the usual values."""
+
+    rate_hz: float | None = _can_be("rate_hz")
+    set_point_noise_V: float | None = _can_be("set_point_noise_V")
+    torque_noise_V: float | None = _can_be("torque_noise_V")
+    pulse_noise_V: float | None = _can_be("pulse_noise_V")
+    telemetry_hz: float | None = _can_be("telemetry_hz")
+    receiver_limit_V: float | None = _can_be("receiver_limit_V")
+    edge_s: float | None = _can_be("edge_s")
     steady_s: Positive = 60.0
     """Steady stretch before the excitation [s]."""
+
+
+Often = Annotated[float, Field(ge=FAULTS_PER_MINUTE[0], le=FAULTS_PER_MINUTE[1])]
 
 
 class Faults(Section):
     """Faults of a raw log, each so many a minute (Table 6.10); zero: none."""
 
-    A: NotNegative = 0.0
-    B: NotNegative = 0.0
-    C: NotNegative = 0.0
-    D1: NotNegative = 0.0
+    A: Often = 0.0
+    B: Often = 0.0
+    C: Often = 0.0
+    D1: Often = 0.0
 
 
 class Identify(TrialIdentify):
@@ -239,6 +255,18 @@ class Plan(Conditions):
         return self
 
     @model_validator(mode="after")
+    def _has_what_its_chain_takes(self) -> Self:
+        chain = self.sweep.chain
+        useless = [f"{section}." for section in OF_OTHER_CHAIN[chain]]
+        given = [
+            f"{section}.{key}" for section in _SECTIONS for key in getattr(self, section).model_fields_set
+        ]
+        for key in sorted([*given, *self.factors]):
+            if key.startswith(tuple(useless)) or (chain == "log" and key == "excitation.rate_hz"):
+                raise unexpected(key, f"it with chain {chain!r}", "no such key, it does nothing there")
+        return self
+
+    @model_validator(mode="after")
     def _has_its_torque(self) -> Self:
         if self.sweep.chain == "log" and self.identify.torque == "brake":
             raise unexpected(
@@ -278,13 +306,27 @@ class Plan(Conditions):
         try:
             self.structure  # noqa: B018 made here, so that its errors come before the first draw
             self.ship.replace(self.vessel)
+            self._require_length(self)
             for key, factor in self.factors.items():
                 for value in (factor.at(0.01), factor.at(0.99)):
-                    self.ship.replace(self.conditions_with({key: value}).vessel)
+                    conditions = self.conditions_with({key: value})
+                    self.ship.replace(conditions.vessel)
+                    self._require_length(conditions)
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(source) else f"{source}: {message}") from error
         return self
+
+    def _require_length(self, conditions: Conditions) -> None:
+        length_s, rate_hz = conditions.excitation.duration_s, conditions.excitation.rate_hz
+        if self.sweep.chain == "log":
+            length_s += conditions.sensors.steady_s
+            rate_hz = conditions.sensors.rate_hz or UsualSensors.rate_hz
+        if length_s * rate_hz > MOST_SAMPLES:
+            raise InputError(
+                f"excitation.duration_s: found {length_s:g} s at {rate_hz:g} Hz, expected at most {MOST_SAMPLES} samples "
+                "a draw"
+            )
 
     @cached_property
     def ship(self) -> Vessel:

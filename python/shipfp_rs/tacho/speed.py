@@ -253,6 +253,10 @@ class _Timing:
         std = none if time_std_s is None else np.asarray(time_std_s, dtype=np.float64)
         if std.ndim and std.shape != np.shape(times):
             raise InputError(f"time_std_s: found shape {std.shape}, expected one number or {np.shape(times)}")
+        if not (np.isfinite(std).all() and (std >= 0.0).all()):
+            raise InputError(
+                "time_std_s: found a negative or infinite one, expected finite numbers from 0 on"
+            )
         return cls(times, std, none, 0.0)
 
     def of_edges(self, edges_s: Array) -> tuple[Array, Array]:

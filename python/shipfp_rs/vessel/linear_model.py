@@ -16,7 +16,6 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array, ComplexArray
-from shipfp_rs.support.checks import one_of
 from shipfp_rs.support.tables import package
 from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
@@ -82,15 +81,18 @@ class LinearModel:
         self._require_no_dead_time()
         return np.roots(self._denominator()).astype(np.complex128)
 
+    @checked
     def zeros(self, output: Output) -> ComplexArray:
         """Zeros of `output` over the set point [rad/s], shape (Z,)."""
         self._require_no_dead_time()
         return np.roots(self._numerator(output)).astype(np.complex128)
 
+    @checked
     def dc_gain(self, output: Output) -> float:
         """Gain of `output` over a slow set point: dn 1, dE (p - g)/(v K_i), torques p (Table 3.4)."""
         return float(self._numerator(output)[-1] / self._denominator()[-1])
 
+    @checked
     def high_frequency_gain(self, output: Output) -> float:
         """Gain of `output` over the set point far above the corner: v K_p for the brake torque (eq. 3.40)."""
         numerator, denominator = self._numerator(output), self._denominator()
@@ -135,7 +137,7 @@ class LinearModel:
             "dM_g": self.p * speed + self.tau_prop * acceleration,
             "dX": rack,
         }
-        CD = np.array([rows[_known(output)] for output in outputs])
+        CD = np.array([rows[output] for output in outputs])
         return signal.StateSpace(A, B, CD[:, :2], CD[:, 2:])
 
     @checked
@@ -156,7 +158,7 @@ class LinearModel:
         InputError
             For an unknown output, or a frequency that is not finite or is negative.
         """
-        chosen = [_core.LINEAR_OUTPUTS.index(_known(output)) for output in outputs]
+        chosen = [_core.LINEAR_OUTPUTS.index(output) for output in outputs]
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
         found = _core.linear_response(self.kernel_parameters(), frequency, chosen)
         # The kernel gives the governor's command; the rack follows it after the dead time in the loop.
@@ -218,7 +220,7 @@ class LinearModel:
             "dM_g": np.polymul(self.v * governor, [self.tau_prop, self.p]),
             "dX": np.polymul(governor, shaft),
         }
-        return numerators[_known(output)]
+        return numerators[output]
 
     def _require_no_dead_time(self) -> None:
         if self.T_d or self.T_set:
@@ -326,7 +328,3 @@ def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) ->
     M_s = M_b[0] * vessel.gearbox.ratio * vessel.gearbox.efficiency
     M_g = M_p + vessel.propeller_side_inertia / vessel.inertia * (M_s - M_p)
     return np.array([acceleration, X_f[0] / point.X_f, M_b[0] / point.M_b, M_g / point.M_s])
-
-
-def _known(output: str) -> str:
-    return one_of("output", output, get_args(Output))

@@ -14,6 +14,8 @@ from shipfp_rs.support.toml import Section, unexpected
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+Wait = Annotated[float, Field(ge=0.0, le=60.0)]
+"""Dead time or lag of a control [s]."""
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 
 
@@ -26,7 +28,7 @@ def _no_percentage(value: object) -> object:
     return value
 
 
-Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(gt=0.0, le=1.0)]
+Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.1, le=1.0)]
 # A TOML array is a list; only the container may change its type, the numbers in it stay strict.
 Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
 
@@ -34,7 +36,7 @@ Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
 class Firing(Section):
     """Torque of single cylinders, equally spaced: a raised cosine over each working stroke."""
 
-    stroke_deg: Positive = 180.0
+    stroke_deg: Annotated[float, Field(ge=1.0)] = 180.0
     """Angle of the crankshaft over which a firing gives torque [deg]."""
     strength: Numbers | None = None
     """Each cylinder's torque over the mean of all, in the order of firing; None: all alike."""
@@ -43,10 +45,10 @@ class Firing(Section):
 class Actuator(Section):
     """Actuator: from the governor's command to the fuel rack."""
 
-    dead_time_s: NotNegative = 0.0
-    lag_s: NotNegative = 0.0
+    dead_time_s: Wait = 0.0
+    lag_s: Wait = 0.0
     """Time constant of a first-order lag [s]."""
-    rate_mm_s: Positive | None = None
+    rate_mm_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
     """Highest speed of the rack [mm/s]; None: no limit."""
 
 
@@ -80,9 +82,9 @@ class FourQuadrant(Section):
 class Ship(Section):
     """Motion of the ship under the thrust of its propellers, the resistance with the square of its speed."""
 
-    mass_kg: Positive
+    mass_kg: Annotated[float, Field(ge=1.0, le=1e10)]
     """Mass of the ship and of the water that moves with it [kg]."""
-    resistance_N_s2_m2: Positive
+    resistance_N_s2_m2: Annotated[float, Field(ge=1e-9, le=1e9)]
     propellers: Annotated[int, Field(ge=1, le=20)] = 1
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
@@ -170,11 +172,11 @@ class Engine(Sparse):
     """None: unlimited."""
     minimum_torque_Nm: float | None = None
     """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
-    torque_rate_Nm_s: Positive | None = None
+    torque_rate_Nm_s: Annotated[float, Field(ge=1e-3, le=1e12)] | None = None
     """Highest rate of the brake torque [Nm/s]; None: no limit."""
-    smoke_margin_mm: Positive | None = None
+    smoke_margin_mm: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
     """Fuel that the smoke limiter allows beyond what the charge air can burn [mm of rack]; None: no smoke limiter."""
-    turbocharger_lag_s: Positive = 1.0
+    turbocharger_lag_s: Annotated[float, Field(ge=1e-3, le=600.0)] = 1.0
     """Time constant of the charge air behind the rack [s]; it acts with a smoke limiter only."""
     firing: Firing | None = None
     """None: the cylinders' mean torque."""
@@ -199,7 +201,7 @@ class Gearbox(Sparse):
 
     table: ClassVar[str] = "gearbox"
 
-    ratio: Positive
+    ratio: Annotated[float, Field(ge=0.01, le=1000.0)]
     efficiency: Fraction = later()
     drag_Nm: NotNegative = 0.0
     """Torque lost at the shaft at the operating point, in addition to the efficiency [Nm]."""
@@ -217,9 +219,9 @@ class Shaft(Sparse):
     """Part of the inertia on the propeller's side of the torque gauge [kg m2]."""
     add_entrained_water: bool = False
     """Whether the inertia of the water that turns with the propeller is added to both; else they contain it already."""
-    stiffness_Nm_rad: Positive | None = None
+    stiffness_Nm_rad: Annotated[float, Field(ge=1e-3)] | None = None
     """Torsional stiffness between the two inertias [Nm/rad]; None: rigid."""
-    damping_Nms_rad: NotNegative = 0.0
+    damping_Nms_rad: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
 
     @model_validator(mode="after")
     def _parts_do_not_exceed_the_whole(self) -> Self:
@@ -240,14 +242,14 @@ class Propeller(Sparse):
     table: ClassVar[str] = "propeller"
 
     diameter_m: Positive = later()
-    pitch_ratio: Positive = later()
-    area_ratio: Positive = later()
+    pitch_ratio: Annotated[float, Field(ge=0.01, le=10.0)] = later()
+    area_ratio: Annotated[float, Field(ge=0.01, le=10.0)] = later()
     blades: Annotated[int, Field(ge=2, le=20)] = later()
     nozzle: str = ""
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
-    K_T: Positive = later()
+    K_T: Annotated[float, Field(ge=1e-4, le=10.0)] = later()
     shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Amplitude of the torque once per turn of the shaft, over the mean."""
     blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
@@ -261,20 +263,20 @@ class Governor(Sparse):
 
     table: ClassVar[str] = "governor"
 
-    K_p: Positive = later()
-    K_i: Positive = later()
-    K_d: NotNegative = 0.0
+    K_p: Annotated[float, Field(ge=1e-4, le=1e4)] = later()
+    K_i: Annotated[float, Field(ge=1e-5, le=1e5)] = later()
+    K_d: Annotated[float, Field(ge=0.0, le=1e4)] = 0.0
     """Derivative gain [s], on the filtered speed alone, so that a step of the set point gives no peak."""
-    derivative_filter_s: Positive = 0.05
-    sample_rate_hz: Positive | None = None
+    derivative_filter_s: Annotated[float, Field(ge=1e-6, le=60.0)] = 0.05
+    sample_rate_hz: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
     """Rate at which the governor computes [Hz]; None: continuously."""
     once_a_firing: bool = False
     """Whether it computes at each firing instead."""
-    computation_delay_s: NotNegative = 0.0
-    set_point_dead_time_s: NotNegative = 0.0
+    computation_delay_s: Wait = 0.0
+    set_point_dead_time_s: Wait = 0.0
     """Dead time of the set point on its way to the governor, T_set [s]."""
     minimum_rack_mm: float | None = None
-    maximum_rack_mm: Positive | None = None
+    maximum_rack_mm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     anti_windup: bool = False
     """Whether the integral is held while a limit of the rack or of the torque acts."""
 
@@ -293,11 +295,11 @@ class NominalPoint(Sparse):
     table: ClassVar[str] = "operating_point"
 
     n_e_rpm: Positive = later()
-    X_0_mm: Positive = later()
+    X_0_mm: Annotated[float, Field(ge=1e-3, le=1e5)] = later()
     M_b_Nm: Positive | None = None
     M_s_Nm: Positive | None = None
     """Give either the brake torque or the shaft torque."""
-    v: Positive = later()
+    v: Annotated[float, Field(ge=0.01, le=100.0)] = later()
     """Relative slope of brake torque over fuel rack at constant speed."""
     g: float = later()
     """Relative slope of brake torque over speed at constant fuel rack."""

@@ -109,6 +109,14 @@ class Vessel(Sparse):
             raise unexpected(
                 "operating_point.g", f"{point.g:g}", f"less than the propeller's torque exponent {p:g}"
             )
+        shaft_torque = self.nominal_brake_torque * self.torque_ratio
+        tau_n = 2.0 * math.pi * self.shaft.inertia_kg_m2 * self.nominal_shaft_speed / shaft_torque
+        if not 1e-3 <= tau_n <= 1e3:
+            raise unexpected(
+                "shaft.inertia_kg_m2",
+                f"{self.shaft.inertia_kg_m2:g}, with which the shaft would run up in {tau_n:.3g} s",
+                "0.001 to 1000 s",
+            )
         speed, limit = self.envelope()
         if limit.size:
             available = float(np.interp(self.nominal_engine_speed, speed, limit))
