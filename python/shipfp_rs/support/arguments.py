@@ -160,7 +160,7 @@ def _require(
 
 def _culprit(label: str, value: Any, hint: Any) -> tuple[str, Any, Any]:
     """Return the entry of a mapping or sequence that does not fit, with its place; the value itself if it is neither."""
-    for option in get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,):
+    for option in _options(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,):
         origin, inner = get_origin(option), get_args(option)
         if not inspect.isclass(origin):
             continue
@@ -168,7 +168,7 @@ def _culprit(label: str, value: Any, hint: Any) -> tuple[str, Any, Any]:
             entries, kind = list(value.items()), inner[1]
         elif (
             issubclass(origin, (Sequence, Iterable))
-            and origin is not tuple
+            and origin not in (tuple, np.ndarray)
             and isinstance(value, list | tuple)
         ):
             entries, kind = list(enumerate(value)), inner[0]

@@ -22,7 +22,8 @@ from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.toml import validated
-from shipfp_rs.sweeps.plan import Conditions, Excitation, Plan
+from shipfp_rs.sweeps.chain import Excitation
+from shipfp_rs.sweeps.plan import Conditions, Plan
 from shipfp_rs.sweeps.time_limit import TimedOut, within
 from shipfp_rs.vessel.vessel import Vessel
 

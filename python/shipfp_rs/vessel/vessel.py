@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -16,6 +16,7 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.toml import Name, built_in, read_named, unexpected, validated
+from shipfp_rs.vessel.size import Size
 from shipfp_rs.vessel.tables import (
     Actuator,
     Engine,
@@ -44,24 +45,6 @@ PLANT_KEYS = (
     "propeller",
 )
 """Keys without which the plant can't be simulated; processing a log needs the gear ratio alone."""
-
-
-class _Size(NamedTuple):
-    """Range of a number of a vessel file, and the wrong units that are often used for it."""
-
-    key: str
-    low: float
-    high: float
-    slips: Sequence[hints.Slip]
-    unit: str
-    owner: str
-
-    def require(self, value: float) -> None:
-        """Refuse a value that a wrong unit explains, or ten times beyond its range."""
-        hint = hints.likely(value, self.low, self.high, self.slips, self.unit)
-        if hint or not 0.1 * self.low < value < 10.0 * self.high:
-            expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
-            raise unexpected(self.key, f"{value:g} {self.unit}", expected)
 
 
 class Vessel(Sparse):
@@ -109,14 +92,7 @@ class Vessel(Sparse):
             raise unexpected(
                 "operating_point.g", f"{point.g:g}", f"less than the propeller's torque exponent {p:g}"
             )
-        shaft_torque = self.nominal_brake_torque * self.torque_ratio
-        tau_n = 2.0 * math.pi * self.shaft.inertia_kg_m2 * self.nominal_shaft_speed / shaft_torque
-        if not 1e-3 <= tau_n <= 1e3:
-            raise unexpected(
-                "shaft.inertia_kg_m2",
-                f"{self.shaft.inertia_kg_m2:g}, with which the shaft would run up in {tau_n:.3g} s",
-                "0.001 to 1000 s",
-            )
+        self._require_run_up()
         speed, limit = self.envelope()
         if limit.size:
             available = float(np.interp(self.nominal_engine_speed, speed, limit))
@@ -134,6 +110,14 @@ class Vessel(Sparse):
                 f"less than the operating point's brake torque {self.nominal_brake_torque:.4g} Nm",
             )
         return self
+
+    def _require_run_up(self) -> None:
+        shaft_torque = self.nominal_brake_torque * self.torque_ratio
+        inertia = self.shaft.inertia_kg_m2
+        tau_n = 2.0 * math.pi * inertia * self.nominal_shaft_speed / shaft_torque
+        if not 1e-3 <= tau_n <= 1e3:
+            found = f"{inertia:g}, with which the shaft would run up in {tau_n:.3g} s"
+            raise unexpected("shaft.inertia_kg_m2", found, "0.001 to 1000 s")
 
     def _require_firing(self) -> None:
         """Refuse a firing that does not go with the cylinders."""
@@ -169,10 +153,10 @@ class Vessel(Sparse):
         rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
         shaft = self.torque_ratio
         checks = (
-            _Size("water.density_kg_m3", 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
-            _Size("engine.rated_speed_rpm", 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
-            _Size("propeller.diameter_m", 0.05, 15.0, hints.LENGTH_M, "m", "propellers"),
-            _Size(
+            Size("water.density_kg_m3", 900.0, 1100.0, hints.DENSITY, "kg/m3", "water"),
+            Size("engine.rated_speed_rpm", 40.0, 2e4, hints.SPEED_RPM, "rpm", "engines"),
+            Size("propeller.diameter_m", 0.05, 15.0, hints.LENGTH_M, "m", "propellers"),
+            Size(
                 "operating_point.n_e_rpm",
                 0.1 * speed if speed else 1.0,
                 1.5 * speed if speed else 3e4,
@@ -180,8 +164,8 @@ class Vessel(Sparse):
                 "rpm",
                 "this engine",
             ),
-            _Size("operating_point.M_b_Nm", 0.004 * rated, 2.0 * rated, hints.TORQUE, "Nm", "this engine"),
-            _Size(
+            Size("operating_point.M_b_Nm", 0.004 * rated, 2.0 * rated, hints.TORQUE, "Nm", "this engine"),
+            Size(
                 "operating_point.M_s_Nm",
                 0.004 * rated * shaft,
                 2.0 * rated * shaft,
