@@ -17,6 +17,7 @@ from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.clearing import Clearing
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
 from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.start_vector import stable_start, start_vector
 from shipfp_rs.identification.starts import both_ended, starts
 from shipfp_rs.identification.weighted_problem import Minimum, is_exact
 from shipfp_rs.structures.elements import ELEMENTS
@@ -50,18 +51,12 @@ NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
 NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
-ROUNDS, LAST_ROUNDS = 4, 12
-"""Times that records are cleared of what a limit does, at most: while elements are tried, and at the end."""
+AFLOAT_ROUNDS = 2
+"""Fits of a ship that knows the water: by the first fit's estimates, and once more."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 40
 """Passes over the records at most of a trial: enough to see what an element is worth."""
-GAINS = ("K_p", "K_i", "vK_p", "vK_i")
-"""Parameters that an unstable loop has too much of."""
-STEADIER = 0.8
-"""Part of such gains with which a start is tried next."""
-STEADYINGS = 12
-"""Times that is tried."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
@@ -175,7 +170,7 @@ class Chooser:
             search = self.search(elements)
         for values in begins:
             try:
-                ends.append(search.minimise(self._stable(search, values)))
+                ends.append(search.minimise(stable_start(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
         if not ends:
@@ -227,39 +222,58 @@ class Chooser:
         between = held_set_point and self.band_limited and "dM" in self.outputs
         return self.clock is not None or between or (self.clears_limits and CUTS in elements)
 
-    def _held(self, fitted: Fitted, rounds: int) -> Fitted:
-        """Return a fit to records cleared by a fit's end; where nothing is to be cleared that fit itself.
-
-        What a limit makes of moving water depends so much on the estimates that whole steps may lead away: where the
-        criterion rises, half the step is taken.
-        """
+    def _held(self, fitted: Fitted) -> Fitted:
+        """Return a fit to records cleared by a fit's end; where nothing is to be cleared that fit itself."""
         if not self._clears(fitted.elements):
             return fitted
-        share = 1.0
-        limited = self.clears_limits and CUTS in fitted.elements
-        for _ in range(rounds if limited else 1):
-            cleared = self._cleared(fitted.search, fitted.minimum.vector, share)
-            trial = Fitted(fitted.elements, cleared, cleared.refine(fitted.minimum))
-            fall = fitted.minimum.criterion - trial.minimum.criterion
-            if fall < 0.0 and limited:
-                share *= 0.5
-                continue
-            fitted = trial
-            if fall < SAME:
-                break
-        return fitted
+        minimum = self._afloat(fitted)
+        search = self._cleared(fitted.search, minimum.vector)
+        return Fitted(fitted.elements, search, search.refine(minimum))
 
-    def _cleared(self, search: Search, vector: Array, share: float = 1.0) -> Search:
-        """Return the search of records less what the model leaves out at a vector, or a share of the way there."""
+    def _afloat(self, fitted: Fitted) -> Minimum:
+        """Return where the fit of a ship that knows the water ends; of one without a limit, where it is.
+
+        What a limit makes of the water depends so much on the estimates that to clear the records again and again leads
+        nowhere.
+        """
+        minimum = fitted.minimum
+        if not self.clears_limits or CUTS not in fitted.elements or "load" in fitted.elements:
+            return minimum
+        for _ in range(AFLOAT_ROUNDS):
+            blocks = []
+            for raw, told, (_, values) in zip(
+                self.experiments, self._told, fitted.search.each(minimum.vector), strict=True
+            ):
+                structure, experiment = self._clearing.afloat(fitted.search.structure, values, raw, told)
+                blocks.append(
+                    Block.build(experiment, structure, offsets=False, initial_state=True, weigh=False)
+                )
+            search = replace(
+                fitted.search,
+                structure=structure,
+                blocks=tuple(blocks),
+                max_evaluations=TRIAL_EVALUATIONS,
+                enough=TRIAL_FALL,
+            )
+            try:
+                minimum = search.refine(minimum)
+            except (IdentificationError, SimulationError) as error:
+                LOGGER.debug("identify: a ship that knows the water could not be fitted: %s", error)
+                break
+        return minimum
+
+    @property
+    def _clearing(self) -> Clearing:
+        return Clearing(self.clock is not None, self.clears_limits, self.band_limited)
+
+    def _cleared(self, search: Search, vector: Array) -> Search:
+        """Return the search of records less what the model leaves out at a vector."""
         elements = self.ordered(search.structure.settings["elements"])
         if not self._clears(elements):
             return search
-        clearing = Clearing(self.clock is not None, self.clears_limits, self.band_limited)
         experiments = [
-            clearing.of(search.structure, values, raw, told, before, share)
-            for raw, told, before, (_, values) in zip(
-                self.experiments, self._told, _records(search), search.each(vector), strict=True
-            )
+            self._clearing.of(search.structure, values, raw, told)
+            for raw, told, (_, values) in zip(self.experiments, self._told, search.each(vector), strict=True)
         ]
         return replace(search, blocks=self.search(elements, experiments).blocks)
 
@@ -318,7 +332,7 @@ class Chooser:
             max_evaluations=MOST_EVALUATIONS,
         )
         fitted = Fitted(fitted.elements, search, search.refine(fitted.minimum))
-        fitted = self._held(fitted, LAST_ROUNDS if last else ROUNDS)
+        fitted = self._held(fitted)
         if not last:
             return fitted
         search = replace(fitted.search, enough=None)
@@ -327,7 +341,7 @@ class Chooser:
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
         """Start vectors of a structure from another one's end, one for each start that a new element has."""
         new = [name for name in search.names if name not in values]
-        first = self._vector(search, values)
+        first = start_vector(search, values)
         vectors = [first]
         # What an element did that goes is done by another delay, as well as that can.
         gone = [values[name] for name in DELAYS if name in values and name not in search.names]
@@ -346,26 +360,6 @@ class Chooser:
                 vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
                 vectors.append(vector)
         return vectors[1:] if new else vectors
-
-    def _stable(self, search: Search, values: Mapping[str, float]) -> Array:
-        """Start vector with the gains less until the loop is stable: that of a ship that was measured is."""
-        for _ in range(STEADYINGS):
-            vector = self._vector(search, values)
-            try:
-                search.require_stable(vector)
-            except SimulationError:
-                values = {
-                    name: value * (STEADIER if name in GAINS else 1.0) for name, value in values.items()
-                }
-                continue
-            break
-        return vector
-
-    def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
-        starts = {parameter.name: parameter.start for parameter in search.free}
-        vector = np.array([values.get(name, starts.get(name, 0.0)) for name in search.unknowns])
-        lower, upper = search.bounds()
-        return np.asarray(np.clip(vector, lower, upper))
 
     def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
         """Return elements in the table's order."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.limited import beyond_limit
+from shipfp_rs.identification.limited import afloat, beyond_limit
 from shipfp_rs.identification.sampling import between_samples, held
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
@@ -36,10 +36,8 @@ class Clearing:
         values: Mapping[str, float],
         raw: Experiment,
         told: Array,
-        before: Experiment,
-        share: float,
     ) -> Experiment:
-        """Return an experiment less all that, or a share of the way there.
+        """Return an experiment less all that.
 
         Parameters
         ----------
@@ -49,13 +47,9 @@ class Clearing:
             As it was measured; its set point is what the model is given.
         told
             Deviation of the set point as it was sampled, shape (N,).
-        before
-            What the share is counted from.
-        share
-            One for the whole way.
         """
         equations = structure.equations
-        names = {output: structure.signal_for(output, raw.signals, raw.name) for output in structure.outputs}
+        names = _names(structure, raw)
         measured = {output: raw.normalised(name) for output, name in names.items()}
         beyond = np.zeros((len(names), len(raw)))
         if self.limits:
@@ -67,6 +61,23 @@ class Clearing:
             beyond[list(names).index("dM")] += between_samples(equations, values, raw, told, torque)
         signals = dict(raw.signals)
         for name, change in zip(names.values(), beyond, strict=True):
-            whole = signals[name] - raw.operating_point[name] * change
-            signals[name] = share * whole + (1.0 - share) * before.signals[name]
+            signals[name] = signals[name] - raw.operating_point[name] * change
         return replace(raw, signals=signals)
+
+    def afloat(
+        self, structure: Structure, values: Mapping[str, float], raw: Experiment, told: Array
+    ) -> tuple[Structure, Experiment]:
+        """Return a structure that knows the water, and the experiment that tells it, see `limited.afloat`."""
+        names = _names(structure, raw)
+        measured = {output: raw.normalised(name) for output, name in names.items()}
+        known, found = afloat(structure, values, raw, measured, told, band_limited=self.band_limited)
+        signals, point = dict(raw.signals), {**raw.operating_point, "M_load": 1.0}
+        for output, deviation in found.items():
+            name = names.get(output, output)
+            signals[name] = point[name] * (1.0 + deviation)
+        return known, replace(raw, signals=signals, operating_point=point)
+
+
+def _names(structure: Structure, raw: Experiment) -> dict[str, str]:
+    """Each output's signal."""
+    return {output: structure.signal_for(output, raw.signals, raw.name) for output in structure.outputs}
