@@ -65,6 +65,8 @@ DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
 """Passes over the records of one search."""
+START_EVALUATIONS = 25
+"""Passes after which of all starts whose ends are near each other only the best one goes on."""
 
 
 @dataclass(frozen=True)
@@ -168,18 +170,23 @@ class Chooser:
             upper = search.structure["tau_n"].upper
             self.narrow = {**self.narrow, "bounds": {"tau_n": (least, max(2.0 * least, 1.2), upper)}}
             search = self.search(elements)
+        brief = replace(search, max_evaluations=START_EVALUATIONS)
         for values in begins:
             try:
-                ends.append(search.minimise(stable_start(search, values)))
+                ends.append(brief.minimise(stable_start(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
         if not ends:
             raise IdentificationError(
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
-        ends.sort(key=lambda end: end.criterion)
-        self.elsewhere = _apart(search, ends)
-        best = ends[0]
+        ends = [end if end.converged else search.minimise(end.vector) for end in _distinct(search, ends)]
+        best = min(ends, key=cost)
+        self.elsewhere = [
+            dict(zip(search.unknowns, map(float, end.vector), strict=True))
+            for end in _distinct(search, ends)[1:]
+            if end.criterion - best.criterion < NEARLY
+        ]
         if "tau_prop" not in search.names:
             whole = search.values(best.vector)["tau_n"]
             limits = {"tau_prop": (LIGHTEST_PROPELLER * whole, PROPELLER_PART * whole, whole)}
@@ -371,17 +378,14 @@ def _records(search: Search) -> list[Experiment]:
     return [block.data for block in search.blocks if isinstance(block.data, Experiment)]
 
 
-def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:
-    """Values at ends that fit nearly as well as the first and lie elsewhere."""
-    found: list[dict[str, float]] = []
+def _distinct(search: Search, ends: Sequence[Minimum]) -> list[Minimum]:
+    """Ends, the best first, less those whose delays a better one has."""
     delays = [place for place, name in enumerate(search.names) if name in DELAYS]
-    seen = [ends[0].vector]
-    for end in ends[1:]:
-        near = any((np.abs(end.vector - other)[delays] < NEARBY_S).all() for other in seen)
-        if end.criterion - ends[0].criterion < NEARLY and not near:
-            found.append(dict(zip(search.unknowns, map(float, end.vector), strict=True)))
-            seen.append(end.vector)
-    return found
+    kept: list[Minimum] = []
+    for end in sorted(ends, key=cost):
+        if not any((np.abs(end.vector - other.vector)[delays] < NEARBY_S).all() for other in kept):
+            kept.append(end)
+    return kept
 
 
 def cost(fitted: Fitted | Minimum) -> float:
