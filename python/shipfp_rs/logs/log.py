@@ -127,14 +127,10 @@ class Log:
                 raise InputError(f"{path}: {words[key]} is of no use for this format; leave it out")
         with one_line_errors(path):
             log = reader(path, rate_hz, **options)
-        rates = [channel.rate_hz for channel in log.channels.values()]
-        if rate_hz is not None and not np.isclose(rates, rate_hz, rtol=1e-6).any():
-            told = ", ".join(f"{rate:g}" for rate in sorted(set(rates))[:3])
-            warnings.warn(
-                f"{path}: a rate of {rate_hz:g} Hz is given but not used; the file tells {told} Hz itself",
-                LogWarning,
-                stacklevel=3,
-            )
+        rates = {channel.rate_hz for channel in log.channels.values()}
+        if rate_hz is not None and not np.isclose(list(rates), rate_hz, rtol=1e-6).any():
+            told = f"{path}: a rate of {rate_hz:g} Hz is given but not used; the file tells {min(rates):g} Hz itself"
+            warnings.warn(told, LogWarning, stacklevel=3)
         LOGGER.info("opened %s: %d channels", path, len(log.channels))
         for note in log.notes:
             LOGGER.info("%s: %s", path, note)
