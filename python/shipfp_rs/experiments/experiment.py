@@ -273,9 +273,11 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
                     f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"
                 )
         # A gauge may tell swings alone, a load may be switched on and off; a ship's speed stays about where it runs.
+        # A signal that never moves only stands in for one.
         is_speed, size = UNITS[name] in ("rpm", "rev/s"), abs(value)
         low, high = (0.4, 2.5) if is_speed else (0.0, 10.0)
-        if not low * size <= abs(mean) <= high * size or 0.0 < most < 0.01 * size:
+        moves = np.nanmin(signals[name]) < np.nanmax(signals[name])
+        if moves and (not low * size <= abs(mean) <= high * size or most < 0.01 * size):
             raise InputError(
                 f"experiment {label!r}: signal {name!r} is {mean:.4g} {UNITS[name]} on average and {most:.4g} at most, "
                 f"its operating point {value:g}, expected one that it is near"
