@@ -26,7 +26,7 @@ from shipfp_rs.vessel.vessel import Vessel
         }
     )
 )
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_a_ship_with_given_parameters_has_them(values: dict[str, float]) -> None:
     found = parameters_of(with_parameters(Vessel.load("stan-tug-1205-full"), values))
     for name, value in values.items():

@@ -31,7 +31,7 @@ def trial() -> tuple[Experiment, Experiment]:
     torque = np.array([1725.0, np.nan, 1730.0])
     return (
         experiment("Trial 1 [astern]", 50.0, n_set=np.array([1180.0, 1184.0, 1190.0]), M_g=torque),
-        experiment("Trial 2", 20.0, n_set=np.arange(5.0), n_e=np.arange(5.0) + 0.1),
+        experiment("Trial 2", 20.0, n_set=1180.0 + np.arange(5.0), n_e=1180.1 + np.arange(5.0)),
     )
 
 
@@ -118,3 +118,10 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path) -> None:
     (tmp_path / "run").write_text("a file")
     with pytest.raises(InputError, match="is a file"):
         write(tmp_path / "run", "new", force=True)
+
+
+@pytest.mark.parametrize(("name", "value"), [("n_e", 3000.0), ("n_e", 1e12), ("M_g", 1e12), ("M_g", 3.0)])
+def test_breakage_a_an_operating_point_far_from_the_signal_is_refused(trial, name, value) -> None:
+    signals = {**trial[0].signals, "n_e": np.array([1180.0, 1184.0, 1190.0])}
+    with pytest.raises(InputError, match=f"signal '{name}' is .* expected one that it is near"):
+        Experiment("Trial", 50.0, signals, {"n_set": 1184.0, name: value})

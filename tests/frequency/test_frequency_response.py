@@ -238,7 +238,7 @@ def test_averaged_periodograms_are_those_of_scipy():
         np.testing.assert_allclose(found.coherence["M_b"], coherence[bins], rtol=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     gain=st.floats(0.1, 10.0), delay=st.integers(0, 8), before=st.floats(-1e-2, 1e-2), seed=st.integers(0, 99)
 )

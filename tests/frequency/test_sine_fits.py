@@ -30,7 +30,7 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     periods=st.floats(2.0, 300.0),
     phase=st.floats(-3.0, 3.0),

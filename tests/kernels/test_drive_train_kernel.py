@@ -221,7 +221,7 @@ def test_a_stiff_shaft_is_a_rigid_one():
         np.testing.assert_allclose(stiff[name][1:], rigid[name][1:], rtol=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     n_1=st.floats(1.0, 12.0),
     n_2=st.floats(-3.0, 12.0),

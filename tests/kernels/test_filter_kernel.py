@@ -16,7 +16,7 @@ from tests.twins import filter as twin
 SAMPLES = arrays(np.float64, st.integers(0, 300), elements=st.floats(-5, 5) | st.sampled_from([0.0, 1.0]))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(SAMPLES, st.integers(0, 40))
 def test_any_signal_has_the_twins_running_median(samples, half):
     if half <= len(samples):
@@ -32,7 +32,7 @@ def test_a_long_signal_has_scipys_running_median(window):
     np.testing.assert_array_equal(running_median(torque, window), median_filter(torque, window))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 10_000),
     level=st.sampled_from([-1725.0, 0.0, 1184.0]),
@@ -55,7 +55,7 @@ def test_any_signal_has_the_twins_spikes(seed, level, swing, noise, strikes, ste
     np.testing.assert_array_equal(find_spikes(samples, **rule), twin.spikes(samples, **rule))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     steps=st.lists(st.floats(1e-3, 0.5), min_size=2, max_size=60),
     seed=st.integers(0, 1000),
@@ -99,7 +99,7 @@ def test_windows_without_a_middle_or_out_of_range_are_refused(window):
         running_median(np.ones(4), window)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     SAMPLES.filter(len),
     arrays(np.float64, st.integers(0, 12).map(lambda half: 2 * half + 1), elements=st.floats(-1, 1)),

@@ -11,8 +11,8 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InternalError
 from tests.kernels.long_kernels import KERNELS, SAME
 
-ENDS_WITHIN_S = 0.25
-"""Processor seconds; Ctrl-C is to end a command within one."""
+ENDS_WITHIN_S = 0.5
+"""Processor seconds, on cores that others use, too; Ctrl-C is to end a command within one."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")

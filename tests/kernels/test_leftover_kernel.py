@@ -29,7 +29,7 @@ def arguments(samples, inputs, outputs, slopes, basis, lags, masked, seed):
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(1, 700),
     st.booleans(),

@@ -13,7 +13,7 @@ from tests.twins import pulse_intervals as twin
 WINDOW = 60_000
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     wholes=st.integers(1, 200),
     pulses=st.integers(1, 5),
@@ -58,7 +58,7 @@ def test_tracks_that_do_not_fit_are_refused(position, wrong, complaint):
         interval_speeds(*arguments, 0.0)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(count=st.integers(0, 400), spread=st.floats(0.0, 0.4), seed=st.integers(0, 99))
 def test_even_pulses_have_none_that_a_median_would_find(count, spread, seed):
     periods = np.random.default_rng(seed).uniform(1.0 - spread, 1.0 + spread, count)

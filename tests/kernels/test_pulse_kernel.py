@@ -20,7 +20,7 @@ def detect(chunks):
     return np.concatenate(times), [tuple(gap) for gap in detector.gaps], detector.seen
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     samples=st.lists(sample, max_size=200),
     cuts=st.lists(st.integers(0, 200), max_size=5),

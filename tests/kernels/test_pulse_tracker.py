@@ -30,7 +30,7 @@ def shape(kind, phase):
     }[kind]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     kind=st.sampled_from(["sine", "saw", "square", "bipolar"]),
     period=st.floats(3.0, 120.0),
@@ -65,7 +65,7 @@ def test_any_train_gives_the_twins_crossings(kind, period, ends, drift, noise, d
     assert (spread >= 0.0).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.floats(width=32), max_size=400), st.integers(1, 100))
 def test_whatever_comes_is_gone_through(samples, size):
     train = np.array(samples, dtype=np.float32)

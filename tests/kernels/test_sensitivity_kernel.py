@@ -100,7 +100,7 @@ def test_derivatives_are_those_of_a_complex_step_through_the_equations(element, 
     assert_slopes_close(slopes, expected[1], 1e-6 if element == "whole dead time" else 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     factors=st.lists(st.floats(0.7, 1.4), min_size=11, max_size=11),
     exponent=st.floats(1.3, 2.9),

@@ -38,7 +38,7 @@ class TestSimulation:
         expected = twin.simulate(A, B, C, D, u, 0.3, hold, initial)
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=25)
     @given(
         order=st.integers(1, 10),
         seed=st.integers(0, 2**32 - 1),

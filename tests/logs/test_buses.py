@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals, simulate
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.can_signals import Signal
 from shipfp_rs.processing.process import process
@@ -95,6 +95,11 @@ def test_a_real_yacht_runs_its_engine() -> None:
     speed = log.channels["Engine Speed"]
     assert (speed.unit, speed.resolution) == ("rpm", 0.25)
     assert 780.0 < np.nanmedian(log.read("Engine Speed")) < 820.0
+
+
+def test_a_rate_that_a_bus_has_no_use_for_is_told() -> None:
+    with pytest.warns(LogWarning, match="a rate of 1e-09 Hz is given but not used"):
+        Log.open(DATA / "nmea2000" / "susteranna-actisense-serial.raw", rate_hz=1e-9)
 
 
 def test_a_channel_list_names_the_channels() -> None:

@@ -20,8 +20,8 @@ SPARE = 200_000_000
 
 @pytest.fixture(autouse=True)
 def _short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader that hangs is ended; these files are small enough not to wait half a minute for it."""
-    monkeypatch.setattr(isolation, "LIMIT_S", 5.0)
+    """A reader that hangs is ended; these files are small enough to wait less for it."""
+    monkeypatch.setattr(isolation, "LIMIT_S", 15.0)
 
 
 def check(tally: Tally, whole: Path) -> None:

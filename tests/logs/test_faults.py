@@ -59,7 +59,7 @@ def test_a_channel_without_noise_may_rest() -> None:
     assert found(stairs, mains_hz=50.0, repeats=True) == found(rest, mains_hz=50.0, repeats=True) == {}
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     kind=st.sampled_from(simulated.LOSSES),
     start=st.integers(0, SAMPLES - 600),
@@ -128,7 +128,7 @@ def test_steps_and_jumps_are_no_hum() -> None:
     assert found(samples, mains_hz=50.0) == {}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 1000),
     rest=st.integers(0, 60),
@@ -150,7 +150,7 @@ def test_prints_recur_only_where_samples_do(
         assert {lag for _, lag in candidates} == {count}
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(start=st.integers(0, 20_000), count=st.integers(300, 5_000), over=st.booleans())
 def test_rows_recorded_twice_are_told_to_the_sample(start: int, count: int, over: bool) -> None:
     rows = simulated.write_twice({"u": set_point(1), "w": torque(2)}, start, count, over=over)
@@ -172,7 +172,7 @@ def test_a_channel_that_repeats_alone_is_no_row_written_twice() -> None:
     assert "repeated" not in scan(Rows(log, "u"), 0, SAMPLES, repeats=True)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(cuts=st.lists(st.integers(0, SAMPLES), max_size=12))
 def test_chunks_make_no_difference(cuts: list[int]) -> None:
     samples = simulated.hum(set_point(), RATE_HZ, 50.0, 0.05, 9_000, 15_000).astype(np.float32)

@@ -147,6 +147,14 @@ def test_a_time_column_may_count_milliseconds(tmp_path: Path) -> None:
     assert (channel.rate_hz, channel.start_s) == pytest.approx((2000.0, 0.1))
 
 
+def test_a_rate_that_the_file_contradicts_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    stamps = pa.array((TIME * 1e6).round().astype(np.int64), type=pa.timestamp("us"))
+    pa.parquet.write_table(pa.table({"Time": stamps, "u": TORQUE}), path)
+    with pytest.warns(LogWarning, match="a rate of 1e-09 Hz is given, but the column of time tells 2000 Hz"):
+        assert Log.open(path, rate_hz=1e-9).channel("u").rate_hz == 1e-9
+
+
 def test_a_given_rate_is_trusted_above_a_coarse_time_column(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("t,u\n" + "".join(f"{t:.2f},{u:.4f}\n" for t, u in zip(TIME + 3.0, TORQUE, strict=True)))

@@ -342,6 +342,7 @@ def test_an_interval_of_a_parameter_near_zero_does_not_squeeze_the_others(found)
     assert (low, high) == pytest.approx((-2.3, 2.3))
     arrows = [line for line in ax.lines if line.get_marker() in "<>" and line.get_marker() != "None"]
     assert [float(np.ravel(line.get_xdata())[0]) for line in arrows] == pytest.approx([low, high])
+    assert [text.get_text() for text in ax.texts] == ["\N{MINUS SIGN}400 %", "+400 %"]  # where they end
 
 
 def test_an_estimate_at_an_end_of_its_interval_is_said_to_lie_there() -> None:

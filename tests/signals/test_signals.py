@@ -161,7 +161,7 @@ def test_samples_cannot_be_changed_behind_the_excitations_back() -> None:
         excitation.samples[0] = 5.0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     lines=st.lists(st.integers(1, 200), min_size=1, max_size=20, unique=True),
     amplitude=st.floats(0.1, 500.0),

@@ -18,7 +18,7 @@ def torque(seed: int, samples: int = 6000) -> np.ndarray:
     return 1725.0 + 150.0 * np.sin(2 * np.pi * 0.7 * time) + 30.0 * np.sin(2 * np.pi * 59.0 * time) + noise
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 1000),
     starts=st.lists(st.integers(1, 19), unique=True, max_size=6),

@@ -62,7 +62,7 @@ def test_levels_by_the_mean_and_within_bounds():
     np.testing.assert_allclose(statelevels(x, 100, "mean", (0.0, 10.0)).levels, [0.5, 9.5], atol=0.06)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     low=st.floats(-1e3, 1e3),
     height=st.floats(1e-2, 1e3),
@@ -77,7 +77,7 @@ def test_levels_are_found_to_half_a_bin_whatever_the_share_of_the_pulses(low, he
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_crossings_are_those_of_the_rules_said_sample_by_sample(seed):
     rng = np.random.default_rng(seed)

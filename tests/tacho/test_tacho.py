@@ -92,7 +92,7 @@ def test_noise_and_saw_tooth_edges_make_no_second_crossing():
     assert len(tacho.pulse_times(noisy, RATE).times_s) == len(tacho.pulse_times(samples, RATE).times_s)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(cuts=st.lists(st.integers(0, 20_000), max_size=8), levels=st.sampled_from([(None, None), (2.0, 1.0)]))
 def test_the_pieces_in_which_a_log_is_read_do_not_matter(cuts, levels):
     threshold, hysteresis = levels
@@ -218,7 +218,7 @@ def test_missed_and_double_pulses_are_repaired_and_flagged():
     assert np.abs(speed.speed_rps / speed_at(speed.time_s) - 1).max() < 0.01
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.data())
 def test_no_spikes_remain_wherever_pulses_are_missed_or_doubled(data):
     true = passages(30)

@@ -264,7 +264,7 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
         # An operating point of exactly 1 means that the signal stays in its own unit.
         if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue
-        mean = float(np.nanmean(signals[name]))
+        mean, most = float(np.nanmean(signals[name])), float(np.nanmax(np.abs(signals[name])))
         known = _SLIPS.get(UNITS[name], ())
         for what, ratio in (("signal", mean / value), ("operating point", value / mean if mean else 0.0)):
             if hint := hints.likely_ratio(ratio, known):
@@ -272,3 +272,13 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
                     f"experiment {label!r}: signal {name!r} is {mean:.4g} on average, its operating point {value:g}, "
                     f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"
                 )
+        # A gauge may tell swings alone, a load may be switched on and off; a ship's speed stays about where it runs.
+        # A signal that never moves only stands in for one.
+        is_speed, size = UNITS[name] in ("rpm", "rev/s"), abs(value)
+        low, high = (0.4, 2.5) if is_speed else (0.0, 10.0)
+        moves = np.nanmin(signals[name]) < np.nanmax(signals[name])
+        if moves and (not low * size <= abs(mean) <= high * size or most < 0.01 * size):
+            raise InputError(
+                f"experiment {label!r}: signal {name!r} is {mean:.4g} {UNITS[name]} on average and {most:.4g} at most, "
+                f"its operating point {value:g}, expected one that it is near"
+            )

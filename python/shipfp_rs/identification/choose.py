@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.chooser import DELAYS, FIRST, SAME, Chooser, Fitted, cost
+from shipfp_rs.identification.chooser import CUTS, DELAYS, FIRST, SAME, Chooser, Fitted, cost
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
 from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
 from shipfp_rs.structures.elements import ELEMENTS
@@ -66,15 +66,10 @@ def choose(chooser: Chooser) -> Choice:
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
     current = _without_least(chooser, chooser.first(), level, ladder)
-    current, gains = _forward(chooser, current, level, ladder)
-    for _ in range(ROUNDS):
-        kept, rises, poorer = _backward(chooser, current, level, ladder)
-        if kept is current:
-            break
-        # Weights and base are those of the structure that is left, beside which another element may be worth more.
-        current, gains = _forward(chooser, kept, level, ladder)
-        if current is kept:
-            break
+    current, gains, rises, poorer = _back_and_forth(chooser, current, level, ladder)
+    if CUTS in current.elements:
+        chooser.clears_limits = True
+        current, gains, rises, poorer = _back_and_forth(chooser, chooser.refined(current), level, ladder)
     current = chooser.refined(current, last=True)
     for name in (name for name in UNSEEN if name in chooser.candidates and name not in current.elements):
         promise = chooser.promise(current.base, name)
@@ -97,6 +92,26 @@ def choose(chooser: Chooser) -> Choice:
     limits = {name: gain.limit for name, gain in gains.items() if gain.limit is not None}
     neglected = {name: gain.neglect for name, gain in gains.items()}
     return Choice(current, tuple(rivals), evidence, states, limits, tuple(ladder), neglected)
+
+
+def _back_and_forth(
+    chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
+) -> tuple[Fitted, Gains, dict[str, float], list[Fitted]]:
+    """Take elements on and drop them until nothing changes.
+
+    Returned are what is left, what every other element would gain, each own element's rise of the deviance without it, and
+    the structures without an element that is missed too little to be sure of.
+    """
+    current, gains = _forward(chooser, current, level, ladder)
+    for _ in range(ROUNDS):
+        kept, rises, poorer = _backward(chooser, current, level, ladder)
+        if kept is current:
+            break
+        # Weights and base are those of the structure that is left, beside which another element may be worth more.
+        current, gains = _forward(chooser, kept, level, ladder)
+        if current is kept:
+            break
+    return current, gains, rises, poorer
 
 
 def _forward(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> tuple[Fitted, Gains]:

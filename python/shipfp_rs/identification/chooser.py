@@ -14,9 +14,10 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.clearing import Clearing
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
-from shipfp_rs.identification.sampling import between_samples, held
 from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.start_vector import stable_start, start_vector
 from shipfp_rs.identification.starts import both_ended, starts
 from shipfp_rs.identification.weighted_problem import Minimum, is_exact
 from shipfp_rs.structures.elements import ELEMENTS
@@ -50,16 +51,12 @@ NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
 NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
+AFLOAT_ROUNDS = 2
+"""Fits of a ship that knows the water: by the first fit's estimates, and once more."""
 TRIAL_FALL = 0.02
 """Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 40
 """Passes over the records at most of a trial: enough to see what an element is worth."""
-GAINS = ("K_p", "K_i", "vK_p", "vK_i")
-"""Parameters that an unstable loop has too much of."""
-STEADIER = 0.8
-"""Part of such gains with which a start is tried next."""
-STEADYINGS = 12
-"""Times that is tried."""
 PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
@@ -68,6 +65,8 @@ DELAYS = ("T_d", "T_set", "tau_act")
 """Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
 """Passes over the records of one search."""
+START_EVALUATIONS = 25
+"""Passes after which of all starts whose ends are near each other only the best one goes on."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,6 @@ class Chooser:
         self._logged = list(experiments)
         self._told = [one.dn_set for one in experiments]
         """Deviations of the set point as it was sampled, without noise where that is left out."""
-        self._beyond = [np.zeros((len(outputs), len(one))) for one in experiments]
-        """What was taken from the outputs of each experiment, see `held`, shape (O, N)."""
         self.forced = tuple(forced)
         self.candidates = tuple(name for name in CANDIDATES if name not in excluded and name not in forced)
         self.narrow = narrow or {}
@@ -122,6 +119,9 @@ class Chooser:
             self.experiments = [band_limited(one) for one in experiments]
         self.is_quiet = False
         """Whether the set point is taken without the noise that it was logged with: where the outputs do not follow that."""
+        self.clears_limits = False
+        """Whether records are cleared of what a torque limit makes of moving water: from a structure that nearly stands on,
+        since with the load of one that does not water takes the misfit up."""
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
         self.options = {
@@ -170,24 +170,29 @@ class Chooser:
             upper = search.structure["tau_n"].upper
             self.narrow = {**self.narrow, "bounds": {"tau_n": (least, max(2.0 * least, 1.2), upper)}}
             search = self.search(elements)
+        brief = replace(search, max_evaluations=START_EVALUATIONS)
         for values in begins:
             try:
-                ends.append(search.minimise(self._stable(search, values)))
+                ends.append(brief.minimise(stable_start(search, values)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a start failed: %s", error)
         if not ends:
             raise IdentificationError(
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
-        ends.sort(key=lambda end: end.criterion)
-        self.elsewhere = _apart(search, ends)
-        best = ends[0]
+        ends = [end if end.converged else search.minimise(end.vector) for end in _distinct(search, ends)]
+        best = min(ends, key=cost)
+        self.elsewhere = [
+            dict(zip(search.unknowns, map(float, end.vector), strict=True))
+            for end in _distinct(search, ends)[1:]
+            if end.criterion - best.criterion < NEARLY
+        ]
         if "tau_prop" not in search.names:
             whole = search.values(best.vector)["tau_n"]
             limits = {"tau_prop": (LIGHTEST_PROPELLER * whole, PROPELLER_PART * whole, whole)}
             self.narrow = {**self.narrow, "bounds": {**self.narrow.get("bounds", {}), **limits}}
-        if self._clears:
-            search = self._less_held(search, best)
+        if self._clears(elements):
+            search = self._cleared(search, best.vector)
             best = search.minimise(best.vector)
         if not self.band_limited:
             changed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
@@ -205,8 +210,9 @@ class Chooser:
     def _fed(self, changed: list[Experiment], search: Search, best: Minimum) -> tuple[Search, Minimum, bool]:
         """Take experiments with a changed set point in place of theirs if the outputs follow it better; tell whether."""
         before, self.experiments = self.experiments, changed
-        other = self.search(self.ordered(search.structure.settings["elements"]))
+        elements = self.ordered(search.structure.settings["elements"])
         try:
+            other = self._cleared(self.search(elements), best.vector)
             trial = other.minimise(best.vector)
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a changed set point could not be simulated: %s", error)
@@ -216,53 +222,67 @@ class Chooser:
         self.experiments = before
         return search, best, False
 
-    @property
-    def _clears(self) -> bool:
-        """Whether records are cleared of what holding does: the governor's, or the set point's between its samples."""
+    def _clears(self, elements: Sequence[str]) -> bool:
+        """Whether records are cleared of what the model leaves out: what holding does, and what limits do."""
         # A brake torque would gain by it without a held set point, too: straight lines have images in it. Not tried yet.
         held_set_point = any(one.held_set_point is not None for one in self.experiments)
-        return self.clock is not None or (held_set_point and self.band_limited and "dM" in self.outputs)
+        between = held_set_point and self.band_limited and "dM" in self.outputs
+        return self.clock is not None or between or (self.clears_limits and CUTS in elements)
 
     def _held(self, fitted: Fitted) -> Fitted:
-        """Return a fit to records less what holding does by a fit's end; where nothing is held that fit itself."""
-        if not self._clears:
+        """Return a fit to records cleared by a fit's end; where nothing is to be cleared that fit itself."""
+        if not self._clears(fitted.elements):
             return fitted
-        search = self._less_held(fitted.search, fitted.minimum)
-        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
+        minimum = self._afloat(fitted)
+        search = self._cleared(fitted.search, minimum.vector)
+        return Fitted(fitted.elements, search, search.refine(minimum))
 
-    def _less_held(self, search: Search, minimum: Minimum) -> Search:
-        """Take from the records what holding does by a fit's end, and return the search of what is left."""
-        search, self.experiments, self._beyond = self._cleared(search, minimum.vector)
-        return search
+    def _afloat(self, fitted: Fitted) -> Minimum:
+        """Return where the fit of a ship that knows the water ends; of one without a limit, where it is.
 
-    def _cleared(self, search: Search, vector: Array) -> tuple[Search, list[Experiment], list[Array]]:
-        """Return the search of records less what holding does, the governor's or the set point's, and these records.
-
-        A governor that samples holds what it gives, and reads the speed at one moment: at a frequency f its answer differs
-        by up to some (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by
-        serves.
+        What a limit makes of the water depends so much on the estimates that to clear the records again and again leads
+        nowhere.
         """
-        outputs, measured = search.structure.outputs, search.structure.signal_for
-        experiments, beyonds = [], []
-        for experiment, told, before, (block, values) in zip(
-            self.experiments, self._told, self._beyond, search.each(vector), strict=True
-        ):
-            assert isinstance(block.data, Experiment)
-            equations, beyond = search.structure.equations, np.zeros_like(before)
-            if self.clock is not None:
-                beyond += held(equations, values, block.data)
-            elif "dM" in outputs:
-                row, name = outputs.index("dM"), measured("dM", experiment.signals, experiment.name)
-                torque = experiment.normalised(name) + before[row]
-                beyond[row] = between_samples(equations, values, block.data, told, torque)
-            signals = dict(experiment.signals)
-            for output, change in zip(outputs, beyond - before, strict=True):
-                name = measured(output, signals, experiment.name)
-                signals[name] = signals[name] - experiment.operating_point[name] * change
-            beyonds.append(beyond)
-            experiments.append(replace(experiment, signals=signals))
+        minimum = fitted.minimum
+        if not self.clears_limits or CUTS not in fitted.elements or "load" in fitted.elements:
+            return minimum
+        for _ in range(AFLOAT_ROUNDS):
+            blocks = []
+            for raw, told, (_, values) in zip(
+                self.experiments, self._told, fitted.search.each(minimum.vector), strict=True
+            ):
+                structure, experiment = self._clearing.afloat(fitted.search.structure, values, raw, told)
+                blocks.append(
+                    Block.build(experiment, structure, offsets=False, initial_state=True, weigh=False)
+                )
+            search = replace(
+                fitted.search,
+                structure=structure,
+                blocks=tuple(blocks),
+                max_evaluations=TRIAL_EVALUATIONS,
+                enough=TRIAL_FALL,
+            )
+            try:
+                minimum = search.refine(minimum)
+            except (IdentificationError, SimulationError) as error:
+                LOGGER.debug("identify: a ship that knows the water could not be fitted: %s", error)
+                break
+        return minimum
+
+    @property
+    def _clearing(self) -> Clearing:
+        return Clearing(self.clock is not None, self.clears_limits, self.band_limited)
+
+    def _cleared(self, search: Search, vector: Array) -> Search:
+        """Return the search of records less what the model leaves out at a vector."""
         elements = self.ordered(search.structure.settings["elements"])
-        return replace(search, blocks=self.search(elements, experiments).blocks), experiments, beyonds
+        if not self._clears(elements):
+            return search
+        experiments = [
+            self._clearing.of(search.structure, values, raw, told)
+            for raw, told, (_, values) in zip(self.experiments, self._told, search.each(vector), strict=True)
+        ]
+        return replace(search, blocks=self.search(elements, experiments).blocks)
 
     def with_elements(
         self,
@@ -278,7 +298,7 @@ class Chooser:
         """
         ordered = self.ordered(elements)
         search = replace(
-            self.search(ordered),
+            self.search(ordered, _records(origin.search)),
             weights=origin.minimum.noise,
             enough=TRIAL_FALL,
             worth=worth,
@@ -292,13 +312,14 @@ class Chooser:
             values.setdefault("tau_prop", PROPELLER_PART * values["tau_n"])
         if "twist" in ordered and "tau_prop" in origin.search.names:
             search = replace(search, structure=both_ended(search.structure, values["tau_prop"]))
-        # A limit cuts off the stairs of a governor that samples: the records are cleared of what is left of them.
+        # What a limit cuts off is told by a fit that has it; one without it is given the records back.
         changed = set(ordered) ^ set(origin.elements)
-        clears = self._clears and bool(changed & {CUTS} if self.clock is not None else changed & {*SOFTENS})
+        stairs = self._clears(()) and bool(changed & ({CUTS} if self.clock is not None else {*SOFTENS}))
+        clears = stairs or (self.clears_limits and CUTS in changed & set(origin.elements))
         ends = []
         for start in self._from(search, values):
             try:
-                own = self._cleared(search, start)[0] if clears else search
+                own = self._cleared(search, start) if clears else search
                 ends.append(Fitted(ordered, own, own.minimise(start)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
@@ -313,16 +334,21 @@ class Chooser:
         search = replace(
             fitted.search,
             weights=None,
-            enough=None if last else TRIAL_FALL,
+            enough=TRIAL_FALL,
             worth=np.inf,
             max_evaluations=MOST_EVALUATIONS,
         )
-        return self._held(Fitted(fitted.elements, search, search.refine(fitted.minimum)))
+        fitted = Fitted(fitted.elements, search, search.refine(fitted.minimum))
+        fitted = self._held(fitted)
+        if not last:
+            return fitted
+        search = replace(fitted.search, enough=None)
+        return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
         """Start vectors of a structure from another one's end, one for each start that a new element has."""
         new = [name for name in search.names if name not in values]
-        first = self._vector(search, values)
+        first = start_vector(search, values)
         vectors = [first]
         # What an element did that goes is done by another delay, as well as that can.
         gone = [values[name] for name in DELAYS if name in values and name not in search.names]
@@ -342,42 +368,24 @@ class Chooser:
                 vectors.append(vector)
         return vectors[1:] if new else vectors
 
-    def _stable(self, search: Search, values: Mapping[str, float]) -> Array:
-        """Start vector with the gains less until the loop is stable: that of a ship that was measured is."""
-        for _ in range(STEADYINGS):
-            vector = self._vector(search, values)
-            try:
-                search.require_stable(vector)
-            except SimulationError:
-                values = {
-                    name: value * (STEADIER if name in GAINS else 1.0) for name, value in values.items()
-                }
-                continue
-            break
-        return vector
-
-    def _vector(self, search: Search, values: Mapping[str, float]) -> Array:
-        starts = {parameter.name: parameter.start for parameter in search.free}
-        vector = np.array([values.get(name, starts.get(name, 0.0)) for name in search.unknowns])
-        lower, upper = search.bounds()
-        return np.asarray(np.clip(vector, lower, upper))
-
     def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
         """Return elements in the table's order."""
         return tuple(name for name in ELEMENTS if name in elements)
 
 
-def _apart(search: Search, ends: Sequence[Minimum]) -> list[dict[str, float]]:
-    """Values at ends that fit nearly as well as the first and lie elsewhere."""
-    found: list[dict[str, float]] = []
+def _records(search: Search) -> list[Experiment]:
+    """Experiments of a search, cleared as they are."""
+    return [block.data for block in search.blocks if isinstance(block.data, Experiment)]
+
+
+def _distinct(search: Search, ends: Sequence[Minimum]) -> list[Minimum]:
+    """Ends, the best first, less those whose delays a better one has."""
     delays = [place for place, name in enumerate(search.names) if name in DELAYS]
-    seen = [ends[0].vector]
-    for end in ends[1:]:
-        near = any((np.abs(end.vector - other)[delays] < NEARBY_S).all() for other in seen)
-        if end.criterion - ends[0].criterion < NEARLY and not near:
-            found.append(dict(zip(search.unknowns, map(float, end.vector), strict=True)))
-            seen.append(end.vector)
-    return found
+    kept: list[Minimum] = []
+    for end in sorted(ends, key=cost):
+        if not any((np.abs(end.vector - other.vector)[delays] < NEARBY_S).all() for other in kept):
+            kept.append(end)
+    return kept
 
 
 def cost(fitted: Fitted | Minimum) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -13,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors
@@ -126,6 +127,10 @@ class Log:
                 raise InputError(f"{path}: {words[key]} is of no use for this format; leave it out")
         with one_line_errors(path):
             log = reader(path, rate_hz, **options)
+        rates = {channel.rate_hz for channel in log.channels.values()}
+        if rate_hz is not None and not np.isclose(list(rates), rate_hz, rtol=1e-6).any():
+            told = f"{path}: a rate of {rate_hz:g} Hz is given but not used; the file tells {min(rates):g} Hz itself"
+            warnings.warn(told, LogWarning, stacklevel=3)
         LOGGER.info("opened %s: %d channels", path, len(log.channels))
         for note in log.notes:
             LOGGER.info("%s: %s", path, note)

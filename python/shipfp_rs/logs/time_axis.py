@@ -23,6 +23,8 @@ GAP = 3.0
 """Times the step that nine in ten keep to, from which on a step is a gap, kept as such, rather than a straight line."""
 MOST_GROWTH = 8.0
 """Samples of the even grid to recorded ones, at most; what is recorded denser than the grid is averaged over its cells."""
+FAR_OFF = 1.5
+"""Ratio of a given rate and that of a column of time, or its inverse, from which on the difference is told."""
 MOST_EQUAL = 0.1
 """Share of rows that may have the time of the row before, where they are not those of a coarse clock."""
 
@@ -108,7 +110,11 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
         return spliced(blocks, clock.segments) if clock.faults else blocks
 
     rate = rate_hz or clock.rate_hz
-    return TimeAxis(clock.start_s, rate, clock.samples, clock.faults, "", on_grid)
+    far = max(rate / clock.rate_hz, clock.rate_hz / rate) > FAR_OFF
+    note = (
+        f"a rate of {rate:g} Hz is given, but the column of time tells {clock.rate_hz:.6g} Hz" if far else ""
+    )
+    return TimeAxis(clock.start_s, rate, clock.samples, clock.faults, note, on_grid)
 
 
 def _uneven(path: Path | str, column: str, times: Array, told: InputError) -> TimeAxis:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from shipfp_rs.assessment.profile_likelihood import Likelihood
 
+FAR = 1000.0
+"""Distance from the estimate beyond which nobody asks for the figure [%]."""
+
 
 @checked
 def intervals(
@@ -164,11 +167,12 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
 
 
 def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> None:
-    """Write where an interval ends [%] above its arrow."""
+    """Write where an interval ends [%] above its arrow; of one about zero only that it is far."""
+    shown = f"{end:+.3g} %" if abs(end) < FAR else f"{'>' if end > 0.0 else '<'} {np.sign(end) * FAR:+.0f} %"
     side: Literal["left", "right"] = "right" if edge > 0.0 else "left"
     inwards = -8.0 if edge > 0.0 else 8.0
     ax.annotate(
-        f"{end:+.3g} %".replace("-", "\N{MINUS SIGN}"),
+        shown.replace("-", "\N{MINUS SIGN}"),
         (edge, place),
         (inwards, 3.0),
         textcoords="offset points",

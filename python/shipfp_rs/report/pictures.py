@@ -79,6 +79,8 @@ class Pictures:
         for ax in axes:
             for axis in (ax.xaxis, ax.yaxis) if self._say.language != "en" else ():
                 axis.set_major_formatter(_spoken(axis.get_major_formatter(), self._say))
+            for text in ax.texts:
+                text.set_text(self._say.number(text.get_text()))
             legend = ax.get_legend()
             texts = [ax.xaxis.label, ax.yaxis.label, *(legend.get_texts() if legend is not None else ())]
             for text in texts:

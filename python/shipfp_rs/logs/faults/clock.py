@@ -132,7 +132,7 @@ class ClockScan:
         same
             (row, earlier row, count) to whether the rows hold the same samples in every channel.
         trusted
-            False where a rate was given and only the start is wanted.
+            False where a rate was given: only the start is wanted, and the mean rate to hold the given one against.
 
         Raises
         ------
@@ -147,7 +147,8 @@ class ClockScan:
                 f"{name}: time column {column!r} starts at {self._start:g} s; expected numbers that increase"
             )
         if not trusted:
-            return Clock(self._start, np.nan, whole, ())
+            length = float(self._last - self._start)
+            return Clock(self._start, (self._count - 1) / length if length > 0.0 else np.nan, whole, ())
         if not self._interval > 0.0:
             raise InputError(
                 f"{name}: time column {column!r} does not increase from row to row; give rate_hz (--rate)"
