@@ -96,7 +96,9 @@ def fit(
             _, high = envelope(time, model[rows] + half)
             ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % of samples")
         if name in SPEEDS and "n_set" in experiment.signals:
-            asked = experiment.operating_point[name] * (1.0 + experiment.normalised("n_set")[rows])
+            point = experiment.operating_point
+            scale = 1.0 if UNITS[name] == UNITS["n_set"] else point[name] / point["n_set"]
+            asked = scale * experiment.signals["n_set"][rows]
             ax.plot(*envelope(time, asked), color=GREEN, lw=0.8, label="set point")
         ax.plot(*envelope(time, measured[rows]), color=GREY, lw=1.0, label="measured")
         ax.plot(*envelope(time, model[rows]), color=color, lw=1.2, label="model")
