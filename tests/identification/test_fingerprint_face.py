@@ -238,6 +238,21 @@ def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None
         (("si", "inertia", "unit"), "a\nb", "si.inertia.unit: found 'a\\nb', expected a text"),
         (("si", "inertia", "value"), None, "si.inertia.value: found None, expected a number, since"),
         (("fit", "overall", "aic"), "low", "fit.overall.aic: found 'low', expected null or a number"),
+        (
+            ("fit", "overall", "structure_p"),
+            1.5,
+            "fit.overall.structure_p: found 1.5, expected a probability",
+        ),
+        (
+            ("fit", "overall", "structure_misses_pct"),
+            -1.0,
+            "fit.overall.structure_misses_pct: found -1.0, expected 0 to 100 %",
+        ),
+        (
+            ("fit", "overall", "nrmse_pct"),
+            101.0,
+            "fit.overall.nrmse_pct: found 101.0, expected 100 % or less",
+        ),
         (("elements", "twist", "state"), 1, "elements.twist.state: found 1, expected on or off or open"),
         (("parameters", "tau_n", "status"), True, "parameters.tau_n.status: found True, expected a text"),
         (("parameters", "tau_n", "value"), 1e4, "parameters.tau_n.ci95: found ["),

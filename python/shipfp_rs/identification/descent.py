@@ -32,6 +32,8 @@ WITHIN_REACH = 0.01
 """... which ends it where a plain step promises no more: the minimum is within a tenth of a standard deviation."""
 REFUSED_REACH = 0.1
 """The same where a plain step was tried in these passes, and the deviance did not fall: what it promises is not there."""
+CORNER_REACH = 0.25
+"""The same where no step, however short, lowers the deviance: a torque limit that holds or lets go makes a corner there."""
 HOPE = 3.0
 """How much farther than promised the deviance may fall."""
 
@@ -46,8 +48,9 @@ class Reached:
     limit: str
     """Which limit stopped it; empty where none did."""
     settled: bool = False
-    """Whether no step promises more than was asked for, or it crept where none promises much."""
+    """Whether no step promises more than was asked for, or none that promises more keeps it."""
     crept: bool = False
+    """Whether the descent ended since steps keep little of what they promise, and none promises much."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +106,10 @@ def descend(
             promise < (REFUSED_REACH if any(refused) else WITHIN_REACH)
             and fallen[0] - place.objective < CREPT
         )
-        if promise < enough or hopeless or creeps or damping > MOST_DAMPING:
-            settled = promise < enough or creeps
-            return Reached(place.point.vector, place.noise, walk.passes, "", settled, creeps)
+        stuck = damping > MOST_DAMPING
+        if promise < enough or hopeless or creeps or stuck:
+            crept = creeps or (stuck and promise < CORNER_REACH)
+            return Reached(place.point.vector, place.noise, walk.passes, "", promise < enough or crept, crept)
         if walk.passes >= max_evaluations:
             return Reached(place.point.vector, place.noise, walk.passes, f"{walk.passes} evaluations")
         if time.monotonic() > until:

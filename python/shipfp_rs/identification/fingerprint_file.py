@@ -76,6 +76,12 @@ RANK: Mapping[str, tuple[Any, str]] = {
     "closes_gap": (Sequence[str], "a list of texts"),
 }
 """What `identifiability` tells: an annotation of each value, and its words."""
+FIGURES: Mapping[str, tuple[float, float, str]] = {
+    "_p": (0.0, 1.0, "a probability"),
+    "nrmse_pct": (-math.inf, 100.0, "100 % or less"),
+    "_pct": (0.0, 100.0, "0 to 100 %"),
+}
+"""Ends of the names of figures of `fit`, the first that suits: their range, and its words."""
 LEAST_STD = 1e-100
 """Of a standard deviation that is not zero: the square of a smaller one leaves the double precision."""
 VERSION = re.compile(r"\d+(\.\w+)+([+-][\w.]+)*")
@@ -100,8 +106,10 @@ def require_layout(content: Mapping[str, Any]) -> None:
     for name, row in content["fit"].items():
         for figure, found in row.items():
             _require_figure(f"fit.{name}.{figure}", found)
-            is_share = not figure.endswith("_p") or found is None or 0.0 <= found <= 1.0
-            expect(is_share, f"fit.{name}.{figure}", found, "a probability")
+            low, high, said = next(
+                (known for end, known in FIGURES.items() if figure.endswith(end)), (-math.inf, math.inf, "")
+            )
+            expect(found is None or low <= found <= high, f"fit.{name}.{figure}", found, said)
     for name, row in content.get("elements", {}).items():
         expect(row.get("state") in STATES, f"elements.{name}.state", row.get("state"), " or ".join(STATES))
     vessel, structure = content["vessel"], content["structure"]
