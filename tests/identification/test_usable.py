@@ -93,7 +93,7 @@ def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     assert reworded(replace(found, parameters=wide)).usable == told.usable
     rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
     assert (
-        "determine tau_n, and tell vK_p only roughly: other"
+        "determine tau_n, and determine vK_p only roughly: other"
         in reworded(replace(found, parameters=rough)).usable
     )
 

@@ -34,7 +34,8 @@ export class Faults {
     this.spans = every.sort((a, b) => a.span[0] - b.span[0]);
     // Of a log alone nobody knows which channel is a set point or a torque.
     const alone = this.trial ? "" : "; with a saved trial, spikes of set point and torque and broken pulses are looked for too";
-    this.say(this.spans.length ? `${this.spans.length} faults found: n and p go from one to the next${alone}` : `no faults of clock and level found${alone}`);
+    // A difference that is being read stays.
+    if (this.view.pinned === null) this.say(this.spans.length ? `${this.spans.length} faults found: n and p go from one to the next${alone}` : `no faults of clock and level found${alone}`);
     document.body.dataset.faults = String(this.spans.length);
     this.view.later();
   }
