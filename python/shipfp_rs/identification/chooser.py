@@ -41,8 +41,6 @@ FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
 CUTS = "torque_limit"
 """Element that changes what holding does."""
-SOFTENS = (CUTS, "actuator_lag")
-"""Elements that change what the set point between its samples does."""
 SAME = 0.5
 """Difference of the deviance that is not worth another choice."""
 TOLD = 10.0
@@ -196,6 +194,7 @@ class Chooser:
             best = search.minimise(best.vector)
         if not self.band_limited:
             changed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
+            self.band_limited = True
             search, best, self.band_limited = self._fed(changed, search, best)
         changed = [without_noise(one) for one in self.experiments]
         search, best, self.is_quiet = self._fed(changed, search, best)
@@ -223,11 +222,8 @@ class Chooser:
         return search, best, False
 
     def _clears(self, elements: Sequence[str]) -> bool:
-        """Whether records are cleared of what the model leaves out: what holding does, and what limits do."""
-        # A brake torque would gain by it without a held set point, too: straight lines have images in it. Not tried yet.
-        held_set_point = any(one.held_set_point is not None for one in self.experiments)
-        between = held_set_point and self.band_limited and "dM" in self.outputs
-        return self.clock is not None or between or (self.clears_limits and CUTS in elements)
+        """Whether records are cleared of what the model leaves out: images, what holding does, and what limits do."""
+        return self.clock is not None or self.band_limited or (self.clears_limits and CUTS in elements)
 
     def _held(self, fitted: Fitted) -> Fitted:
         """Return a fit to records cleared by a fit's end; where nothing is to be cleared that fit itself."""
@@ -313,9 +309,11 @@ class Chooser:
         if "twist" in ordered and "tau_prop" in origin.search.names:
             search = replace(search, structure=both_ended(search.structure, values["tau_prop"]))
         # What a limit cuts off is told by a fit that has it; one without it is given the records back.
-        changed = set(ordered) ^ set(origin.elements)
-        stairs = self._clears(()) and bool(changed & ({CUTS} if self.clock is not None else {*SOFTENS}))
-        clears = stairs or (self.clears_limits and CUTS in changed & set(origin.elements))
+        changed = CUTS in set(ordered) ^ set(origin.elements)
+        again = self.band_limited and self.clock is None
+        clears = again or (
+            changed and (self.clock is not None or (self.clears_limits and CUTS in origin.elements))
+        )
         ends = []
         for start in self._from(search, values):
             try:
@@ -323,7 +321,12 @@ class Chooser:
                 ends.append(Fitted(ordered, own, own.minimise(start)))
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
-        return min(ends, key=cost, default=None)
+        best = min(ends, key=cost, default=None)
+        if best is None or not again:
+            return best
+        # A new lag or dead time changes what is taken off the record.
+        own = self._cleared(best.search, best.minimum.vector)
+        return Fitted(ordered, own, own.minimise(best.minimum.vector))
 
     def promise(self, origin: Fitted, name: str) -> Promise:
         """Return what an element promises beside a fit."""

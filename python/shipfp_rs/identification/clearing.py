@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.images import between_samples
 from shipfp_rs.identification.limited import afloat, beyond_limit
-from shipfp_rs.identification.sampling import between_samples, held
+from shipfp_rs.identification.sampling import held
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
@@ -20,7 +21,7 @@ class Clearing:
 
     A governor that samples holds what it gives, and reads the speed at one moment: at a frequency f its answer differs
     by up to some (2 pi f T_s)^2 / 10. That is little and changes little with the parameters, so that of a fit close by
-    serves. A set point that the engine holds is of another age at every sample. For a limit see `beyond_limit`.
+    serves. For the set point between its samples see `between_samples`, for a limit `beyond_limit`.
     """
 
     governor: bool
@@ -52,13 +53,16 @@ class Clearing:
         names = _names(structure, raw)
         measured = {output: raw.normalised(name) for output, name in names.items()}
         beyond = np.zeros((len(names), len(raw)))
-        if self.limits:
+        at_limit = self.limits and "M_max" in values
+        if at_limit:
             beyond += beyond_limit(equations, values, raw, measured, told, band_limited=self.band_limited)
         if self.governor:
             beyond += held(equations, values, raw)
-        elif "dM" in measured:
-            torque = measured["dM"]
-            beyond[list(names).index("dM")] += between_samples(equations, values, raw, told, torque)
+        if self.band_limited:
+            rest = {
+                output: one - change for (output, one), change in zip(measured.items(), beyond, strict=True)
+            }
+            beyond += between_samples(equations, values, raw, told, rest, has_images=not at_limit)
         signals = dict(raw.signals)
         for name, change in zip(names.values(), beyond, strict=True):
             signals[name] = signals[name] - raw.operating_point[name] * change

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate
@@ -22,8 +21,6 @@ AGREE = 5.0
 """Deviations within which the governor's clocks of several experiments are one."""
 PHASES = 16
 """Times within a period at which the governor may sample, over which its answer is averaged; stairs of a 16th are left."""
-BEGINNINGS = 32
-"""Times within a period at which the age of a held set point may begin anew."""
 
 
 def clock_of(experiments: Sequence[Experiment]) -> tuple[float, float] | None:
@@ -52,63 +49,6 @@ def held(
         for phase in range(phases)
     ]
     return np.asarray(np.mean(samples, axis=0) - mean.simulate(values, experiment))
-
-
-def between_samples(
-    equations: Equations, values: Mapping[str, float], experiment: Experiment, told: Array, measured: Array
-) -> Array:
-    """What the set point between its samples gives of the torque beyond straight lines, shape (N,).
-
-    The proportional gain hands the set point on as it is. Straight lines whose spectrum is right up to half the sample rate
-    (`band_limited`) have images above it, which a torque that was low-passed has not; and a set point that the engine
-    holds is of another age at every sample of the torque.
-
-    Parameters
-    ----------
-    equations, values
-        The ship and its parameters, the experiment's own unknowns among them.
-    experiment
-        Its set point is prefiltered.
-    told
-        Deviation of the set point as it was sampled, shape (N,).
-    measured
-        Deviation of the torque, nothing taken from it, shape (N,). It shows when the age begins anew: the delays
-        together are hardly ever known to a small part of the period.
-    """
-    model = bare(equations)
-    if experiment.hold != "first" or not isinstance(model, ShipEquations):
-        return np.zeros(len(told))
-    gain = values["vK_p"] if "vK_p" in values else values["v"] * values["K_p"]
-    if model.gauge:
-        # A rigid shaft hands its part of the inertia on; a flexible one nothing so fast.
-        gain *= 0.0 if "tau_twist" in values else values["tau_prop"] / values["tau_n"]
-    lag = values.get("tau_act", 0.0)
-    time = np.arange(len(told)) / experiment.rate_hz
-    late = time - sum(values.get(name, 0.0) for name in ("T_set", "T_d", "T_M"))
-    asked = CubicSpline(time, told)
-    smooth = asked(np.clip(late, 0.0, time[-1]))
-    damped = np.hypot(1.0, 2.0 * np.pi * experiment.rate_hz * lag)
-    change = gain * (smooth - np.interp(late, time, experiment.dn_set)) / damped
-    plain = model.simulate(values, experiment)[model.outputs.index("dM")]
-    if experiment.held_set_point is not None:
-        period, phase, slip = experiment.held_set_point
-
-        def stairs(begin: float) -> Array:
-            age = (phase + slip * time - begin) % period
-            older = age - 0.5 * period
-            if lag > 0.0:
-                older += period * np.exp(-age / lag) / -np.expm1(-period / lag) - lag
-            return np.asarray(gain * (asked(np.clip(late - older, 0.0, time[-1])) - smooth))
-
-        rest, begin, step = measured - plain - change, 0.5 * period, period / BEGINNINGS
-        for _ in range(2):  # clocks drift slowly: a hundredth of a period may be a second of the record
-            ways = begin + step * (np.arange(BEGINNINGS) - 0.5 * BEGINNINGS)
-            begin = min(ways, key=lambda way: float(np.nansum(np.diff(rest - stairs(way)) ** 2)))
-            step *= 2.0 / BEGINNINGS
-        change += stairs(begin)
-    if "M_max" in values:
-        change = np.minimum(plain + change, max(values["M_max"] - 1.0, plain.max())) - plain
-    return np.asarray(change)
 
 
 def _of_the_sum(values: Mapping[str, float | None], period: float) -> dict[str, float]:

@@ -1,6 +1,6 @@
 //! How long steps may be.
 
-use crate::error::{Result, require};
+use crate::error::{Result, require_slow};
 use crate::ship::run::Run;
 
 use super::flow::Equations;
@@ -35,7 +35,7 @@ pub fn longest_step(equations: &Equations<f64>, run: &Run<'_>) -> Result<f64> {
     for (what, each) in [("steps of the fastest time constant", longest), ("samples of the governor", t.t_s)]
     {
         let found = if each > 0.0 { dt / each } else { 0.0 };
-        require(found <= MOST_STEPS && longest > 0.0, || {
+        require_slow(found <= MOST_STEPS && longest > 0.0, || {
             format!(
                 "found {found:.0} {what} in a sample of the record, expected at most {MOST_STEPS}; check the parameters"
             )

@@ -23,7 +23,7 @@ mod steps;
 
 use pulp::{Simd, WithSimd};
 
-use crate::error::{Error, Result, require};
+use crate::error::{Error, Result, require_slow};
 use crate::instruction_set::arch;
 use crate::integrate::Hold;
 use crate::stop::Stop;
@@ -57,6 +57,8 @@ const FINE_FLEXIBLE: f64 = 0.35;
 const ROUGH_FLEXIBLE: f64 = 0.9;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
+/// The same where a millionth of a step does not count: such a ship is no minimum of a search, and would hold it up.
+const ROUGH_MOST: f64 = 128.0;
 /// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
 const QUICK: f64 = 1.0 / 256.0;
 /// The same where a millionth of a step does not count.
@@ -115,9 +117,10 @@ fn longest(model: &Model, run: &Run<'_>) -> Result<f64> {
         (true, false) => ROUGH_FLEXIBLE,
     };
     let mut longest = (fine / (fastest * run.dt)).min(1.0);
-    require(!flexible || longest * MOST >= 1.0, || {
+    let most = if run.sharp { MOST } else { ROUGH_MOST };
+    require_slow(longest * most >= 1.0 || run.sharp && !flexible, || {
         format!(
-            "found {:.0} steps of the fastest time constant in a sample of the record, expected at most {MOST}; check tau_twist and zeta_twist",
+            "found {:.0} steps of the fastest time constant in a sample of the record, expected at most {most}; check tau_n and tau_act, or tau_twist and zeta_twist",
             1.0 / longest
         )
     })?;
