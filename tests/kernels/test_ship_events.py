@@ -250,7 +250,7 @@ def test_derivatives_that_fade_do_not_slow_down():
 
 def test_more_samples_than_anyone_waits_for_are_refused():
     for more in ({"T_s": 1e-9}, {"tau_twist": 1e-15}):
-        with pytest.raises(InputError, match="expected at most"):
+        with pytest.raises(SimulationError, match="expected at most"):
             sensitivities({**SHIP, **more}, record(10))
 
 

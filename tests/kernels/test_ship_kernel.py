@@ -393,3 +393,11 @@ def test_a_sample_late_in_a_long_record_costs_what_an_early_one_does():
         return best / samples
 
     assert seconds(200_000) < 2.0 * seconds(5_000)
+
+
+@pytest.mark.parametrize("quick", [{"tau_n": 1e-7}, {"tau_twist": 1e-9, "tau_prop": 0.3}])
+def test_a_search_is_told_at_once_of_a_ship_too_quick_for_its_record(quick):
+    ship = {"tau_n": 1.3, "g": -0.5, "v": 1.0, "K_p": 4.0, "K_i": 6.0, "p": 1.8} | quick
+    values, u = vector(**ship), wander(2000)
+    with pytest.raises(SimulationError, match="expected at most 128"):
+        _core.simulate_ship(values, u, NO_LOAD, DT, 0, "first", SPEED_AND_GAUGE, False)
