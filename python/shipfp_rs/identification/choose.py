@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.chooser import CUTS, DELAYS, FIRST, SAME, Chooser, Fitted, cost
+from shipfp_rs.identification.chooser import CUTS, FIRST, SAME, Chooser, Fitted, cost
+from shipfp_rs.identification.first_ends import DELAYS
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
 from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
 from shipfp_rs.structures.elements import ELEMENTS

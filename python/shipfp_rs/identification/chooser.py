@@ -15,9 +15,10 @@ from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.clearing import Clearing
+from shipfp_rs.identification.first_ends import DELAYS, at_limit, distinct, ends_of
 from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
 from shipfp_rs.identification.search import Search
-from shipfp_rs.identification.start_vector import stable_start, start_vector
+from shipfp_rs.identification.start_vector import start_vector
 from shipfp_rs.identification.starts import both_ended, starts
 from shipfp_rs.identification.weighted_problem import Minimum, is_exact
 from shipfp_rs.structures.elements import ELEMENTS
@@ -47,8 +48,8 @@ TOLD = 10.0
 """Fall of the deviance from which on the outputs tell which set point they follow."""
 NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
-NEARBY_S = 0.02
-"""Difference of every delay within which two ends are one [s]."""
+CUT_OFF = 100.0
+"""Fall of the deviance, with white noise, from which on the first fit has a torque limit."""
 AFLOAT_ROUNDS = 2
 """Fits of a ship that knows the water: by the first fit's estimates, and once more."""
 TRIAL_FALL = 0.02
@@ -59,12 +60,8 @@ PART_BEHIND = 0.9
 """Part of the time constant behind the gauge, as the first regression has it, that the whole one can't be below."""
 LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
-DELAYS = ("T_d", "T_set", "tau_act")
-"""Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 MOST_EVALUATIONS = 200
 """Passes over the records of one search."""
-START_EVALUATIONS = 25
-"""Passes after which of all starts whose ends are near each other only the best one goes on."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,6 @@ class Chooser:
         """Fit the first structure from the data's own starts."""
         elements = self.ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
         search = self.search(elements)
-        ends: list[Minimum] = []
         begins = starts(search.structure, self.experiments)
         if "tau_prop" in begins[0] and "tau_n" not in {
             **self.narrow.get("fixed", {}),
@@ -168,21 +164,21 @@ class Chooser:
             upper = search.structure["tau_n"].upper
             self.narrow = {**self.narrow, "bounds": {"tau_n": (least, max(2.0 * least, 1.2), upper)}}
             search = self.search(elements)
-        brief = replace(search, max_evaluations=START_EVALUATIONS)
-        for values in begins:
-            try:
-                ends.append(brief.minimise(stable_start(search, values)))
-            except (IdentificationError, SimulationError) as error:
-                LOGGER.debug("identify: a start failed: %s", error)
+        ends = ends_of(search, begins)
         if not ends:
             raise IdentificationError(
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
-        ends = [end if end.converged else search.minimise(end.vector) for end in _distinct(search, ends)]
-        best = min(ends, key=cost)
+        if CUTS in self.candidates:
+            # A limit that cuts much off leads a fit without it so far astray that it is not found from there any more.
+            limited = self.search(self.ordered({*elements, CUTS}))
+            others = ends_of(limited, at_limit(limited, self.experiments, begins))
+            if others and others[0].criterion < ends[0].criterion - CUT_OFF:
+                elements, search, ends = self.ordered({*elements, CUTS}), limited, others
+        best = ends[0]
         self.elsewhere = [
             dict(zip(search.unknowns, map(float, end.vector), strict=True))
-            for end in _distinct(search, ends)[1:]
+            for end in distinct(search, ends)[1:]
             if end.criterion - best.criterion < NEARLY
         ]
         if "tau_prop" not in search.names:
@@ -381,16 +377,6 @@ def _records(search: Search) -> list[Experiment]:
     return [block.data for block in search.blocks if isinstance(block.data, Experiment)]
 
 
-def _distinct(search: Search, ends: Sequence[Minimum]) -> list[Minimum]:
-    """Ends, the best first, less those whose delays a better one has."""
-    delays = [place for place, name in enumerate(search.names) if name in DELAYS]
-    kept: list[Minimum] = []
-    for end in sorted(ends, key=cost):
-        if not any((np.abs(end.vector - other.vector)[delays] < NEARBY_S).all() for other in kept):
-            kept.append(end)
-    return kept
-
-
-def cost(fitted: Fitted | Minimum) -> float:
-    """Return the weighted sum of squares of a minimum with given weights."""
-    return (fitted.minimum if isinstance(fitted, Fitted) else fitted).criterion
+def cost(fitted: Fitted) -> float:
+    """Return the weighted sum of squares of a fit with given weights."""
+    return fitted.minimum.criterion

@@ -1,0 +1,67 @@
+"""Where the searches from the data's own starts end: the first fits, without and with a torque limit."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.search import Search
+from shipfp_rs.identification.start_vector import stable_start
+from shipfp_rs.identification.weighted_problem import Minimum
+
+LOGGER = logging.getLogger("shipfp_rs")
+
+DELAYS = ("T_d", "T_set", "tau_act")
+"""Parameters that delay the shaft's answer: what one did, another does nearly as well."""
+NEARBY_S = 0.02
+"""Difference of every delay within which two ends are one [s]."""
+START_EVALUATIONS = 25
+"""Passes after which of all starts whose ends are near each other only the best one goes on."""
+REACHED = 0.99
+"""Part of the samples below the torque at which the search for a limit starts: at a limit many samples are alike."""
+LIMITED_STARTS = 3
+"""Starts at most that are tried with a limit."""
+
+
+def ends_of(search: Search, begins: Sequence[Mapping[str, float]]) -> list[Minimum]:
+    """Return the minima that searches from some values lead to, the best first; none where nothing can be simulated."""
+    ends: list[Minimum] = []
+    brief = replace(search, max_evaluations=START_EVALUATIONS)
+    for values in begins:
+        try:
+            ends.append(brief.minimise(stable_start(search, values)))
+        except (IdentificationError, SimulationError) as error:
+            LOGGER.debug("identify: a start failed: %s", error)
+    ends = [end if end.converged else search.minimise(end.vector) for end in distinct(search, ends)]
+    return sorted(ends, key=_criterion)
+
+
+def at_limit(
+    search: Search, experiments: Sequence[Experiment], begins: Sequence[Mapping[str, float]]
+) -> list[dict[str, float]]:
+    """Return starts with a torque limit where the measured torque has its highest level; none without a torque."""
+    structure = search.structure
+    if "dM" not in structure.outputs:
+        return []
+    torques = [one.normalised(structure.signal_for("dM", one.signals, one.name)) for one in experiments]
+    level = 1.0 + float(np.nanquantile(np.concatenate(torques), REACHED))
+    return [{**values, "M_max": level} for values in begins[:LIMITED_STARTS]]
+
+
+def distinct(search: Search, ends: Sequence[Minimum]) -> list[Minimum]:
+    """Return ends, the best first, less those whose delays a better one has."""
+    delays = [place for place, name in enumerate(search.names) if name in DELAYS]
+    kept: list[Minimum] = []
+    for end in sorted(ends, key=_criterion):
+        if not any((np.abs(end.vector - other.vector)[delays] < NEARBY_S).all() for other in kept):
+            kept.append(end)
+    return kept
+
+
+def _criterion(minimum: Minimum) -> float:
+    return minimum.criterion
