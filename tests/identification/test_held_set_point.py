@@ -31,7 +31,8 @@ def swings(values: dict[str, float], torque: str, frequency_hz: float) -> dict[s
     control = (values["vK_p"] + values["vK_i"] / s) * np.exp(-s * values["T_d"])
     control /= 1.0 + s * values.get("tau_act", 0.0)
     behind = values["p"] + s * values.get("tau_prop", 0.0)
-    twisted = 1.0 + values.get("tau_twist", 0.0) * s * behind
+    twist = values.get("tau_twist", 0.0) * s
+    twisted = 1.0 + behind * twist / (1.0 + values.get("zeta_twist", 0.0) * twist)
     before = (values["tau_n"] - values.get("tau_prop", 0.0)) * s - values["g"]
     propeller = control * np.exp(-s * values["T_set"]) / ((before + control) * twisted + behind)
     speed = twisted * propeller
@@ -72,7 +73,11 @@ def parts(held: dict[str, float] | None, measured: np.ndarray | None = None) -> 
     [
         ((), "brake", {}),
         (("actuator_lag",), "brake", {"tau_act": 0.021}),
-        (("twist", "late_torque"), "gauge", {"tau_prop": 0.21, "tau_twist": 1.7e-3, "T_M": 3.3e-3}),
+        (
+            ("twist", "late_torque"),
+            "gauge",
+            {"tau_prop": 0.21, "tau_twist": 1.7e-3, "zeta_twist": 1.4, "T_M": 3.3e-3},
+        ),
         ((), "gauge", {"tau_prop": 0.21}),
     ],
 )
@@ -81,8 +86,6 @@ def test_a_low_passed_record_has_no_images_of_straight_lines(
 ) -> None:
     ship = Structure.ship((*DEAD_TIMES, *elements), torque=torque)
     values = {parameter.name: parameter.start for parameter in ship.parameters} | SHIP | more
-    if "zeta_twist" in values:
-        values["zeta_twist"] = 0.0
     one = experiment(None, frequency_hz)
     smooth = band_limited(one)
     plain = dict(zip(ship.outputs, ship.equations.simulate(values, smooth), strict=True))

@@ -22,6 +22,7 @@ TUG = {
     "T_set": 0.25,
     "tau_act": 0.03,
     "tau_twist": 6.6e-4,
+    "zeta_twist": 2.3,
 }
 FREQUENCIES = np.array([0.0, 0.01, 0.1, 0.5, 1.0, 2.0])
 ALL = {
@@ -58,7 +59,8 @@ def test_every_element_acts_as_its_closed_form_says():
     engine = (q["tau_n"] - q["tau_prop"]) * s - q["g"] + loop
     matrix[:, 0] = np.stack([engine, 0 * s, 0 * s + 1], axis=-1)
     matrix[:, 1] = np.stack([0 * s, q["p"] + q["tau_prop"] * s, 0 * s - 1], axis=-1)
-    matrix[:, 2] = np.stack([0 * s + 1, 0 * s - 1, -q["tau_twist"] * s], axis=-1)
+    damped = 1 + q["zeta_twist"] * q["tau_twist"] * s
+    matrix[:, 2] = np.stack([damped, -damped, -q["tau_twist"] * s], axis=-1)
     right = np.zeros((len(s), 3, 1), dtype=complex)
     # The derivative is the speed's alone.
     right[:, 0, 0] = loop * (q["vK_p"] + q["vK_i"] / s) / governor * np.exp(-s * q["T_set"])

@@ -34,6 +34,9 @@ def band_limited(experiment: Experiment) -> Experiment:
     taps = firwin2(TAPS, part, 1.0 / np.sinc(0.5 * part) ** 2)
     signals = dict(experiment.signals)
     for name in DRIVES.keys() & signals.keys():
-        level = float(signals[name][0])
-        signals[name] = level + convolve1d(signals[name] - level, taps / taps.sum(), mode="nearest")
+        # At its ends a signal goes on as it went.
+        reach = min(TAPS // 2, len(signals[name]) - 1)
+        wide = np.pad(signals[name], reach, mode="reflect", reflect_type="odd")
+        filtered = convolve1d(wide, taps / taps.sum(), mode="nearest")
+        signals[name] = filtered[reach : reach + len(signals[name])]
     return replace(experiment, signals=signals)

@@ -23,8 +23,8 @@ IMAGES = 12
 """Images to either side; those beyond are weaker than a thousandth of the signal."""
 GRID_HZ = 0.05
 """Steps of frequency at which the response is worked out, less its delays: it is smooth in between."""
-SETTLES_S = 4.0
-"""Time that is added to a record, over which its end goes back to its start."""
+SETTLES_S = 8.0
+"""Time that is added to a record, over which it fades out at its end, and in at its start."""
 BEGINNINGS = 32
 """Times within a period at which the age of a held set point may begin anew."""
 LATE = {"dn": "T_n", "dM": "T_M", "dX": ""}
@@ -105,9 +105,14 @@ def _less_images(
 
 
 def _closed(signal: Array, length: int) -> Array:
-    """A signal that goes back to its start."""
-    back = np.linspace(signal[-1], signal[0], length - len(signal) + 2)[1:-1]
-    return np.concatenate([signal, back])
+    """A signal that goes on as it went, turned about its ends, fades out and goes back to its start."""
+    more = length - len(signal)
+    each = min(more // 2, len(signal) - 1)
+    fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, each + 1) / each)
+    after = signal[-1] + fade * (signal[-1] - signal[-2 : -2 - each : -1])
+    before = signal[0] + fade * (signal[0] - signal[1 : 1 + each])
+    back = np.linspace(signal[-1], signal[0], more - 2 * each + 2)[1:-1]
+    return np.concatenate([signal, after, back, before[::-1]])
 
 
 def _stairs(

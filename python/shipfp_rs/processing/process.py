@@ -30,6 +30,7 @@ from shipfp_rs.processing.held_set_point import age_at
 from shipfp_rs.processing.low_pass import nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
+from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Tacho, Torque
@@ -80,6 +81,7 @@ def process(
         `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, the
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
         or, where they are the set point's or the load's, in every answer to it.
+        `provenance["ripple"]` has what was taken off the torque because it goes with the angle of shaft and engine, and
         `provenance["governor_clock"]` has the sampling period of the governor [s], where the raw torque tells it.
 
     Raises
@@ -291,9 +293,13 @@ class _Recording:
         faults = set_point.faults + speed.faults
         told_by = {speed.account["channel"]: ["n_e"]}
         calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
+        ripple: list[Ripple] = []
         for name, sensor in self.trial.channels.levels.items():
             cleaned, is_torque = self.levels[name].pop(label), isinstance(sensor, Torque)
             signals[name] = cleaned.samples
+            if is_torque:
+                ratio = self.vessel.gearbox.ratio
+                signals[name], ripple = without_ripple(cleaned.samples, speed.rpm, self.rate_hz, ratio)
             if isinstance(sensor, Load) and sensor.quantity == "power":
                 shaft = bridge(speed.rpm, np.isnan(speed.rpm)) / 60.0 / self.vessel.gearbox.ratio
                 signals[name] = cleaned.samples / (2.0 * np.pi * shaft)
@@ -314,6 +320,7 @@ class _Recording:
             f"{ATTENUATION_DB:g} dB from {STOPBAND * self.rate_hz:g} Hz on",
             "calibration": calibration,
             "speed": speed.account,
+            "ripple": [line._asdict() for line in ripple],
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
         }

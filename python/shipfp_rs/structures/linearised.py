@@ -93,7 +93,8 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
     Notes
     -----
     Without a twisting shaft tau_n dn/dt = M_b - p n, M_g = p n + tau_prop dn/dt; with one the engine's side
-    (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft tau_twist dM_g/dt = n_e - n_s, and tau_prop dn_s/dt = M_g - p n_s.
+    (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with tau_twist dM_k/dt = n_e - n_s,
+    and tau_prop dn_s/dt = M_g - p n_s.
     """
     equations, q = loop_of(structure, values)
     wiring = _Wiring(order)
@@ -111,9 +112,11 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
     tau_prop = q.get("tau_prop", 0.0)
     if q.get("tau_twist"):
         n_s, twist = wiring.state(), wiring.state()
-        gauge, propeller = wiring.form(twist), wiring.form(n_s)
+        propeller = wiring.form(n_s)
+        slip = wiring.form(n_e) - propeller
+        gauge = wiring.form(twist) + q.get("zeta_twist", 0.0) * slip
         wiring.rates[n_e] = (brake - gauge) / (q["tau_n"] - tau_prop)
-        wiring.rates[twist] = (wiring.form(n_e) - propeller) / q["tau_twist"]
+        wiring.rates[twist] = slip / q["tau_twist"]
         wiring.rates[n_s] = (gauge - q["p"] * propeller) / tau_prop
     else:
         propeller = wiring.form(n_e)

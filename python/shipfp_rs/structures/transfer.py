@@ -29,8 +29,9 @@ class TransferFunctions:
     The governor C = K_p + K_i/s + K_d s/(1 + T_f s), of which the set point passes the first two parts only, reaches the
     rack through A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) of one that samples every T_s and
     holds; the loop is L = v C A. The propeller's side takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists:
-    n_e* = (1 + tau_twist s (p + tau_prop s)) n_s*, with tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The
-    governor acts on the engine's side, where (tau_n - tau_prop) s n_e* = (g - L) n_e* + v (K_p + K_i/s) A n_set* - M_g*.
+    n_e* = (1 + Y (p + tau_prop s)) n_s*, with Y = tau_twist s / (1 + zeta_twist tau_twist s) and
+    tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The governor acts on the engine's side, where
+    (tau_n - tau_prop) s n_e* = (g - L) n_e* + v (K_p + K_i/s) A n_set* - M_g*.
     Without any of this: eq. 3.31 and 3.38.
     """
 
@@ -128,7 +129,7 @@ class _Loop(_Part):
         if "T_s" in q:
             path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
         propeller = q["p"] + q.get("tau_prop", 0.0) * s
-        twisted = 1.0 + q.get("tau_twist", 0.0) * s * propeller
+        twisted = 1.0 + _yield(q, s) * propeller
         engine = (q["tau_n"] - q.get("tau_prop", 0.0)) * s - q["g"]
         return cls(q.get("v", 1.0), q["g"], integral, governor, asked, path, propeller, twisted, engine, q, s)
 
@@ -140,9 +141,11 @@ class _Loop(_Part):
         if name in ("T_d", "tau_act", "T_s"):
             return _Part(path=self.path * self._relative_change_of_path(name))
         propeller = {"p": 1.0 + 0.0 * s, "tau_prop": s}.get(name, 0.0 * s)
-        twisted = q.get("tau_twist", 0.0) * s * propeller
+        twisted = _yield(q, s) * propeller
         if name == "tau_twist":
-            twisted = s * self.propeller
+            twisted = s * self.propeller / (1.0 + q.get("zeta_twist", 0.0) * q[name] * s) ** 2
+        elif name == "zeta_twist":
+            twisted = -(_yield(q, s) ** 2) * self.propeller
         inertia = {"tau_n": 1.0, "tau_prop": -1.0}.get(name, 0.0)
         g = float(name == "g")
         engine = inertia * s - g
@@ -171,3 +174,9 @@ class _Loop(_Part):
         if gain == "K_d":
             return _Part(governor=filtered * (1.0 - lag * filtered))
         return _Part(governor=1.0 + derivative * lag / proportional * filtered**2, asked=1.0)
+
+
+def _yield(q: Values, s: Spectrum) -> Part:
+    """Slip of the flexible shaft over its torque."""
+    twist = q.get("tau_twist", 0.0) * s
+    return twist / (1.0 + q.get("zeta_twist", 0.0) * twist)

@@ -1,0 +1,168 @@
+"""A torque less the ripple that goes with the angle of shaft and engine: unbalance, blades, firing.
+
+A blade in the wake and a cylinder that fires swing the torque at a multiple of the turns. Such a line is of no use to a fit,
+and where it lies below half the sample rate it may be twenty times the rest of the noise. Its frequency follows the speed,
+so that no filter takes it; its angle is known from the tachometers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+from scipy.ndimage import convolve1d
+from scipy.signal import resample_poly
+
+from shipfp_rs.support.arrays import Array, ComplexArray, Mask
+from shipfp_rs.support.fir import taps
+from shipfp_rs.support.spikes import bridge
+
+FINER = 8
+"""Steps of the angle for one sample."""
+SLOWEST_HZ = 1.0
+"""Lowest mean frequency of a line that is taken off: what is slower may be the set point's doing."""
+BESIDE_HZ = 1.0
+"""Width to either side over which the noise beside a line is taken, turned with it."""
+NEAR = 3
+"""Frequencies beside the line that are not noise: its own amplitude may change slowly."""
+LINE = 30.0
+"""Power over that noise from which on a line is ripple; noise alone gives it once in 1e13."""
+SLOW_S = 0.5
+"""Length of the running mean of the torque with which the amplitude may change."""
+LEVEL_S = 1.0
+"""Length of the running mean beyond which lines are looked at."""
+ROUNDED = 2e-4
+"""Part of an order by which it may be off: gear ratios are written with four digits."""
+FINER_LINES = 4
+"""Frequencies for one of the record's own at which a line is looked for."""
+SHORTEST_S = 20.0
+"""Shortest record in which lines are told from what the set point does."""
+MOST = 12
+"""Lines at most."""
+
+
+class Ripple(NamedTuple):
+    """A line: multiple of the engine's turns, mean frequency [Hz], amplitude in the torque's unit, power over noise."""
+
+    order: float
+    frequency_hz: float
+    amplitude: float
+    power: float
+
+
+def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) -> tuple[Array, list[Ripple]]:
+    """Return the torque less its lines, and what they are, the strongest first.
+
+    Amplitude and phase are each a constant, a part that goes with the torque and one that goes with the speed: six numbers
+    a line, by least squares.
+
+    Parameters
+    ----------
+    torque
+        Behind the low-pass, shape (N,), any unit, NaN where masked.
+    speed
+        Of the engine [rpm], shape (N,), NaN where masked.
+    rate_hz
+        Sample rate.
+    ratio
+        Turns of the engine for one of the propeller's shaft.
+
+    Returns
+    -------
+    tuple
+        The torque, the same array where it has no ripple, and a list of `Ripple`.
+    """
+    valid = np.isfinite(torque)
+    if valid.sum() < SHORTEST_S * rate_hz or not np.isfinite(speed).any():
+        return torque, []
+    turns_hz = bridge(speed, np.isnan(speed)) / 60.0
+    filled = bridge(torque, ~valid)
+    beyond = _beyond(filled, rate_hz)
+    slow = _running_mean(filled, SLOW_S * rate_hz)
+    shapes = [np.ones(len(torque)), slow - slow.mean(), turns_hz - turns_hz.mean()]
+    shapes = [shape / max(float(np.std(shape)), 1e-300) if at else shape for at, shape in enumerate(shapes)]
+    turning = {order: _turning(turns_hz, order, rate_hz) for order in _orders(turns_hz, rate_hz, ratio)}
+    found: list[Ripple] = []
+    columns = np.empty((0, len(torque)))
+    ripple = np.zeros(len(torque))
+    while turning and len(found) < MOST:
+        rest = np.where(valid, beyond - _beyond(ripple, rate_hz), 0.0)
+        lines = [_line(rest, turned, valid, order, turns_hz, rate_hz) for order, turned in turning.items()]
+        line = max(lines, key=lambda one: one.power)
+        if line.power < LINE:
+            break
+        # A gear ratio that is rounded, or speeds that are: the line itself tells its order.
+        del turning[_nearest(turning, line.order)]
+        turned = _turning(turns_hz, line.order, rate_hz)
+        found.append(line)
+        own = [part * shape for shape in shapes for part in (turned.real, turned.imag)]
+        columns = np.vstack([columns, own])
+        seen = np.array([_beyond(column, rate_hz) for column in columns])
+        factors, *_ = np.linalg.lstsq(seen[:, valid].T, beyond[valid], rcond=1e-9)
+        ripple = np.asarray(factors @ columns)
+    return (torque - ripple, found) if found else (torque, [])
+
+
+def _orders(turns_hz: Array, rate_hz: float, ratio: float) -> list[float]:
+    """Multiples of the engine's turns that lie in the record: half turns of the engine, whole ones of the shaft."""
+    mean, top = float(turns_hz.mean()), 0.5 * rate_hz
+    slowest = float(turns_hz.min())
+    engine = 0.5 * np.arange(1, int(2.0 * top / slowest) + 1)
+    shaft = np.arange(1, int(top * ratio / slowest) + 1) / ratio
+    shaft = shaft[np.abs(shaft * 2.0 - np.round(shaft * 2.0)) > 1e-6]
+    return [float(order) for order in np.append(engine, shaft) if order * mean > SLOWEST_HZ]
+
+
+def _turning(turns_hz: Array, order: float, rate_hz: float) -> ComplexArray:
+    """exp(i order angle) as the low-pass of the record leaves it, shape (N,)."""
+    level = turns_hz[0]
+    fine = level + resample_poly(turns_hz - level, FINER, 1, padtype="line")
+    angle = np.append(0.0, np.cumsum(0.5 * (fine[1:] + fine[:-1]))) / (FINER * rate_hz)
+    turned = order * 2.0 * np.pi * angle
+    kernel = taps(1.0 / FINER, 0.0)
+    real, imaginary = (
+        resample_poly(part, 1, FINER, window=kernel) for part in (np.cos(turned), np.sin(turned))
+    )
+    return np.asarray(real + 1j * imaginary)
+
+
+def _nearest(turning: Mapping[float, ComplexArray], order: float) -> float:
+    return min(turning, key=lambda one: abs(one - order))
+
+
+def _line(
+    rest: Array, turned: ComplexArray, valid: Mask, order: float, turns_hz: Array, rate_hz: float
+) -> Ripple:
+    """What the rest holds near an order, against what lies beside it."""
+    mean = float(turns_hz.mean())
+    weight = float(np.sum(np.abs(turned[valid]) ** 2))
+    if weight < NEAR * rate_hz:
+        return Ripple(order, order * mean, 0.0, 0.0)
+    length = fft.next_fast_len(FINER_LINES * len(rest))
+    spectrum = np.abs(fft.fft(rest * turned.conj(), length)) ** 2
+    step = rate_hz / length
+    width, near = max(int(BESIDE_HZ / step), 10 * NEAR), NEAR * FINER_LINES
+    reach = int(ROUNDED * order * mean / step)
+    noise = float(
+        np.median(np.append(spectrum[reach + near : width], spectrum[-width : -reach - near]))
+    ) / np.log(2.0)
+    offsets = np.arange(-reach, reach + 1)
+    best = int(offsets[np.argmax(spectrum[offsets])])
+    power = float(spectrum[best])
+    # The peak of the parabola through the line and its neighbours.
+    before, after = float(spectrum[best - 1]), float(spectrum[best + 1])
+    lean = 0.5 * (after - before) / max(2.0 * power - before - after, 1e-300)
+    placed = order + (best + float(np.clip(lean, -0.5, 0.5))) * step / mean
+    amplitude = 2.0 * float(np.sqrt(power)) / weight
+    return Ripple(placed, placed * mean, amplitude, power / max(noise, 1e-300))
+
+
+def _beyond(signal: Array, rate_hz: float) -> Array:
+    return np.asarray(signal - _running_mean(signal, LEVEL_S * rate_hz))
+
+
+def _running_mean(signal: Array, samples: float) -> Array:
+    width = 2 * int(0.5 * samples) + 1
+    return np.asarray(convolve1d(signal, np.full(width, 1.0 / width), mode="nearest"))
