@@ -79,7 +79,8 @@ def logged(draw, motion, random, *, every, torque, trains, telemetry, found, ext
     for name, unit, samples, table in extra:
         columns[name], units[name] = samples[::every][:count].astype(np.float32), unit
         tables.append(table)
-    facts = {"T_M": telemetry.delay_s, "faults": dict(found.__dict__)}
+    # A sample of the log is at the end of its period, and so half a period less late than the held value is on average.
+    facts = {"T_M": telemetry.delay_s - 0.5 / rate, "faults": dict(found.__dict__)}
     return sensors.RawLog(rate, columns, units, "\n\n".join(tables), draw.plant.ratio, facts)
 
 

@@ -29,10 +29,15 @@ def test_reading_through_a_channel_holds_a_fraction_of_it(
             pytest.importorskip(package)
     monkeypatch.setattr(delimited, "PART", 1 << 16)
     suffix, write = WRITERS[kind]
-    path = tmp_path / f"log{suffix}"
-    samples = SAMPLES // 30 if kind == "CSV" else SAMPLES
-    write(path, {"u": np.random.default_rng(1).standard_normal(samples).round(6)})
+    noise = np.random.default_rng(1).standard_normal(SAMPLES // 30 if kind == "CSV" else SAMPLES).round(6)
+    samples = len(noise)
     end_idle()
+    # What a package takes for itself, once, is not of the log.
+    short, path = tmp_path / f"short{suffix}", tmp_path / f"log{suffix}"
+    write(short, {"u": noise[:PIECE]})
+    write(path, {"u": noise})
+    assert sum(len(piece) for piece in Log.open(short).chunks("u", PIECE)) == min(PIECE, samples)
+    del noise
     log = Log.open(path)
     child = idle_process()
 
