@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from shipfp_rs.errors import InputError
@@ -14,11 +16,21 @@ from shipfp_rs.processing.low_pass import MARGIN_S
 from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.arrays import Array, Mask
+from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 
 OF_A_LEVEL = ("stuck", "dropout", "clipped")
 """Faults that a load's own level looks like."""
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """A calibrated channel on the grid of a stretch, what was wrong with it, and its calibration."""
+
+    samples: Array
+    faults: list[Fault]
+    calibration: Calibration
 
 
 class Cleaner:

@@ -21,7 +21,7 @@ from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.cleaning import Cleaner
+from shipfp_rs.processing.cleaning import Cleaned, Cleaner
 from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
@@ -37,7 +37,6 @@ from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Tacho, Tor
 from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
 from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.spikes import bridge
@@ -81,7 +80,7 @@ def process(
         `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, the
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
         or, where they are the set point's or the load's, in every answer to it.
-        `provenance["ripple"]` has what was taken off the torque because it goes with the angle of shaft and engine, and
+        `provenance["ripple"]` has what was taken off the torque because it goes with the angle of shaft and engine.
         `provenance["governor_clock"]` has the sampling period of the governor [s], where the raw torque tells it.
 
     Raises
@@ -101,15 +100,6 @@ def process(
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point, clock = recording.operating_point(), recording.governor_clock()
     return [recording.experiment(window, point, clock) for window in windows]
-
-
-@dataclass(frozen=True)
-class _Cleaned:
-    """A calibrated channel on the grid of a stretch, what was wrong with it, and its calibration."""
-
-    samples: Array
-    faults: list[Fault]
-    calibration: Calibration
 
 
 class _Recording:
@@ -172,8 +162,8 @@ class _Recording:
         levels = [partial(self._cleaned, s) for s in (channels.set_point, *channels.levels.values())]
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
-        self.set_point: dict[str, _Cleaned] = found[0]
-        self.levels: dict[str, dict[str, _Cleaned]]
+        self.set_point: dict[str, Cleaned] = found[0]
+        self.levels: dict[str, dict[str, Cleaned]]
         self.levels = dict(zip(channels.levels, found[1 : len(levels)], strict=True))
         self.trains: list[PulseTrain] = found[len(levels) :]
         by_name = {train.name: train for train in self.trains}
@@ -185,14 +175,14 @@ class _Recording:
         )
         self.speeds = dict(zip(self.grids, speeds, strict=True))
 
-    def _cleaned(self, sensor: SetPoint | Torque | Rack | Load) -> dict[str, _Cleaned]:
+    def _cleaned(self, sensor: SetPoint | Torque | Rack | Load) -> dict[str, Cleaned]:
         """Calibrate, repair and resample a channel in every stretch."""
         rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
         for label, grid in self.grids.items():
             cleaner = Cleaner(rows, sensor, self.trial.processing, *self._within(rows, label))
             samples = grid.low_passed(rows.channel, cleaner)
-            found[label] = _Cleaned(samples, cleaner.faults(), cleaner.calibration)
+            found[label] = Cleaned(samples, cleaner.faults(), cleaner.calibration)
         return found
 
     def _train(self, name: str, tacho: Tacho) -> PulseTrain:
