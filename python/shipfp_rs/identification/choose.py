@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -21,8 +22,8 @@ UNSEEN = ("sampling",)
 beside every multiple of the record's length. The intervals are widened by what they could change in the estimates."""
 TAKEN_S = 0.02
 """What a delay on its bound takes from another one, to see whether it acts all the same [s]."""
-ALIKE = ("dead_time_loop", "actuator_lag")
-"""Elements that look alike below the loop's bandwidth: each is tried in the other's place."""
+ALIKE = (("dead_time_loop", "actuator_lag"), ("twist", "late_torque"))
+"""Elements that look alike below the loop's or the shaft's bandwidth: each is tried in the other's place."""
 ROUNDS = 3
 """Turns of taking elements on and dropping them, at most."""
 HOPELESS = 0.5
@@ -209,8 +210,16 @@ def _gains(
             gains[name] = Gain(cost(still) - cost(trial), promise.limit, trial, promise.neglect)
             said = "better" if gains[name].fall > level else "no better"
             ladder.append(Rung(trial.elements, -gains[name].fall, said))
-    fitted = [gain for gain in gains.values() if gain.trial is not None and gain.fall > level]
-    return max(fitted, key=lambda gain: gain.fall).trial if fitted else None, gains
+    fitted = [
+        (gain.fall, gain.trial) for gain in gains.values() if gain.trial is not None and gain.fall > level
+    ]
+    if not fitted:
+        return None, gains
+    most, best = max(fitted, key=lambda pair: pair[0])
+    # A flexible shaft also does what a late torque does, with more parameters.
+    near = most - level * dispersion(best)
+    _, simplest = min(fitted, key=lambda pair: (pair[0] < near, pair[1].search.size, -pair[0]))
+    return simplest, gains
 
 
 def _backward(
@@ -277,8 +286,9 @@ def _rivals(
     still = current.base
     limit = threshold(1, REJECTED)
     kept = []
-    for out in (name for name in current.elements if name in chooser.candidates and name in ALIKE):
-        for name in (name for name in gains if name in ALIKE):
+    for alike in ALIKE:
+        own = [name for name in current.elements if name in chooser.candidates and name in alike]
+        for out, name in product(own, (name for name in gains if name in alike)):
             swapped = [*(other for other in current.elements if other != out), name]
             trial = chooser.with_elements(current, swapped, worth=cost(still) + 2.0 * level)
             if trial is None:
