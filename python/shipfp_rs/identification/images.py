@@ -23,6 +23,8 @@ IMAGES = 12
 """Images to either side; those beyond are weaker than a thousandth of the signal."""
 GRID_HZ = 0.05
 """Steps of frequency at which the response is worked out, less its delays: it is smooth in between."""
+ABOVE = 0.01
+"""The same above half the sample rate, over the sample rate."""
 SETTLES_S = 8.0
 """Time that is added to a record, over which it fades out at its end, and in at its start."""
 BEGINNINGS = 32
@@ -84,23 +86,24 @@ def _less_images(
     length = next_fast_len(count + round(SETTLES_S * rate), real=True)
     signal, lines = (rfft(_closed(one, length)) for one in (told, experiment.dn_set))
     base: Array = np.fft.rfftfreq(length, 1.0 / rate).astype(np.float64)
-    # A loop that hardly swings is smooth over such a step; the delays' phases are exact.
-    edge = (IMAGES + 0.5) * rate
-    grid = np.linspace(0.0, edge, round(edge / GRID_HZ) + 1)
+    # Above half the sample rate the loop hardly acts; the delays' phases are exact.
+    grid = np.append(np.arange(0.0, 0.5 * rate, GRID_HZ), np.arange(0.5, IMAGES + 1.0, ABOVE) * rate)
     delay = values.get("T_set", 0.0) + values.get("T_d", 0.0)
     late = np.array([delay + values.get(LATE[output], 0.0) for output in model.outputs])
     given, _ = model.response(values, grid, ())
     smooth = given * np.exp(2j * np.pi * grid * delay)
 
-    def response(frequency: Array) -> ComplexArray:
-        found = np.stack([np.interp(np.abs(frequency), grid, one) for one in smooth])
-        found = np.where(frequency < 0.0, found.conj(), found)
-        return np.asarray(found * np.exp(-2j * np.pi * np.outer(late, frequency)))
+    def response(image: int) -> ComplexArray:
+        """At the frequencies of an image, less the phases that all images have."""
+        found = np.stack([np.interp(np.abs(base + image * rate), grid, one) for one in smooth])
+        phases = np.exp(-2j * np.pi * late * image * rate)
+        return np.asarray((found.conj() if image < 0 else found) * phases[:, None])
 
-    answer = response(base) * (signal - np.sinc(base / rate) ** 2 * lines)
-    for image in range(1, IMAGES + 1):
-        for place in (base / rate - image, base / rate + image):
-            answer -= response(place * rate) * np.sinc(place) ** 2 * lines
+    answer = response(0) * (signal - np.sinc(base / rate) ** 2 * lines)
+    lines = lines * np.sin(np.pi * base / rate) ** 2
+    for image in (*range(-IMAGES, 0), *range(1, IMAGES + 1)):
+        answer -= response(image) * (lines / (np.pi * (base / rate + image)) ** 2)
+    answer *= np.exp(-2j * np.pi * np.outer(late, base))
     return np.asarray(irfft(answer, length)[:, :count])
 
 
