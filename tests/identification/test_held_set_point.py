@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -112,3 +114,18 @@ def test_the_age_of_a_held_set_point_is_found_in_the_torque(unknown_s: float) ->
     settled = TIME > 20.0
     wrong = np.std((found - lacks - stairs)[settled]) / np.std(stairs[settled])
     assert wrong < 0.25
+
+
+def test_a_record_that_ends_in_mid_swing_lacks_what_a_longer_one_does() -> None:
+    ship = Structure.ship(DEAD_TIMES, torque="brake")
+    values = {parameter.name: parameter.start for parameter in ship.parameters} | SHIP
+    long = experiment(None)
+    signals = {name: samples[:3013] for name, samples in long.signals.items()}
+    lacks = []
+    for one in (long, replace(long, signals=signals)):
+        smooth = band_limited(one)
+        told = dict(zip(ship.outputs, ship.equations.simulate(values, smooth), strict=True))
+        lacks.append(between_samples(ship.equations, values, smooth, one.dn_set, told)[1][:3013])
+    beside = np.abs(lacks[1] - lacks[0])[-100:]
+    assert beside.max() < 0.05 * SWING * SHIP["vK_p"]
+    assert beside[:-30].max() < 1e-3 * SWING * SHIP["vK_p"]

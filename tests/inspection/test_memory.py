@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import inspection
+from shipfp_rs.inspection import channels
 from shipfp_rs.logs.log import Channel, Log
 
 PERIOD = 60_000
@@ -41,8 +42,8 @@ def peak_mib(turns: int) -> float:
 
 def test_memory_does_not_grow_with_a_log_that_repeats_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inspection, "STRETCH_BYTES", 1 << 22)
-    # Two channels are read side by side; how many of their stretches of 4 MiB meet at the peak is a matter of chance.
-    short = max(peak_mib(80) for _ in range(3))
-    long = min(peak_mib(140) for _ in range(3))
-    # The longer one has 27 MiB more samples.
-    assert long < short + 8.0, (short, long)
+    # Read side by side, two channels have more or fewer stretches in memory at once, as chance has it.
+    monkeypatch.setattr(channels, "side_by_side", lambda jobs, _: [job() for job in jobs])
+    short, long = peak_mib(80), peak_mib(140)
+    # A few numbers for each block of samples grow.
+    assert long < short + 2.0, (short, long)

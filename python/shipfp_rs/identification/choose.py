@@ -216,6 +216,8 @@ def _gains(
     if not fitted:
         return None, gains
     most, best = max(fitted, key=lambda pair: pair[0])
+    if len(fitted) == 1:
+        return best, gains
     # A flexible shaft also does what a late torque does, with more parameters.
     near = most - level * dispersion(best)
     _, simplest = min(fitted, key=lambda pair: (pair[0] < near, pair[1].search.size, -pair[0]))

@@ -310,19 +310,23 @@ class Chooser:
         clears = again or (
             changed and (self.clock is not None or (self.clears_limits and CUTS in origin.elements))
         )
-        ends = []
-        for start in self._from(search, values):
-            try:
-                own = self._cleared(search, start) if clears else search
-                ends.append(Fitted(ordered, own, own.minimise(start)))
-            except (IdentificationError, SimulationError) as error:
-                LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(ordered), error)
-        best = min(ends, key=cost, default=None)
+        ends = [self._trial(ordered, search, start, clears=clears) for start in self._from(search, values)]
+        best = min((end for end in ends if end is not None), key=cost, default=None)
         if best is None or not again:
             return best
         # A new lag or dead time changes what is taken off the record.
-        own = self._cleared(best.search, best.minimum.vector)
-        return Fitted(ordered, own, own.minimise(best.minimum.vector))
+        return self._trial(ordered, best.search, best.minimum.vector, clears=True) or best
+
+    def _trial(
+        self, elements: tuple[str, ...], search: Search, start: Array, *, clears: bool
+    ) -> Fitted | None:
+        """Fit from a start, to records cleared there if so asked; None where that can't be simulated."""
+        try:
+            own = self._cleared(search, start) if clears else search
+            return Fitted(elements, own, own.minimise(start))
+        except (IdentificationError, SimulationError) as error:
+            LOGGER.debug("identify: %s could not be fitted: %s", ", ".join(elements), error)
+            return None
 
     def promise(self, origin: Fitted, name: str) -> Promise:
         """Return what an element promises beside a fit."""

@@ -13,6 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.start_vector import stable_start
 from shipfp_rs.identification.weighted_problem import Minimum
+from shipfp_rs.support.arrays import Array
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -30,15 +31,19 @@ LIMITED_STARTS = 3
 
 def ends_of(search: Search, begins: Sequence[Mapping[str, float]]) -> list[Minimum]:
     """Return the minima that searches from some values lead to, the best first; none where nothing can be simulated."""
-    ends: list[Minimum] = []
     brief = replace(search, max_evaluations=START_EVALUATIONS)
-    for values in begins:
-        try:
-            ends.append(brief.minimise(stable_start(search, values)))
-        except (IdentificationError, SimulationError) as error:
-            LOGGER.debug("identify: a start failed: %s", error)
-    ends = [end if end.converged else search.minimise(end.vector) for end in distinct(search, ends)]
+    ends = [end for values in begins if (end := _end(brief, stable_start(search, values))) is not None]
+    ends = [end if end.converged else _end(search, end.vector) or end for end in distinct(search, ends)]
     return sorted(ends, key=_criterion)
+
+
+def _end(search: Search, start: Array) -> Minimum | None:
+    """Return where a search ends; None where it can't be simulated."""
+    try:
+        return search.minimise(start)
+    except (IdentificationError, SimulationError) as error:
+        LOGGER.debug("identify: a start failed: %s", error)
+        return None
 
 
 def at_limit(

@@ -110,7 +110,7 @@ def _less_images(
 def _closed(signal: Array, length: int) -> Array:
     """A signal that goes on as it went, turned about its ends, fades out and goes back to its start."""
     more = length - len(signal)
-    each = min(more // 2, len(signal) - 1)
+    each = min(more // 4, len(signal) - 1)
     fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, each + 1) / each)
     after = signal[-1] + fade * (signal[-1] - signal[-2 : -2 - each : -1])
     before = signal[0] + fade * (signal[0] - signal[1 : 1 + each])

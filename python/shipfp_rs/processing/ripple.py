@@ -7,7 +7,6 @@ so that no filter takes it; its angle is known from the tachometers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +38,8 @@ FINER_LINES = 4
 """Frequencies for one of the record's own at which a line is looked for."""
 SHORTEST_S = 20.0
 """Shortest record in which lines are told from what the set point does."""
+TURNS = 24
+"""Multiples of the engine's and of the shaft's turns that are looked at: two harmonics of any propeller's blades."""
 MOST = 12
 """Lines at most."""
 
@@ -81,55 +82,60 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
     filled = bridge(torque, ~valid)
     beyond = _beyond(filled, rate_hz)
     slow = _running_mean(filled, SLOW_S * rate_hz)
-    shapes = [np.ones(len(torque)), slow - slow.mean(), turns_hz - turns_hz.mean()]
-    shapes = [shape / max(float(np.std(shape)), 1e-300) if at else shape for at, shape in enumerate(shapes)]
-    turning = {order: _turning(turns_hz, order, rate_hz) for order in _orders(turns_hz, rate_hz, ratio)}
+    changes = [one - one.mean() for one in (slow, turns_hz)]
+    shapes = [np.ones(len(torque)), *(one / max(float(np.std(one)), 1e-300) for one in changes)]
+    angle = _angle(turns_hz, rate_hz)
+    turning = {order: _turning(order, angle) for order in _orders(float(turns_hz.mean()), rate_hz, ratio)}
     found: list[Ripple] = []
-    columns = np.empty((0, len(torque)))
-    ripple = np.zeros(len(torque))
+    columns, seen = np.empty((0, len(torque))), np.empty((0, len(torque)))
+    ripple, rest = np.zeros(len(torque)), np.where(valid, beyond, 0.0)
     while turning and len(found) < MOST:
-        rest = np.where(valid, beyond - _beyond(ripple, rate_hz), 0.0)
-        lines = [_line(rest, turned, valid, order, turns_hz, rate_hz) for order, turned in turning.items()]
-        line = max(lines, key=lambda one: one.power)
+        lines = {
+            order: _line(rest, turned, valid, order, turns_hz, rate_hz) for order, turned in turning.items()
+        }
+        nominal = max(lines, key=lambda order: lines[order].power)
+        line = lines[nominal]
         if line.power < LINE:
             break
-        # A gear ratio that is rounded, or speeds that are: the line itself tells its order.
-        del turning[_nearest(turning, line.order)]
-        turned = _turning(turns_hz, line.order, rate_hz)
+        del turning[nominal]
         found.append(line)
-        own = [part * shape for shape in shapes for part in (turned.real, turned.imag)]
+        # A gear ratio that is rounded, or speeds that are: the line itself tells its order.
+        turned = _turning(line.order, angle)
+        own = np.array([part * shape for shape in shapes for part in (turned.real, turned.imag)])
         columns = np.vstack([columns, own])
-        seen = np.array([_beyond(column, rate_hz) for column in columns])
+        seen = np.vstack([seen, [_beyond(column, rate_hz) for column in own]])
         factors, *_ = np.linalg.lstsq(seen[:, valid].T, beyond[valid], rcond=1e-9)
         ripple = np.asarray(factors @ columns)
+        rest = np.where(valid, beyond - factors @ seen, 0.0)
     return (torque - ripple, found) if found else (torque, [])
 
 
-def _orders(turns_hz: Array, rate_hz: float, ratio: float) -> list[float]:
+def _orders(mean_hz: float, rate_hz: float, ratio: float) -> list[float]:
     """Multiples of the engine's turns that lie in the record: half turns of the engine, whole ones of the shaft."""
-    mean, top = float(turns_hz.mean()), 0.5 * rate_hz
-    slowest = float(turns_hz.min())
-    engine = 0.5 * np.arange(1, int(2.0 * top / slowest) + 1)
-    shaft = np.arange(1, int(top * ratio / slowest) + 1) / ratio
+    if mean_hz < SLOWEST_HZ:
+        return []
+    engine, shaft = 0.5 * np.arange(1, 2 * TURNS + 1), np.arange(1, TURNS + 1) / ratio
     shaft = shaft[np.abs(shaft * 2.0 - np.round(shaft * 2.0)) > 1e-6]
-    return [float(order) for order in np.append(engine, shaft) if order * mean > SLOWEST_HZ]
+    return [
+        float(order) for order in np.append(engine, shaft) if SLOWEST_HZ < order * mean_hz < 0.5 * rate_hz
+    ]
 
 
-def _turning(turns_hz: Array, order: float, rate_hz: float) -> ComplexArray:
-    """exp(i order angle) as the low-pass of the record leaves it, shape (N,)."""
+def _angle(turns_hz: Array, rate_hz: float) -> Array:
+    """Angle of the engine at every fine step [rad], shape (FINER N,)."""
     level = turns_hz[0]
     fine = level + resample_poly(turns_hz - level, FINER, 1, padtype="line")
-    angle = np.append(0.0, np.cumsum(0.5 * (fine[1:] + fine[:-1]))) / (FINER * rate_hz)
-    turned = order * 2.0 * np.pi * angle
-    kernel = taps(1.0 / FINER, 0.0)
+    turns = np.append(0.0, np.cumsum(0.5 * (fine[1:] + fine[:-1]))) / (FINER * rate_hz)
+    return np.asarray(2.0 * np.pi * turns)
+
+
+def _turning(order: float, angle: Array) -> ComplexArray:
+    """exp(i order angle) as the low-pass of the record leaves it, shape (N,)."""
+    turned, kernel = order * angle, taps(1.0 / FINER, 0.0)
     real, imaginary = (
         resample_poly(part, 1, FINER, window=kernel) for part in (np.cos(turned), np.sin(turned))
     )
     return np.asarray(real + 1j * imaginary)
-
-
-def _nearest(turning: Mapping[float, ComplexArray], order: float) -> float:
-    return min(turning, key=lambda one: abs(one - order))
 
 
 def _line(
@@ -145,9 +151,8 @@ def _line(
     step = rate_hz / length
     width, near = max(int(BESIDE_HZ / step), 10 * NEAR), NEAR * FINER_LINES
     reach = int(ROUNDED * order * mean / step)
-    noise = float(
-        np.median(np.append(spectrum[reach + near : width], spectrum[-width : -reach - near]))
-    ) / np.log(2.0)
+    beside = np.append(spectrum[reach + near : width], spectrum[-width : -reach - near])
+    noise = float(np.median(beside) / np.log(2.0))
     offsets = np.arange(-reach, reach + 1)
     best = int(offsets[np.argmax(spectrum[offsets])])
     power = float(spectrum[best])
