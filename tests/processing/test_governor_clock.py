@@ -9,14 +9,14 @@ RATE_HZ, FACTOR, SECONDS = 800.0, 16, 200.0
 TURNS_HZ = np.array([4.21, 10.3])
 
 
-def drive_train(period_s, seed, *, ripple=0.02):
+def drive_train(period_s, seed, *, ripple=0.02, late_s=0.0):
     """Torque at 800 Hz and speed at 50 Hz of a shaft that a held command drives, with firing and noise."""
     random = np.random.default_rng(seed)
     time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     command = lambda at: 0.2 * np.sin(2.0 * np.pi * (0.05 * at + 1.2 / SECONDS * at**2))  # noqa: E731
     at = time if period_s is None else 0.004 + period_s * np.floor((time - 0.004) / period_s)
     torque = command(at)
-    speed = 1.0 + np.cumsum(command(time)) / RATE_HZ / 1.2
+    speed = 1.0 + np.cumsum(command(time - late_s)) / RATE_HZ / 1.2
     angle = np.cumsum(speed) / RATE_HZ
     for order in (1.0, 2.0, 6.0):
         torque = torque + ripple * np.sin(2.0 * np.pi * order * TURNS_HZ[1] * angle + order)
@@ -30,6 +30,13 @@ def test_the_period_is_found_to_its_deviation(period_s):
     assert found is not None
     assert abs(found.period_s - period_s) < 4.0 * found.std_s
     assert QUARTZ <= found.std_s / period_s < 3.0 * QUARTZ
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.15, 0.2])
+def test_a_speed_that_answers_late_hides_no_clock_whose_harmonics_are_all_there(late_s):
+    found = governor_clock(*drive_train(0.04, 1, late_s=late_s), FACTOR, RATE_HZ, TURNS_HZ)
+    assert found is not None
+    assert abs(found.period_s - 0.04) < 4.0 * found.std_s
 
 
 @pytest.mark.parametrize("seed", range(6))

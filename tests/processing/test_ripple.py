@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from shipfp_rs.processing.ripple import without_ripple
 from shipfp_rs.support.fir import taps
@@ -23,13 +24,22 @@ def motion(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Engine speed [Hz], torque that follows it and angle of the shaft [turns], at every fine step."""
     if kind == "chirp":
         swing = np.sin(2.0 * np.pi * (0.02 * FINE + 0.005 * FINE**2))
+    elif kind == "steps":
+        levels = np.random.default_rng(6).choice([-1.0, 0.0, 1.0], size=int(FINE[-1] / 9.7) + 1)
+        wanted = levels[(FINE / 9.7).astype(int)]
+        decay = np.exp(-1.0 / (0.3 * RATE_HZ * FINER))
+        swing = lfilter([1.0 - decay], [1.0, -decay], wanted)
+        # The torque that makes the shaft run up comes a little after the step.
+        torque = lfilter([1.0 - decay**4], [1.0, -(decay**4)], wanted + 2.0 * (wanted - swing))
+        speed = 26.7 * (1.0 + 0.03 * swing)
+        return speed, 100.0 + 8.0 * torque, np.cumsum(speed) / (RATE_HZ * FINER) / RATIO
     else:
         swing = np.sin(2.0 * np.pi * 0.31 * FINE) * (FINE > 40.0)
     speed = 26.7 * (1.0 + 0.03 * swing)
     return speed, 100.0 + 8.0 * swing, np.cumsum(speed) / (RATE_HZ * FINER) / RATIO
 
 
-@pytest.mark.parametrize("kind", ["chirp", "sines"])
+@pytest.mark.parametrize("kind", ["chirp", "sines", "steps"])
 @pytest.mark.parametrize("written", [RATIO, 2.5903])
 def test_ripple_of_the_shaft_goes_and_the_answer_to_the_set_point_stays(kind: str, written: float) -> None:
     speed, torque, turns = motion(kind)

@@ -256,6 +256,31 @@ def test_a_stop_of_the_shaft_is_masked():
     assert masked.all()
 
 
+def test_two_trains_agree_although_steps_make_the_median_of_each_another_level():
+    """Half of the time at either of two speeds: a few pulses more or less decide which one the median is."""
+    rng = np.random.default_rng(2)
+    pulses = {}
+    for pulses_per_rev, loses in ((1, 0.02), (4, 0.0)):
+        rates = np.where(np.arange(400) // 20 % 2 == 0, 4.1, 3.8)
+        turns = np.cumsum(np.append(0.0, np.repeat(1.0 / rates / pulses_per_rev, pulses_per_rev)))
+        kept = np.append(True, rng.random(len(turns) - 1) > loses)
+        times = turns[kept]
+        lasted = np.diff(times)
+        turned = np.diff(np.flatnonzero(kept)) / pulses_per_rev
+        pulses[pulses_per_rev] = tacho.IntervalSpeed(
+            time_s=times[:-1] + 0.5 * lasted,
+            speed_rps=turned / lasted,
+            std_rps=np.full(len(lasted), 1e-3),
+            duration_s=lasted,
+            flags=np.zeros(len(lasted), dtype=np.uint8),
+            pulses_per_rev=pulses_per_rev,
+        )
+    assert pulses[1].times_as_fast_as(pulses[4]) == pytest.approx(1.0, abs=2e-3)
+    assert pulses[4].times_as_fast_as(pulses[1]) == pytest.approx(1.0, abs=2e-3)
+    early, late = pulses[1].part(slice(0, 50)), pulses[4].part(slice(1200, None))
+    assert np.isnan(early.times_as_fast_as(late))
+
+
 def test_the_grid_follows_the_speed_within_the_bandwidth():
     speed = tacho.speed_from_pulses(passages(60), 4)
     assert speed.bandwidth_hz == pytest.approx(2 * SPEED, rel=0.02)

@@ -123,9 +123,7 @@ class EngineSpeed:
         if not len(self.speeds[self.train.name].time_s):
             raise InputError(f"{label}: no pulses in {', '.join(self.speeds)}")
         self.median_rpm = {
-            train.name: self.speeds[train.name].typical_rps() * train.rpm_per_rps
-            for train in trains
-            if len(self.speeds[train.name].time_s)
+            train.name: self._typical_rpm(train) for train in trains if len(self.speeds[train.name].time_s)
         }
         for name, rpm in self.median_rpm.items():
             if abs(rpm / self.median_rpm[self.train.name] - 1.0) > TRAINS_AGREE:
@@ -139,6 +137,17 @@ class EngineSpeed:
                     f"{label}: {name!r} tells {rpm:.1f} rpm of the engine and {self.train.name!r} "
                     f"{self.median_rpm[self.train.name]:.1f}; check {check}"
                 )
+
+    def _typical_rpm(self, train: PulseTrain) -> float:
+        """Median speed that a train tells of the engine [rpm], by that of the best train over the time that they share."""
+        own, best = self.speeds[train.name], self.speeds[self.train.name]
+        typical = best.typical_rps() * self.train.rpm_per_rps
+        ratio = (
+            1.0
+            if train is self.train
+            else own.times_as_fast_as(best) * train.rpm_per_rps / self.train.rpm_per_rps
+        )
+        return typical * ratio if np.isfinite(ratio) else own.typical_rps() * train.rpm_per_rps
 
     def best(self) -> tuple[Source, dict[str, Any]]:
         """Return the speed [rpm] that the train with the most good intervals tells, and an account of it."""

@@ -41,6 +41,8 @@ PIECES = 8
 """Parts of the record, as lively each as the others, through all of which a clock keeps its phase."""
 COHERENT = 0.75
 """Part of a harmonic's power, piece by piece, that one line through all pieces must explain; for two harmonics."""
+MANY, COHERENT_MANY = 4, 0.5
+"""Harmonics that are enough with a smaller such part. In 60 records of noise the fourth best of six had less than 0.2."""
 ALONE = 100.0
 """Power over noise from which on a line may be a clock's although no harmonic of it is seen: twisting shafts take them."""
 STEADY = 0.92
@@ -114,6 +116,9 @@ def governor_clock(
         numbers = range(1, most + 1)
         shares = sorted(_coherence(stairs, slopes, rate_hz, number / told.period_s) for number in numbers)
         if len(shares) > 1 and shares[-2] > COHERENT:
+            return told
+        # A shaft that swings hands on stairs of another shape than the speed's slopes tell, all harmonics alike.
+        if len(shares) >= MANY and shares[-MANY] > COHERENT_MANY:
             return told
     line = _line(power, step, orders_hz)
     if line is None:

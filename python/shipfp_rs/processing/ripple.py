@@ -28,7 +28,7 @@ NEAR = 3
 """Frequencies beside the line that are not noise: its own amplitude may change slowly."""
 LINE = 30.0
 """Power over that noise from which on a line is ripple; noise alone gives it once in 1e13."""
-SLOW_S = 0.5
+SLOW_S = 0.2
 """Length of the running mean of the torque with which the amplitude may change."""
 LEVEL_S = 1.0
 """Length of the running mean beyond which lines are looked at."""
@@ -56,8 +56,9 @@ class Ripple(NamedTuple):
 def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) -> tuple[Array, list[Ripple]]:
     """Return the torque less its lines, and what they are, the strongest first.
 
-    Amplitude and phase are each a constant, a part that goes with the torque and one that goes with the speed: six numbers
-    a line, by least squares.
+    Amplitude and phase are each a constant and a part that goes with the torque: four numbers a line, by least squares. No
+    part goes with the speed: with steps it differs from the torque's while the shaft runs up only, and would take what the
+    torque does then.
 
     Parameters
     ----------
@@ -82,8 +83,7 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
     filled = bridge(torque, ~valid)
     beyond = _beyond(filled, rate_hz)
     slow = _running_mean(filled, SLOW_S * rate_hz)
-    changes = [one - one.mean() for one in (slow, turns_hz)]
-    shapes = [np.ones(len(torque)), *(one / max(float(np.std(one)), 1e-300) for one in changes)]
+    shapes = [np.ones(len(torque)), (slow - slow.mean()) / max(float(np.std(slow)), 1e-300)]
     angle = _angle(turns_hz, rate_hz)
     turning = {order: _turning(order, angle) for order in _orders(float(turns_hz.mean()), rate_hz, ratio)}
     found: list[Ripple] = []
