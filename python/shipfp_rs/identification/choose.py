@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import permutations, product
 from typing import Literal
 
 import numpy as np
 
 from shipfp_rs.identification.chooser import CUTS, FIRST, SAME, Chooser, Fitted, cost
-from shipfp_rs.identification.first_ends import DELAYS
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
 from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
+from shipfp_rs.identification.second_look import second_look
+from shipfp_rs.identification.start_vector import DELAYS
+from shipfp_rs.optimise.normal_equations import orthonormal
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.support.threads import side_by_side
 
 State = Literal["on", "off", "open"]
 
@@ -26,6 +30,8 @@ ALIKE = (("dead_time_loop", "actuator_lag"), ("twist", "late_torque"))
 """Elements that look alike below the loop's or the shaft's bandwidth: each is tried in the other's place."""
 ROUNDS = 3
 """Turns of taking elements on and dropping them, at most."""
+SURE = 1000.0
+"""Rise of the deviance, by its curvature, from which on no fit is needed to see that an element acts."""
 HOPELESS = 0.5
 """Part of the deviance that takes an element on below which what it promises is not worth a fit."""
 
@@ -68,7 +74,7 @@ def choose(chooser: Chooser) -> Choice:
     level = threshold(max(len(chooser.candidates), 1))
     ladder: list[Rung] = []
     current = _without_least(chooser, chooser.first(), level, ladder)
-    current, gains, rises, poorer = _back_and_forth(chooser, current, level, ladder)
+    current, gains, rises, poorer = _back_and_forth(chooser, current, level, ladder, looks_again=True)
     if CUTS in current.elements:
         chooser.clears_limits = True
         current, gains, rises, poorer = _back_and_forth(chooser, chooser.refined(current), level, ladder)
@@ -97,14 +103,17 @@ def choose(chooser: Chooser) -> Choice:
 
 
 def _back_and_forth(
-    chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
+    chooser: Chooser, current: Fitted, level: float, ladder: list[Rung], *, looks_again: bool = False
 ) -> tuple[Fitted, Gains, dict[str, float], list[Fitted]]:
-    """Take elements on and drop them until nothing changes.
+    """Take elements on and drop them until nothing changes; if so asked, look again whether another start leads elsewhere.
 
     Returned are what is left, what every other element would gain, each own element's rise of the deviance without it, and
     the structures without an element that is missed too little to be sure of.
     """
     current, gains = _forward(chooser, current, level, ladder)
+    other = second_look(chooser, current, _swapped(chooser, current)) if looks_again else current
+    if other is not current:
+        current, gains = _forward(chooser, other, level, ladder)
     for _ in range(ROUNDS):
         kept, rises, poorer = _backward(chooser, current, level, ladder)
         if kept is current:
@@ -114,6 +123,18 @@ def _back_and_forth(
         if current is kept:
             break
     return current, gains, rises, poorer
+
+
+def _swapped(chooser: Chooser, current: Fitted) -> list[tuple[str, ...]]:
+    """Return the elements of structures that may do instead of one that does not stand: with one swapped for its like."""
+    if dispersion(current) < CONTRADICTED:
+        return []
+    return [
+        tuple(other if name == out else name for name in current.elements)
+        for alike in ALIKE
+        for out, other in permutations(alike)
+        if out in current.elements and other not in current.elements and {out, other} <= {*chooser.candidates}
+    ]
 
 
 def _forward(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> tuple[Fitted, Gains]:
@@ -194,22 +215,17 @@ def _gains(
 ) -> tuple[Fitted | None, Gains]:
     """Return the best structure with one element more if it is worth it, and each element's fall of the deviance."""
     gains: Gains = {}
-    still = current.base
     # What a large misfit asks for need not show in the small: then each is tried.
     contradicted = dispersion(current) > CONTRADICTED
-    for name in chooser.candidates:
-        if name in current.elements or name in UNSEEN:
-            continue
-        promise = chooser.promise(still, name)
-        gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
-        if promise.fall < HOPELESS * level and not contradicted:
-            ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
-            continue
-        trial = chooser.with_elements(current, (*current.elements, name), promise.start)
-        if trial is not None:
-            gains[name] = Gain(cost(still) - cost(trial), promise.limit, trial, promise.neglect)
-            said = "better" if gains[name].fall > level else "no better"
-            ladder.append(Rung(trial.elements, -gains[name].fall, said))
+    names = [name for name in chooser.candidates if name not in current.elements and name not in UNSEEN]
+    least = -np.inf if contradicted else HOPELESS * level
+    for name, gain in zip(
+        names, side_by_side([partial(_gain, chooser, current, name, least) for name in names]), strict=True
+    ):
+        gains[name] = gain
+        tried = "better" if gain.fall > level else "no better"
+        said = "not promising" if gain.trial is None else tried
+        ladder.append(Rung(chooser.ordered((*current.elements, name)), -gain.fall, said))
     fitted = [
         (gain.fall, gain.trial) for gain in gains.values() if gain.trial is not None and gain.fall > level
     ]
@@ -222,6 +238,17 @@ def _gains(
     near = most - level * dispersion(best)
     _, simplest = min(fitted, key=lambda pair: (pair[0] < near, pair[1].search.size, -pair[0]))
     return simplest, gains
+
+
+def _gain(chooser: Chooser, current: Fitted, name: str, least: float) -> Gain:
+    """Return what an element promises beside a fit and, where that is at least so much, what a fit with it gains."""
+    still = current.base
+    promise = chooser.promise(still, name)
+    hoped = Gain(promise.fall, promise.limit, None, promise.neglect)
+    if promise.fall < least:
+        return hoped
+    trial = chooser.with_elements(current, (*current.elements, name), promise.start)
+    return hoped if trial is None else replace(hoped, fall=cost(still) - cost(trial), trial=trial)
 
 
 def _backward(
@@ -238,11 +265,26 @@ def _backward(
         still = current.base
         rises: dict[str, float] = {}
         trials: dict[str, Fitted] = {}
-        for name in current.elements:
-            if name not in chooser.candidates:
-                continue
-            without = [other for other in current.elements if other != name]
-            trial = chooser.with_elements(current, without, worth=cost(still) + 2.0 * level)
+        sure = {
+            name: fall
+            for name in current.elements
+            if name in chooser.candidates and (fall := _by_curvature(current, name)) > SURE
+        }
+        for name, fall in sure.items():
+            rises[name] = fall
+            ladder.append(Rung(tuple(other for other in current.elements if other != name), fall, "too poor"))
+        names = [name for name in current.elements if name in chooser.candidates and name not in sure]
+        worth = cost(still) + 2.0 * level
+        jobs = [
+            partial(
+                chooser.with_elements,
+                current,
+                [other for other in current.elements if other != name],
+                worth=worth,
+            )
+            for name in names
+        ]
+        for name, trial in zip(names, side_by_side(jobs), strict=True):
             rises[name] = np.inf if trial is None else cost(trial) - cost(still)
             if trial is not None:
                 trials[name] = trial
@@ -258,6 +300,20 @@ def _backward(
         inside = _inside(chooser, current, least) if least in FIRST and least not in moved else None
         moved.add(least)
         current = chooser.refined(trials[least] if inside is None else inside)
+
+
+def _by_curvature(fitted: Fitted, name: str) -> float:
+    """Rise of the deviance without an element, by its curvature at the minimum; none for one that is off at no bound."""
+    base, parameter = fitted.base, ELEMENTS[name].parameters[0].name
+    if name == CUTS or parameter not in base.search.names:
+        return 0.0
+    place = base.search.names.index(parameter)
+    gram = base.search.gram(base.minimum.vector, base.minimum.noise, base.minimum.sums)[:-1, :-1]
+    others = np.arange(len(gram)) != place
+    half = orthonormal(gram[np.ix_(others, others)])
+    told = gram[place, place] - float(np.sum(np.square(half.T @ gram[others, place])))
+    size = float(base.minimum.vector[place]) - base.search.structure[parameter].lower
+    return float(max(told, 0.0) * size**2)
 
 
 def _inside(chooser: Chooser, current: Fitted, name: str) -> Fitted | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -15,16 +15,17 @@ from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.clearing import Clearing
-from shipfp_rs.identification.first_ends import DELAYS, at_limit, distinct, ends_of
-from shipfp_rs.identification.promise import PROPELLER_PART, STARTS, Promise, promise
+from shipfp_rs.identification.first_ends import at_limit, distinct, ends_of
+from shipfp_rs.identification.promise import PROPELLER_PART, Promise, promise
 from shipfp_rs.identification.search import Search
-from shipfp_rs.identification.start_vector import start_vector
+from shipfp_rs.identification.start_vector import starts_from
 from shipfp_rs.identification.starts import both_ended, starts
 from shipfp_rs.identification.weighted_problem import Minimum, is_exact
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import side_by_side
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -83,6 +84,11 @@ class Fitted:
             self.elements, search, replace(self.minimum, noise=noise, criterion=criterion, sums=sums)
         )
 
+    @property
+    def records(self) -> list[Experiment]:
+        """Experiments of the search, cleared as they are."""
+        return [block.data for block in self.search.blocks if isinstance(block.data, Experiment)]
+
 
 class Chooser:
     """Fits structures of one set of experiments, warm-started from each other."""
@@ -119,6 +125,8 @@ class Chooser:
         since with the load of one that does not water takes the misfit up."""
         self.elsewhere: list[dict[str, float]] = []
         """Ends of other starts that fit nearly as well as the best one."""
+        self.begins: list[dict[str, float]] = []
+        """The data's own starts."""
         self.options = {
             "weighting": "determinant",
             "noise": "ar",
@@ -154,7 +162,7 @@ class Chooser:
         """Fit the first structure from the data's own starts."""
         elements = self.ordered({*self.forced, *(name for name in FIRST if name in self.candidates)})
         search = self.search(elements)
-        begins = starts(search.structure, self.experiments)
+        begins = self.begins = starts(search.structure, self.experiments)
         if "tau_prop" in begins[0] and "tau_n" not in {
             **self.narrow.get("fixed", {}),
             **self.narrow.get("prior", {}),
@@ -290,7 +298,7 @@ class Chooser:
         """
         ordered = self.ordered(elements)
         search = replace(
-            self.search(ordered, _records(origin.search)),
+            self.search(ordered, origin.records),
             weights=origin.minimum.noise,
             enough=TRIAL_FALL,
             worth=worth,
@@ -310,7 +318,11 @@ class Chooser:
         clears = again or (
             changed and (self.clock is not None or (self.clears_limits and CUTS in origin.elements))
         )
-        ends = [self._trial(ordered, search, start, clears=clears) for start in self._from(search, values)]
+        jobs = [
+            partial(self._trial, ordered, search, start, clears=clears)
+            for start in starts_from(search, values)
+        ]
+        ends = side_by_side(jobs)
         best = min((end for end in ends if end is not None), key=cost, default=None)
         if best is None or not again:
             return best
@@ -348,37 +360,9 @@ class Chooser:
         search = replace(fitted.search, enough=None)
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
-    def _from(self, search: Search, values: Mapping[str, float]) -> list[Array]:
-        """Start vectors of a structure from another one's end, one for each start that a new element has."""
-        new = [name for name in search.names if name not in values]
-        first = start_vector(search, values)
-        vectors = [first]
-        # What an element did that goes is done by another delay, as well as that can.
-        gone = [values[name] for name in DELAYS if name in values and name not in search.names]
-        for name in DELAYS if gone else ():
-            if name in search.names and name in values:
-                vector = first.copy()
-                place = search.names.index(name)
-                vector[place] = np.clip(
-                    vector[place] + sum(gone), *(bound[place] for bound in search.bounds())
-                )
-                vectors.append(vector)
-        for name in new:
-            parameter = search.structure[name]
-            for start in STARTS.get(name, (parameter.start,)):
-                vector = first.copy()
-                vector[search.names.index(name)] = np.clip(start, parameter.lower, parameter.upper)
-                vectors.append(vector)
-        return vectors[1:] if new else vectors
-
     def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
         """Return elements in the table's order."""
         return tuple(name for name in ELEMENTS if name in elements)
-
-
-def _records(search: Search) -> list[Experiment]:
-    """Experiments of a search, cleared as they are."""
-    return [block.data for block in search.blocks if isinstance(block.data, Experiment)]
 
 
 def cost(fitted: Fitted) -> float:

@@ -14,6 +14,7 @@ from shipfp_rs.identification.variable_projection import Elimination
 from shipfp_rs.identification.weighted_problem import Noise, WeightedProblem, mean_scatter
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step, gauss_newton_step
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import require_going
 
 FAR_DAMPING, NEAR_DAMPING = 0.1, 1e-3
 """Damping of the first step far from a minimum and near one, as a part of each column's square."""
@@ -26,14 +27,17 @@ EASIER, HARDER = 0.1, 5.0
 GOOD, POOR = 0.75, 0.25
 """Parts of the promised fall from which on a step kept its promise, and below which it did not."""
 
-CREPT, CREEPING = 1e-3, 20
+CREPT, CREEPING = 1e-2, 20
 """Fall of the deviance in that many passes below which a descent creeps, ..."""
 WITHIN_REACH = 0.01
 """... which ends it where a plain step promises no more: the minimum is within a tenth of a standard deviation."""
 REFUSED_REACH = 0.1
 """The same where a plain step was tried in these passes, and the deviance did not fall: what it promises is not there."""
+CORNER = "M_max"
+"""Parameter whose holding or letting go of samples makes corners: where no step, however short, lowers the deviance there
+is a minimum, whatever the slopes on one side of it promise."""
 CORNER_REACH = 0.25
-"""The same where no step, however short, lowers the deviance: a torque limit that holds or lets go makes a corner there."""
+"""What a plain step may promise at most where no step lowers the deviance, although nothing makes a corner there."""
 HOPE = 3.0
 """How much farther than promised the deviance may fall."""
 
@@ -108,7 +112,7 @@ def descend(
         )
         stuck = damping > MOST_DAMPING
         if promise < enough or hopeless or creeps or stuck:
-            crept = creeps or (stuck and promise < CORNER_REACH)
+            crept = creeps or (stuck and (promise < CORNER_REACH or CORNER in problem.names))
             return Reached(place.point.vector, place.noise, walk.passes, "", promise < enough or crept, crept)
         if walk.passes >= max_evaluations:
             return Reached(place.point.vector, place.noise, walk.passes, f"{walk.passes} evaluations")
@@ -126,7 +130,9 @@ def next_damping(damping: float, kept_promise: float) -> float:
     if kept_promise > GOOD:
         return damping * EASIER if damping > LEAST_DAMPING else 0.0
     if kept_promise < POOR:
-        return max(damping * HARDER, LEAST_DAMPING if kept_promise > 0.0 else NEAR_DAMPING)
+        # A plain step that went wrong says little of how much damping is needed; a damped one says that a little more is.
+        first = LEAST_DAMPING if kept_promise > 0.0 else NEAR_DAMPING
+        return max(damping * HARDER, LEAST_DAMPING) if damping > 0.0 else first
     return damping
 
 
@@ -159,6 +165,7 @@ class _Walk:
 
     def at(self, kept: Array, noise: Noise) -> _Place:
         """Evaluate a vector; raises `SimulationError` where it can't be simulated."""
+        require_going()
         if self._tick is not None:
             self._tick()
         self.passes += 1

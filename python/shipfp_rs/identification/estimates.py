@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.support.threads import side_by_side
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -172,14 +174,14 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     optimum = _Optimum.of(search, best, without_nuisance(jacobian, len(search.free)))
     spread = _Spread.of(optimum, evaluations, residual, samples * len(structure.outputs))
     reach = optimum.reach()
-    parameters: dict[str, Estimate] = {}
+    jobs = [
+        partial(_estimate, optimum, spread, index, float(reach[index])) for index in range(len(search.names))
+    ]
+    parameters = dict(zip(search.names, side_by_side(jobs), strict=True))
     for parameter in structure.parameters:
         if parameter.fixed:
             fixed = Estimate(parameter.start, unit=parameter.unit, status="fixed", reason="given")
             parameters[parameter.name] = fixed
-        elif parameter.tied is None:
-            index = search.names.index(parameter.name)
-            parameters[parameter.name] = _estimate(optimum, spread, index, float(reach[index]))
     parameters = with_tied(parameters, structure)
     covariance: Mapping[str, Any] = NOTHING
     derived: dict[str, Estimate] = {}
@@ -250,7 +252,7 @@ def _interval(optimum: _Optimum, spread: _Spread, index: int) -> tuple[End, End]
         return within_bounds(parameter, *about)
     variances = float(spread.covariance[place, place]), float(spread.unscaled[place, place])
     value, scale = optimum.values[parameter.name], float(optimum.scale[index])
-    return profile_ends(optimum.profile, value, index, quantile, *variances, scale, about)
+    return profile_ends(optimum.profile.alone(), value, index, quantile, *variances, scale, about)
 
 
 def with_tied(parameters: Mapping[str, Estimate], structure: Structure) -> dict[str, Estimate]:

@@ -5,20 +5,20 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.search import Search
-from shipfp_rs.identification.start_vector import stable_start
+from shipfp_rs.identification.start_vector import DELAYS, stable_start
 from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import side_by_side
 
 LOGGER = logging.getLogger("shipfp_rs")
 
-DELAYS = ("T_d", "T_set", "tau_act")
-"""Parameters that delay the shaft's answer: what one did, another does nearly as well."""
 NEARBY_S = 0.02
 """Difference of every delay within which two ends are one [s]."""
 START_EVALUATIONS = 25
@@ -32,9 +32,15 @@ LIMITED_STARTS = 3
 def ends_of(search: Search, begins: Sequence[Mapping[str, float]]) -> list[Minimum]:
     """Return the minima that searches from some values lead to, the best first; none where nothing can be simulated."""
     brief = replace(search, max_evaluations=START_EVALUATIONS)
-    ends = [end for values in begins if (end := _end(brief, stable_start(search, values))) is not None]
-    ends = [end if end.converged else _end(search, end.vector) or end for end in distinct(search, ends)]
-    return sorted(ends, key=_criterion)
+    found = side_by_side([partial(_end, brief, stable_start(search, values)) for values in begins])
+    ends = distinct(search, [end for end in found if end is not None])
+    further = side_by_side([partial(_further, search, end) for end in ends])
+    return sorted(further, key=_criterion)
+
+
+def _further(search: Search, end: Minimum) -> Minimum:
+    """Return where a search goes on to that came to no end."""
+    return end if end.converged else _end(search, end.vector) or end
 
 
 def _end(search: Search, start: Array) -> Minimum | None:

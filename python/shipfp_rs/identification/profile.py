@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,6 +25,8 @@ SETTLED = 1e-2
 """A step must promise to lower the cost by at least this part of the threshold."""
 STEPS = 12
 """Steps (Levenberg and Marquardt's where plain Gauss-Newton ones fail) of the other parameters at one value of this one."""
+FAILURES = 3
+"""Steps in a row that lower nothing, after which no more are tried: at a corner that a torque limit makes none does."""
 TRIALS = 40
 """Most values tried on the way to one end. With steps that grow fourfold that reaches any size."""
 GROWTH = 4.0
@@ -64,7 +67,14 @@ class Profile:
         self._bounds = Bounds(lower[kept], upper[kept])
         # The next value will need about the same damping as the last one.
         self._damping = 0.0
+        self._best = best
         self._origin = self._point(self._bounds.clip(best.vector[kept]))
+
+    def alone(self) -> Profile:
+        """Return the same with nothing remembered of values that were tried; several may be at work side by side."""
+        other = copy(self)
+        other._problem, other._damping = Elimination(self._search, self._best.vector, self._best), 0.0
+        return other
 
     def end(self, index: int, step: float, threshold: float) -> End:
         """Return the end on the step's side: where the best cost has risen by the threshold.
@@ -93,14 +103,18 @@ class Profile:
             # From whichever is nearer, unless the others lost their way out there.
             nearer = outer[1] < JUMP and abs(outer[0] - deviation) < abs(inner[0] - deviation)
             point = self._best_at(beyond if nearer else near, index, start + deviation, threshold)
+            if nearer and point.cost - self._origin.cost > threshold:
+                # The others may have been lost out there.
+                again = self._best_at(near, index, start + deviation, threshold)
+                point = min(point, again, key=lambda one: one.cost)
             level = float(np.sqrt(max(point.cost - self._origin.cost, 0.0) / threshold))
             tried = (deviation, level)
             if abs(level - 1.0) < CLOSE and not (cut and level < 1.0):
                 return End(start + _between(inner, tried), "data")
             if level >= 1.0:
                 outer, beyond = tried, point
-                # Where the cost jumps, no value has exactly the level wanted.
-                if abs(deviation - inner[0]) < CLOSE**2 * abs(deviation):
+                # Where the cost jumps, or others are lost, no value has exactly the level wanted.
+                if abs(deviation - inner[0]) < CLOSE * abs(deviation):
                     return End(start + inner[0], "data")
             elif cut:
                 return End(bound, "bound")
@@ -194,13 +208,14 @@ class Profile:
         if not point.cost < enough:
             # Along a curved valley the linear step goes too far. Then the other parameters start from where they are.
             point = min(point, moved(near, np.zeros_like(lead.step)), key=lambda one: one.cost)
-        damping = self._damping
+        damping, failed = self._damping, 0
         for _ in range(STEPS if np.isfinite(point.cost) else 0):
             step = step_from(point, point.residual, damping)
-            if step.promise < SETTLED * threshold:
+            if step.promise < SETTLED * threshold or failed == FAILURES:
                 break
             trial = moved(point, step.step)
             damping = next_damping(damping, (point.cost - trial.cost) / step.promise)
+            failed = 0 if trial.cost < point.cost else failed + 1
             point = min(point, trial, key=lambda one: one.cost)
         self._damping = damping
         return point

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import TypeVar
 
 T = TypeVar("T")
+
+_own = threading.local()
+"""Of a thread that runs one of several jobs: what tells it to end."""
 
 
 def available_workers() -> int:
@@ -18,14 +22,28 @@ def available_workers() -> int:
     return os.cpu_count() or 1
 
 
-def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> list[T]:
+def require_going() -> None:
+    """Raise `CancelledError` in a job whose results nobody waits for any more."""
+    stopped = getattr(_own, "stopped", None)
+    if stopped is not None and stopped.is_set():
+        raise CancelledError
+
+
+def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event | None = None) -> list[T]:
     """Run jobs on as many threads as there are processors and return their results in order.
 
     They begin in order: with the longest ones first no processor is left with one of them alone at the end.
     The first job in order that fails is the one whose error is raised, whichever failed first, so that a message does not
-    depend on timing. `stopped` is set then, and on Ctrl-C: the jobs look at it and end.
+    depend on timing. `stopped` is set then, and on Ctrl-C: the jobs look at it, or call `require_going`, and end. Jobs
+    of a job run one after another, and so do all in a process of a pool, whose others have the processors.
     """
-    with ThreadPoolExecutor(max_workers=max(min(len(jobs), available_workers()), 1)) as pool:
+    if not jobs:
+        return []
+    stopped = stopped or threading.Event()
+    workers = min(len(jobs), available_workers())
+    if workers == 1 or hasattr(_own, "stopped") or multiprocessing.parent_process() is not None:
+        return [job() for job in jobs]
+    with ThreadPoolExecutor(workers, initializer=_begin, initargs=(stopped,)) as pool:
         futures = [pool.submit(job) for job in jobs]
         try:
             return [future.result() for future in futures]
@@ -34,3 +52,7 @@ def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> l
             for future in futures:
                 future.cancel()
             raise
+
+
+def _begin(stopped: threading.Event) -> None:
+    _own.stopped = stopped

@@ -90,7 +90,7 @@ class IntervalSpeed:
             np.interp(end, ends, column) - np.interp(begin, ends, column)
             for column in (np.cumsum(self.turned_rev), np.cumsum(self.duration_s))
         )
-        return np.divide(turned, lasted, out=np.full(len(begin), np.nan), where=lasted > 0.0)
+        return np.asarray(np.divide(turned, lasted, out=np.full(len(begin), np.nan), where=lasted > 0.0))
 
     def part(self, which: slice) -> IntervalSpeed:
         """Return some of the intervals."""

@@ -58,7 +58,7 @@ const ROUGH_FLEXIBLE: f64 = 0.9;
 /// Most pieces a sample interval.
 const MOST: f64 = 4096.0;
 /// The same where a millionth of a step does not count: such a ship is no minimum of a search, and would hold it up.
-const ROUGH_MOST: f64 = 128.0;
+const ROUGH_MOST: f64 = 40.0;
 /// Lags and dead times below this part of a sample interval are taken to first order: pieces as short would cost too much.
 const QUICK: f64 = 1.0 / 256.0;
 /// The same where a millionth of a step does not count.
