@@ -105,15 +105,17 @@ def choose(chooser: Chooser) -> Choice:
 def _back_and_forth(
     chooser: Chooser, current: Fitted, level: float, ladder: list[Rung], *, looks_again: bool = False
 ) -> tuple[Fitted, Gains, dict[str, float], list[Fitted]]:
-    """Take elements on and drop them until nothing changes; if so asked, look again whether another start leads elsewhere.
+    """Take elements on and drop them until nothing changes; if so asked, look again where what was found does not stand.
 
     Returned are what is left, what every other element would gain, each own element's rise of the deviance without it, and
     the structures without an element that is missed too little to be sure of.
     """
     current, gains = _forward(chooser, current, level, ladder)
-    other = second_look(chooser, current, _swapped(chooser, current)) if looks_again else current
-    if other is not current:
-        current, gains = _forward(chooser, other, level, ladder)
+    if looks_again and (apart := dispersion(current)) > CONTRADICTED:
+        other = second_look(chooser, current, _swapped(chooser, current))
+        # Records of different fits are cleared of different things: their deviances alone do not tell which one is right.
+        if dispersion(other) < apart:
+            current, gains = _forward(chooser, other, level, ladder)
     for _ in range(ROUNDS):
         kept, rises, poorer = _backward(chooser, current, level, ladder)
         if kept is current:
@@ -126,9 +128,7 @@ def _back_and_forth(
 
 
 def _swapped(chooser: Chooser, current: Fitted) -> list[tuple[str, ...]]:
-    """Return the elements of structures that may do instead of one that does not stand: with one swapped for its like."""
-    if dispersion(current) < CONTRADICTED:
-        return []
+    """Return the elements of structures that may do instead: with one swapped for its like."""
     return [
         tuple(other if name == out else name for name in current.elements)
         for alike in ALIKE

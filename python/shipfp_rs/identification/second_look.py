@@ -6,6 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -19,6 +20,12 @@ from shipfp_rs.support.threads import side_by_side
 
 LOGGER = logging.getLogger("shipfp_rs")
 
+LITTLE_LAG_S = 0.01
+"""Lag beside a start, whose dead times have all of the delay already [s]."""
+TWISTS = tuple(product((0.25, 0.6), (5e-4, 2e-3, 8e-3)))
+"""Part of the inertia behind the shaft, and its twist, from which a structure with a twist is tried: a light end and a heavy
+one, on a stiff shaft and a soft one, may swing at the same frequency."""
+
 
 def second_look(chooser: Chooser, current: Fitted, others: Sequence[Sequence[str]] = ()) -> Fitted:
     """Fit structures from the data's own starts; return the best end, or the fit given where none is better.
@@ -27,14 +34,18 @@ def second_look(chooser: Chooser, current: Fitted, others: Sequence[Sequence[str
     not found any more. Beside the fit's own structure `others` are tried, by their elements.
     """
     values = current.search.values(current.minimum.vector)
-    brief = _brief(current.search)
-    here = brief.minimise(current.minimum.vector)
+    here = _brief(current.search).minimise(current.minimum.vector)
     fits = []
     for elements in (current.elements, *map(chooser.ordered, others)):
         own = current.search if elements == current.elements else _search(chooser, current, elements)
         known = {"tau_prop": PROPELLER_PART * values["tau_n"], **values}
         known = {name: known[name] for name in own.names if name in known}
-        ends = ends_of(_brief(own), [{**known, **begin} for begin in chooser.begins])
+        begins = [{**known, "tau_act": LITTLE_LAG_S, **begin} for begin in chooser.begins]
+        if "tau_twist" in own.names and "tau_prop" not in chooser.begins[0]:
+            begins += [
+                {**known, "tau_prop": part * values["tau_n"], "tau_twist": twist} for part, twist in TWISTS
+            ]
+        ends = ends_of(_brief(own), begins)
         beside = [here] if own is current.search else []
         fits += [
             Fitted(elements, own, end)
