@@ -399,5 +399,5 @@ def test_a_sample_late_in_a_long_record_costs_what_an_early_one_does():
 def test_a_search_is_told_at_once_of_a_ship_too_quick_for_its_record(quick):
     ship = {"tau_n": 1.3, "g": -0.5, "v": 1.0, "K_p": 4.0, "K_i": 6.0, "p": 1.8} | quick
     values, u = vector(**ship), wander(2000)
-    with pytest.raises(SimulationError, match="expected at most 128"):
+    with pytest.raises(SimulationError, match="expected at most 40"):
         _core.simulate_ship(values, u, NO_LOAD, DT, 0, "first", SPEED_AND_GAUGE, False)

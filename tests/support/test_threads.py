@@ -1,12 +1,13 @@
 """Jobs on threads: order, jobs of jobs, and an end for those that nobody waits for."""
 
+import contextlib
 import threading
 import time
 
 import pytest
 
 from shipfp_rs.support import threads
-from shipfp_rs.support.threads import require_going, side_by_side
+from shipfp_rs.support.threads import require_going, side_by_side, where_alone
 
 
 @pytest.fixture(autouse=True)
@@ -19,16 +20,26 @@ def test_results_come_in_order_and_no_jobs_give_none():
         time.sleep(0.05)
         return 1
 
-    assert side_by_side([late, lambda: 2, lambda: 3]) == [1, 2, 3]
-    assert side_by_side([]) == []
+    assert where_alone([late, lambda: 2, lambda: 3]) == [1, 2, 3]
+    assert where_alone([]) == []
 
 
-def test_jobs_of_a_job_run_on_its_own_thread():
+def idents():
+    """Threads on which the jobs of this thread run."""
+    met = threading.Barrier(2, timeout=0.2)
+
     def job():
-        inner = side_by_side([threading.get_ident, threading.get_ident, threading.get_ident])
-        return {threading.get_ident(), *inner}
+        with contextlib.suppress(threading.BrokenBarrierError):
+            met.wait()
+        return threading.get_ident()
 
-    assert [len(found) for found in side_by_side([job, job])] == [1, 1]
+    return {threading.get_ident(), *where_alone([job, job])}
+
+
+def test_jobs_of_the_main_thread_have_threads_of_their_own_and_those_of_others_have_not():
+    assert len(idents()) == 3
+    found = side_by_side([idents, idents], threading.Event())
+    assert [len(one) for one in found] == [1, 1]
 
 
 def test_the_others_end_once_a_job_has_failed():
@@ -47,7 +58,7 @@ def test_the_others_end_once_a_job_has_failed():
 
     began = time.monotonic()
     with pytest.raises(ValueError, match="the first one"):
-        side_by_side([fails, works_on])
+        where_alone([fails, works_on])
     assert time.monotonic() - began < 30.0
 
 

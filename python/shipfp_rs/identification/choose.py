@@ -17,7 +17,7 @@ from shipfp_rs.identification.second_look import second_look
 from shipfp_rs.identification.start_vector import DELAYS
 from shipfp_rs.optimise.normal_equations import orthonormal
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.threads import where_alone
 
 State = Literal["on", "off", "open"]
 
@@ -220,7 +220,7 @@ def _gains(
     names = [name for name in chooser.candidates if name not in current.elements and name not in UNSEEN]
     least = -np.inf if contradicted else HOPELESS * level
     for name, gain in zip(
-        names, side_by_side([partial(_gain, chooser, current, name, least) for name in names]), strict=True
+        names, where_alone([partial(_gain, chooser, current, name, least) for name in names]), strict=True
     ):
         gains[name] = gain
         tried = "better" if gain.fall > level else "no better"
@@ -284,7 +284,7 @@ def _backward(
             )
             for name in names
         ]
-        for name, trial in zip(names, side_by_side(jobs), strict=True):
+        for name, trial in zip(names, where_alone(jobs), strict=True):
             rises[name] = np.inf if trial is None else cost(trial) - cost(still)
             if trial is not None:
                 trials[name] = trial

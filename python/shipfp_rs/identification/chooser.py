@@ -25,7 +25,7 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.threads import where_alone
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -322,7 +322,7 @@ class Chooser:
             partial(self._trial, ordered, search, start, clears=clears)
             for start in starts_from(search, values)
         ]
-        ends = side_by_side(jobs)
+        ends = where_alone(jobs)
         best = min((end for end in ends if end is not None), key=cost, default=None)
         if best is None or not again:
             return best

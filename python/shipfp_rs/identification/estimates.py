@@ -27,7 +27,7 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Parameter, Structure
-from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.threads import where_alone
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -177,7 +177,7 @@ def estimates(search: Search, best: Minimum) -> Estimates:
     jobs = [
         partial(_estimate, optimum, spread, index, float(reach[index])) for index in range(len(search.names))
     ]
-    parameters = dict(zip(search.names, side_by_side(jobs), strict=True))
+    parameters = dict(zip(search.names, where_alone(jobs), strict=True))
     for parameter in structure.parameters:
         if parameter.fixed:
             fixed = Estimate(parameter.start, unit=parameter.unit, status="fixed", reason="given")

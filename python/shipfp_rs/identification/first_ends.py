@@ -15,7 +15,7 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.start_vector import DELAYS, stable_start
 from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.threads import where_alone
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -32,9 +32,9 @@ LIMITED_STARTS = 3
 def ends_of(search: Search, begins: Sequence[Mapping[str, float]]) -> list[Minimum]:
     """Return the minima that searches from some values lead to, the best first; none where nothing can be simulated."""
     brief = replace(search, max_evaluations=START_EVALUATIONS)
-    found = side_by_side([partial(_end, brief, stable_start(search, values)) for values in begins])
+    found = where_alone([partial(_end, brief, stable_start(search, values)) for values in begins])
     ends = distinct(search, [end for end in found if end is not None])
-    further = side_by_side([partial(_further, search, end) for end in ends])
+    further = where_alone([partial(_further, search, end) for end in ends])
     return sorted(further, key=_criterion)
 
 

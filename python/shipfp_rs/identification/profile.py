@@ -15,6 +15,7 @@ from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.variable_projection import Elimination
 from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.optimise.gauss_newton import Bounds, Point, Step
+from shipfp_rs.support.threads import require_going
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -221,6 +222,7 @@ class Profile:
         return point
 
     def _point(self, vector: Array) -> Point:
+        require_going()
         try:
             self._search.require_stable(vector)
             residual, jacobian = self._problem(vector, self._noise)

@@ -16,7 +16,7 @@ from shipfp_rs.identification.first_ends import START_EVALUATIONS, distinct, end
 from shipfp_rs.identification.promise import PROPELLER_PART
 from shipfp_rs.identification.search import LITTLE, Search
 from shipfp_rs.identification.starts import both_ended
-from shipfp_rs.support.threads import side_by_side
+from shipfp_rs.support.threads import where_alone
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -52,7 +52,7 @@ def second_look(chooser: Chooser, current: Fitted, others: Sequence[Sequence[str
             for end in distinct(own, [*beside, *ends])
             if end is not here and end.criterion < here.criterion + NEARLY
         ]
-    found = side_by_side([partial(_refined, chooser, fit) for fit in fits])
+    found = where_alone([partial(_refined, chooser, fit) for fit in fits])
     best = min((fit for fit in found if fit is not None), key=cost, default=current)
     return best if cost(best) < cost(current) - SAME else current
 

@@ -29,20 +29,14 @@ def require_going() -> None:
         raise CancelledError
 
 
-def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event | None = None) -> list[T]:
+def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> list[T]:
     """Run jobs on as many threads as there are processors and return their results in order.
 
     They begin in order: with the longest ones first no processor is left with one of them alone at the end.
     The first job in order that fails is the one whose error is raised, whichever failed first, so that a message does not
-    depend on timing. `stopped` is set then, and on Ctrl-C: the jobs look at it, or call `require_going`, and end. Jobs
-    of a job run one after another, and so do all in a process of a pool, whose others have the processors.
+    depend on timing. `stopped` is set then, and on Ctrl-C: the jobs look at it, or call `require_going`, and end.
     """
-    if not jobs:
-        return []
-    stopped = stopped or threading.Event()
-    workers = min(len(jobs), available_workers())
-    if workers == 1 or hasattr(_own, "stopped") or multiprocessing.parent_process() is not None:
-        return [job() for job in jobs]
+    workers = max(min(len(jobs), available_workers()), 1)
     with ThreadPoolExecutor(workers, initializer=_begin, initargs=(stopped,)) as pool:
         futures = [pool.submit(job) for job in jobs]
         try:
@@ -52,6 +46,18 @@ def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event | Non
             for future in futures:
                 future.cancel()
             raise
+
+
+def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
+    """Run jobs side by side where the processors are this thread's: the main one's of a process that no other has started.
+
+    Elsewhere, as in a job of its own, in a thread of a sweep or in a process of a pool, they run one after another: the
+    others have the processors. The jobs call `require_going`.
+    """
+    alone = threading.current_thread() is threading.main_thread() and multiprocessing.parent_process() is None
+    if alone and min(len(jobs), available_workers()) > 1:
+        return side_by_side(jobs, threading.Event())
+    return [job() for job in jobs]
 
 
 def _begin(stopped: threading.Event) -> None:
