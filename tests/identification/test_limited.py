@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from shipfp_rs import Experiment, Structure
-from shipfp_rs.identification.chooser import Chooser, Fitted
+from shipfp_rs.identification.chooser import Chooser
+from shipfp_rs.identification.fitted import Fitted
 from shipfp_rs.identification.limited import beyond_limit
 
 RATE_HZ, SECONDS = 50.0, 240.0

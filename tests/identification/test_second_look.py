@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Experiment, Structure
-from shipfp_rs.identification.chooser import Chooser, Fitted, cost
+from shipfp_rs.identification.chooser import Chooser
+from shipfp_rs.identification.fitted import Fitted, cost
 from shipfp_rs.identification.second_look import second_look
 from shipfp_rs.identification.start_vector import start_vector
 from shipfp_rs.identification.starts import starts

@@ -16,6 +16,7 @@ from shipfp_rs.identification.covariances import without_nuisance
 from shipfp_rs.identification.estimates import why_unknown, with_tied
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import Sensitivity, describe
+from shipfp_rs.identification.whitening import Whitening
 from shipfp_rs.signals import Excitation
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
@@ -47,8 +48,8 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
     )
     noises = [sensors[output] for output in structure.outputs]
     values = dict(subject.values) | dict.fromkeys(block.nuisance, 0.0)
-    models = [np.array([1.0, -noise.correlation(rate)]) for noise in noises]
-    evaluation = block.filtered(values, subject.free, models)
+    whitening = Whitening([np.array([1.0, -noise.correlation(rate)]) for noise in noises])
+    evaluation = block.filtered(values, subject.free, whitening)
     scale = np.array([noise.innovation(rate) for noise in noises])
     jacobian = (evaluation.jacobian / scale[:, None]).reshape(len(evaluation.jacobian), -1).T
     own = without_nuisance(jacobian, len(subject.free))

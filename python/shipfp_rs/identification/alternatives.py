@@ -21,8 +21,11 @@ def alternatives(choice: Choice) -> list[dict[str, Any]]:
     """
     found = []
     for rival in choice.rivals:
-        values = rival.search.values(rival.minimum.vector)
-        found.append({"elements": list(rival.elements), "optimum": _of(values, rival.search.structure.names)})
+        values = _of(rival.search.values(rival.minimum.vector), rival.search.structure.names)
+        if "tau_prop" in choice.best.search.structure.names:
+            # Before a shaft that does not twist all of the inertia is one.
+            values.setdefault("tau_prop", values["tau_n"])
+        found.append({"elements": list(rival.elements), "optimum": values})
     for name, ways in choice.neglected.items():
         found += [{**moved, "neglected": name} for moved in _moved(choice, name, ways)]
     return found

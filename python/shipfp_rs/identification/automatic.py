@@ -11,10 +11,11 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.choose import Choice, State
-from shipfp_rs.identification.chooser import Chooser, Fitted
+from shipfp_rs.identification.chooser import Chooser
 from shipfp_rs.identification.estimate import KNOWN
 from shipfp_rs.identification.estimates import estimates
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Fingerprint
+from shipfp_rs.identification.fitted import Fitted
 from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.promise import Neglect
 from shipfp_rs.identification.residual_tests import INPUT_LAGS, input_dispersion
@@ -108,7 +109,7 @@ def with_rivals(fingerprint: Fingerprint, choice: Choice) -> Fingerprint:
     """
     parameters, derived = dict(fingerprint.parameters), dict(fingerprint.derived)
     for rival in choice.rivals:
-        found = estimates(rival.search, rival.minimum)
+        found = estimates(replace(rival.search, intervals="symmetric"), rival.minimum)
         others = {**found.parameters, **found.derived}
         words = ", ".join(ELEMENTS[name].words for name in rival.elements) or "no element"
         for group in (parameters, derived):

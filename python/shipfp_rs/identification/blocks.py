@@ -9,11 +9,11 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.whitening import Evaluation, Whitening, is_coloured
 from shipfp_rs.optimise.normal_equations import Products
 from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.structure import Structure
@@ -22,34 +22,6 @@ Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Data = Experiment | FrequencyResponse
 Offsets = bool | Literal["relative"]
-
-CHUNK = 2048
-"""Samples that are worked on at a time, so that they fit into a cache."""
-
-
-@dataclass
-class Evaluation:
-    """Residuals e = measured - model (O, R) and d(model)/d(vector) (Q, O, R), zero where a sample is masked."""
-
-    residual: Array
-    jacobian: Array
-    valid: npt.NDArray[np.bool_]
-
-    def turned(self) -> Evaluation:
-        """Return the columns after an orthogonal transformation over the samples that leaves few rows; `valid` stays.
-
-        What is left has the same products of all columns in all pairs of outputs.
-        """
-        rows = np.concatenate([self.jacobian, self.residual[None]])
-        tall = rows.reshape(-1, rows.shape[-1]).T
-        if tall.shape[0] <= tall.shape[1]:
-            return self
-        factor = np.zeros((0, tall.shape[1]))
-        for start in range(0, len(tall), CHUNK):
-            more = np.concatenate([factor, tall[start : start + CHUNK]])
-            factor = np.asarray(np.linalg.qr(more, mode="r"))
-        short = factor.T.reshape(*rows.shape[:2], -1)
-        return Evaluation(short[-1], short[:-1], self.valid)
 
 
 @dataclass(frozen=True)
@@ -149,11 +121,11 @@ class Block:
         return np.where(self.valid, 1.0 + self.measured, 0.0)
 
     def evaluate(
-        self, values: dict[str, float], names: Sequence[str], *, constants: bool = True
+        self, values: dict[str, float], names: Sequence[str], *, constants: bool = True, sharp: bool = True
     ) -> Evaluation:
         """Compute residuals and their model's derivatives with respect to `names` and then the nuisance.
 
-        Without `constants` the columns of the offsets are left out.
+        Without `constants` the columns of the offsets are left out; not `sharp`, outputs have an error far below the noise.
         """
         valid = self.valid
         if isinstance(self.data, FrequencyResponse):
@@ -166,7 +138,8 @@ class Block:
             offsets = self.offsets
             known = {name: value for name, value in values.items() if name not in offsets}
             wanted = [*names, *states]
-            simulated, jacobian = self.structure.equations.sensitivities(known, self.data, wanted)
+            equations = self.structure.equations if sharp else self.structure.equations.rough()
+            simulated, jacobian = equations.sensitivities(known, self.data, wanted)
             jacobian = jacobian.reshape(len(wanted), *simulated.shape)
             if offsets:
                 simulated = simulated + self._level * np.array([[values[name]] for name in offsets])
@@ -182,21 +155,21 @@ class Block:
         self,
         values: dict[str, float],
         names: Sequence[str],
-        models: Sequence[Array] | None,
+        whitening: Whitening | None,
         *,
         constants: bool = True,
     ) -> Evaluation:
-        """Evaluate, and prewhiten an experiment with each output's noise model, if there are any."""
+        """Evaluate, and whiten an experiment with what is known of its noise, if anything is."""
         evaluation = self.evaluate(values, names, constants=constants)
-        if models is None or isinstance(self.data, FrequencyResponse):
+        if whitening is None or isinstance(self.data, FrequencyResponse):
             return evaluation
-        return prewhiten(evaluation, models)
+        return whitening(evaluation)
 
     def turned(
         self,
         values: dict[str, float],
         names: Sequence[str],
-        models: Sequence[Array] | None,
+        whitening: Whitening | None,
         root: Array,
         products: Products,
     ) -> Evaluation:
@@ -204,16 +177,15 @@ class Block:
 
         Where a kernel adds up the products, only the number of valid samples is kept, not which they are.
         """
-        if self._kernel is not None:
+        if self._kernel(whitening) is not None:
             rows = products.rows(root)
             if rows is not None:
                 return Evaluation(rows[-1], rows[:-1], np.ones(products.count, dtype=bool))
-        return self.filtered(values, names, models).turned()
+        return self.filtered(values, names, whitening).turned()
 
-    @property
-    def _kernel(self) -> Equations | None:
-        """The equations, if they have a kernel that sums up an experiment's products in one pass."""
-        if isinstance(self.data, FrequencyResponse) or self.relative:
+    def _kernel(self, whitening: Whitening | None) -> Equations | None:
+        """The equations, if they have a kernel that sums up an experiment's products, whitened so, in one pass."""
+        if isinstance(self.data, FrequencyResponse) or self.relative or is_coloured(whitening):
             return None
         equations = self.structure.equations
         return equations if equations.has_products else None
@@ -222,7 +194,7 @@ class Block:
         self,
         values: dict[str, float],
         names: Sequence[str] | None,
-        models: Sequence[Array] | None,
+        whitening: Whitening | None,
         *,
         sharp: bool = True,
     ) -> Products:
@@ -230,11 +202,13 @@ class Block:
 
         Without names (None) those of the residuals alone; not `sharp`, with an error far below the noise.
         """
-        kernel = self._kernel
+        kernel = self._kernel(whitening)
         if kernel is None or isinstance(self.data, FrequencyResponse):
-            evaluation = self.filtered(values, names or (), models)
+            evaluation = self.evaluate(values, names or (), sharp=sharp)
             if names is None:
                 evaluation.jacobian = evaluation.jacobian[:0]
+            if whitening is not None and not isinstance(self.data, FrequencyResponse):
+                return whitening.products(evaluation)
             with np.errstate(over="ignore", invalid="ignore"):
                 return Products.of(evaluation.residual, evaluation.jacobian, int(evaluation.valid.sum()))
         outputs = self.structure.outputs
@@ -242,8 +216,9 @@ class Block:
         own = [name for name in nuisance if name in self.structure.equations.states]
         names = names or ()
         offsets = np.array([values.get(f"offset {output}", 0.0) for output in outputs])
-        models = [np.ones(1)] * len(outputs) if models is None else models
-        filters = np.ascontiguousarray(np.array(models)[:, : order_of(models) + 1])
+        filters = np.ones((len(outputs), 1))
+        if whitening is not None:
+            filters = np.ascontiguousarray(np.array(whitening.models)[:, : whitening.order + 1])
         known = {name: value for name, value in values.items() if not name.startswith("offset ")}
         sums, count = kernel.products(
             known, self.data, [*names, *own], Against(self.measured, offsets, filters, sharp)
@@ -283,45 +258,3 @@ def _places(outputs: int, columns: int, offsets: bool) -> npt.NDArray[np.intp]:
 
 def _split(response: ComplexArray) -> Array:
     return np.concatenate([response.real, response.imag], axis=-1)
-
-
-def order_of(models: Sequence[Array]) -> int:
-    """Return how many samples back the longest of the noise models reaches."""
-    return max(int(np.flatnonzero(model)[-1]) for model in models)
-
-
-def prewhiten(evaluation: Evaluation, models: Sequence[Array]) -> Evaluation:
-    """Filter residuals and sensitivities of a time block with each output's autoregressive model.
-
-    A sample whose filter reaches over a masked one is masked too. `models` holds [1, a1, ..., ap] an output.
-    """
-    order = order_of(models)
-    reach = lfilter(np.ones(order + 1), [1.0], np.where(evaluation.valid, 0.0, 1.0))
-    valid = np.asarray(reach < 0.5)
-    valid[:order] = False
-    rows = np.concatenate([evaluation.jacobian, evaluation.residual[None]])
-    for index, model in enumerate(models):
-        rows[:, index] = lfilter(model, [1.0], rows[:, index], axis=-1)
-    rows *= valid
-    return Evaluation(rows[-1], rows[:-1], valid)
-
-
-def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]], order: int) -> Array:
-    """Fit [1, a1, ..., ap] to the residuals of one output, gaps left out, by least squares over all blocks."""
-    whole = np.zeros((order + 1, order + 1))
-    for values, valid in residuals:
-        if len(values) <= 2 * order:
-            continue
-        gaps = not valid.all()
-        for start in range(order, len(values), CHUNK):
-            stop = min(start + CHUNK, len(values))
-            lagged = np.stack([values[start - lag : stop - lag] for lag in range(order + 1)])
-            if gaps:
-                lagged *= np.all([valid[start - lag : stop - lag] for lag in range(order + 1)], axis=0)
-            whole += lagged @ lagged.T
-    gram, right = whole[1:, 1:], whole[1:, 0]
-    ridge = 1e-12 * np.trace(gram) / order
-    if not ridge > 0.0:
-        return np.concatenate([[1.0], np.zeros(order)])
-    coefficients = np.linalg.solve(gram + ridge * np.eye(order), right)
-    return np.concatenate([[1.0], -coefficients])

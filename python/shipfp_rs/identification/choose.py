@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import permutations, product
@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.chooser import CUTS, FIRST, SAME, Chooser, Fitted, cost
+from shipfp_rs.identification.chooser import CUTS, FIRST, SAME, Chooser
+from shipfp_rs.identification.fitted import Fitted, cost
 from shipfp_rs.identification.promise import REJECTED, Neglect, threshold
 from shipfp_rs.identification.residual_tests import input_dispersion, residual_tests
 from shipfp_rs.identification.second_look import second_look
@@ -83,12 +84,20 @@ def choose(chooser: Chooser) -> Choice:
         promise = chooser.promise(current.base, name)
         gains[name] = Gain(promise.fall, promise.limit, None, promise.neglect)
         ladder.append(Rung(chooser.ordered((*current.elements, name)), -promise.fall, "not promising"))
-    rivals = [*poorer, *_rivals(chooser, current, gains, level, ladder), *_elsewhere(chooser, current)]
-    better = min(rivals, key=cost, default=None)
-    if better is not None and cost(better) < cost(current.base) - SAME:
+    rivals = [
+        *_again(chooser, current, poorer),
+        *_rivals(chooser, current, gains, level, ladder),
+        *_elsewhere(chooser, current),
+    ]
+    # With more unknowns it must be worth as much as an element.
+    worth = {id(one): cost(one) + level * (one.search.size > current.search.size) for one in rivals}
+    better = min(rivals, key=lambda one: worth[id(one)], default=None)
+    if better is not None and worth[id(better)] < cost(current.base) - SAME:
         # The structure that fits best becomes the result; the others are kept as alternatives.
-        rivals = [one for one in rivals if one is not better] + [current]
-        current = chooser.refined(better, last=True)
+        other = chooser.refined(better, last=True)
+        if other.minimum.converged or not current.minimum.converged:
+            rivals = [one for one in rivals if one is not better] + [current]
+            current = other
     evidence = rises | {name: gain.fall for name, gain in gains.items() if name not in rises}
     states: dict[str, State] = {}
     for name in chooser.candidates:
@@ -111,10 +120,13 @@ def _back_and_forth(
     the structures without an element that is missed too little to be sure of.
     """
     current, gains = _forward(chooser, current, level, ladder)
+    if looks_again and (quiet := chooser.quietened(current)):
+        current, gains = _forward(chooser, quiet, level, ladder)
     if looks_again and (apart := dispersion(current)) > CONTRADICTED:
         other = second_look(chooser, current, _swapped(chooser, current))
         # Records of different fits are cleared of different things: their deviances alone do not tell which one is right.
         if dispersion(other) < apart:
+            other = chooser.quietened(other) or other
             current, gains = _forward(chooser, other, level, ladder)
     for _ in range(ROUNDS):
         kept, rises, poorer = _backward(chooser, current, level, ladder)
@@ -155,7 +167,7 @@ def _forward(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]
 def _without_least(chooser: Chooser, current: Fitted, level: float, ladder: list[Rung]) -> Fitted:
     """Return a fit without the dead time in the loop if the least of it is too much already."""
     name = FIRST[0]
-    if name not in chooser.candidates or not _is_off(current, name):
+    if name not in chooser.candidates or name not in current.elements or not _is_off(current, name):
         return current
     trial = chooser.with_elements(current, [other for other in current.elements if other != name])
     if trial is None or cost(trial) > cost(current.base) - level:
@@ -184,6 +196,18 @@ def _fall(gains: Gains, grown: Fitted) -> float:
         ),
         default=0.0,
     )
+
+
+def _again(chooser: Chooser, current: Fitted, fits: Sequence[Fitted]) -> list[Fitted]:
+    """Fits with the weights of the last one, as far as these do not reject them."""
+    limit = cost(current.base) + threshold(1, REJECTED)
+    found = []
+    for fitted in fits:
+        begin = dict(zip(fitted.search.unknowns, map(float, fitted.minimum.vector), strict=True))
+        trial = chooser.with_elements(current, fitted.elements, begin, worth=limit)
+        if trial is not None and cost(trial) < limit:
+            found.append(trial)
+    return found
 
 
 def _elsewhere(chooser: Chooser, current: Fitted) -> list[Fitted]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from shipfp_rs.experiments.interpolation import band_limited
 from shipfp_rs.experiments.set_point_noise import without_noise
 from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.clearing import Clearing
-from shipfp_rs.identification.first_ends import at_limit, distinct, ends_of
+from shipfp_rs.identification.first_ends import at_limit, distinct, ends_of, with_lag
+from shipfp_rs.identification.fitted import TRIAL_FALL, Fitted, cost
 from shipfp_rs.identification.promise import PROPELLER_PART, Promise, promise
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.start_vector import starts_from
@@ -41,6 +42,8 @@ CANDIDATES = (
 """Elements that are tried, in the order of a report."""
 FIRST = ("dead_time_loop", "dead_time_set_point")
 """Elements that the first fit has: where they do not act they go again, and without them a fit may lose its way."""
+LAGS = "actuator_lag"
+"""Element that the first fit may have in place of the first of these."""
 CUTS = "torque_limit"
 """Element that changes what holding does."""
 SAME = 0.5
@@ -49,12 +52,13 @@ TOLD = 10.0
 """Fall of the deviance from which on the outputs tell which set point they follow."""
 NEARLY = 100.0
 """Difference of the deviance, with white noise, within which the end of another start may be as good with coloured noise."""
+LAGGING = 0.1
+"""Fall of the deviance a sample, with white noise, from which on the first fit has a lag: the residuals' power falls by a
+twentieth in each output. What a governor that samples holds is a hundredth, and is not taken off the records yet."""
 CUT_OFF = 100.0
 """Fall of the deviance, with white noise, from which on the first fit has a torque limit."""
 AFLOAT_ROUNDS = 2
 """Fits of a ship that knows the water: by the first fit's estimates, and once more."""
-TRIAL_FALL = 0.02
-"""Fall of the deviance that is not worth a step of a trial: what it is judged by is more than a hundred times as much."""
 TRIAL_EVALUATIONS = 40
 """Passes over the records at most of a trial: enough to see what an element is worth."""
 PART_BEHIND = 0.9
@@ -63,31 +67,6 @@ LIGHTEST_PROPELLER = 0.05
 """Least part of the inertia that is the propeller's; a shaft before less would swing faster than any record shows."""
 MOST_EVALUATIONS = 200
 """Passes over the records of one search."""
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A structure fitted to the data."""
-
-    elements: tuple[str, ...]
-    search: Search
-    minimum: Minimum
-
-    @cached_property
-    def base(self) -> Fitted:
-        """The fit as one among its own trials: the same weights, the same passes, a sum of squares as its cost."""
-        noise = replace(self.minimum.noise, sharp=False)
-        search = replace(self.search, weights=noise, enough=TRIAL_FALL)
-        sums = search.sums(self.minimum.vector, noise)
-        criterion = float(search.gram(self.minimum.vector, noise, sums)[-1, -1])
-        return Fitted(
-            self.elements, search, replace(self.minimum, noise=noise, criterion=criterion, sums=sums)
-        )
-
-    @property
-    def records(self) -> list[Experiment]:
-        """Experiments of the search, cleared as they are."""
-        return [block.data for block in self.search.blocks if isinstance(block.data, Experiment)]
 
 
 class Chooser:
@@ -177,6 +156,14 @@ class Chooser:
             raise IdentificationError(
                 "no start that the data suggest can be simulated; check the channels' signs, units and operating point"
             )
+        if {LAGS, FIRST[0]} <= {*self.candidates}:
+            # A dead time does not do what a long lag does, and a fit that has it may lose its way.
+            own = self.ordered({*elements, LAGS} - {FIRST[0]})
+            lagging = self.search(own)
+            others = ends_of(lagging, with_lag(begins))
+            enough = LAGGING * sum(block.count for block in search.blocks)
+            if others and others[0].criterion < ends[0].criterion - enough:
+                elements, search, ends, begins = own, lagging, others, with_lag(begins)
         if CUTS in self.candidates:
             # A limit that cuts much off leads a fit without it so far astray that it is not found from there any more.
             limited = self.search(self.ordered({*elements, CUTS}))
@@ -194,35 +181,62 @@ class Chooser:
             limits = {"tau_prop": (LIGHTEST_PROPELLER * whole, PROPELLER_PART * whole, whole)}
             self.narrow = {**self.narrow, "bounds": {**self.narrow.get("bounds", {}), **limits}}
         if self._clears(elements):
-            search = self._cleared(search, best.vector)
-            best = search.minimise(best.vector)
+            try:
+                cleared = self._cleared(search, best.vector)
+                search, best = cleared, cleared.minimise(best.vector)
+            except (IdentificationError, SimulationError) as error:
+                LOGGER.debug("identify: records could not be cleared by the first fit: %s", error)
         if not self.band_limited:
             changed = [band_limited(one) if one.hold == "first" else one for one in self.experiments]
             self.band_limited = True
-            search, best, self.band_limited = self._fed(changed, search, best)
-        changed = [without_noise(one) for one in self.experiments]
-        search, best, self.is_quiet = self._fed(changed, search, best)
-        if self.is_quiet:
-            self._told = [without_noise(one).dn_set for one in self._logged]
+            search, best, self.band_limited = self._fed(changed, self._told, search, best)
         if is_exact(search, best):
             # Nothing but rounding is left, which no noise model describes.
             self.options["noise"] = "white"
             search = replace(search, noise="white")
-        return self.refined(Fitted(elements, search, best))
+        fitted = Fitted(elements, search, best)
+        quiet = self.quietened(fitted)
+        return self.refined(fitted) if quiet is None else quiet
 
-    def _fed(self, changed: list[Experiment], search: Search, best: Minimum) -> tuple[Search, Minimum, bool]:
-        """Take experiments with a changed set point in place of theirs if the outputs follow it better; tell whether."""
-        before, self.experiments = self.experiments, changed
+    def quietened(self, fitted: Fitted) -> Fitted | None:
+        """Return the fit to set points without noise, if the outputs follow those better; None where they do not.
+
+        A structure that misses much does not tell: then it is to be asked again with a better one.
+        """
+        if self.is_quiet:
+            return None
+        changed = [without_noise(one) for one in self.experiments]
+        told = [without_noise(one).dn_set for one in self._logged]
+        search, best, self.is_quiet = self._fed(changed, told, fitted.search, fitted.minimum)
+        return self.refined(Fitted(fitted.elements, search, best)) if self.is_quiet else None
+
+    def _fed(
+        self, changed: list[Experiment], told: list[Array], search: Search, best: Minimum
+    ) -> tuple[Search, Minimum, bool]:
+        """Take experiments with a changed set point in place of theirs if the outputs follow it better; tell whether.
+
+        `told` are the changed set points as they were sampled.
+        """
+        before = self.experiments, self._told
+        self.experiments, self._told = changed, told
         elements = self.ordered(search.structure.settings["elements"])
         try:
-            other = self._cleared(self.search(elements), best.vector)
-            trial = other.minimise(best.vector)
+            # Beside moving water what a set point's noise does is nothing, but where there is no water.
+            here = Fitted(elements, search, search.refine(best, last=False)).base
+            other = replace(
+                self._cleared(self.search(elements), best.vector),
+                weights=here.minimum.noise,
+                enough=TRIAL_FALL,
+                max_evaluations=TRIAL_EVALUATIONS,
+            )
+            trial = other.minimise(here.minimum.vector)
         except (IdentificationError, SimulationError) as error:
             LOGGER.debug("identify: a changed set point could not be simulated: %s", error)
         else:
-            if trial.criterion < best.criterion - TOLD:
-                return other, trial, True
-        self.experiments = before
+            if trial.criterion < here.minimum.criterion - TOLD:
+                search = replace(other, weights=None, enough=search.enough, max_evaluations=MOST_EVALUATIONS)
+                return search, replace(trial, noise=here.minimum.noise), True
+        self.experiments, self._told = before
         return search, best, False
 
     def _clears(self, elements: Sequence[str]) -> bool:
@@ -233,9 +247,13 @@ class Chooser:
         """Return a fit to records cleared by a fit's end; where nothing is to be cleared that fit itself."""
         if not self._clears(fitted.elements):
             return fitted
-        minimum = self._afloat(fitted)
-        search = self._cleared(fitted.search, minimum.vector)
-        return Fitted(fitted.elements, search, search.refine(minimum))
+        try:
+            minimum = self._afloat(fitted)
+            search = self._cleared(fitted.search, minimum.vector)
+            return Fitted(fitted.elements, search, search.refine(minimum))
+        except (IdentificationError, SimulationError) as error:
+            LOGGER.debug("identify: records could not be cleared by a fit: %s", error)
+            return fitted
 
     def _afloat(self, fitted: Fitted) -> Minimum:
         """Return where the fit of a ship that knows the water ends; of one without a limit, where it is.
@@ -247,27 +265,29 @@ class Chooser:
         if not self.clears_limits or CUTS not in fitted.elements or "load" in fitted.elements:
             return minimum
         for _ in range(AFLOAT_ROUNDS):
-            blocks = []
-            for raw, told, (_, values) in zip(
-                self.experiments, self._told, fitted.search.each(minimum.vector), strict=True
-            ):
-                structure, experiment = self._clearing.afloat(fitted.search.structure, values, raw, told)
-                blocks.append(
-                    Block.build(experiment, structure, offsets=False, initial_state=True, weigh=False)
-                )
-            search = replace(
-                fitted.search,
-                structure=structure,
-                blocks=tuple(blocks),
-                max_evaluations=TRIAL_EVALUATIONS,
-                enough=TRIAL_FALL,
-            )
             try:
-                minimum = search.refine(minimum)
+                minimum = self._knowing_water(fitted, minimum)
             except (IdentificationError, SimulationError) as error:
                 LOGGER.debug("identify: a ship that knows the water could not be fitted: %s", error)
                 break
         return minimum
+
+    def _knowing_water(self, fitted: Fitted, minimum: Minimum) -> Minimum:
+        """Fit a ship that knows the water which a minimum leaves, from there on."""
+        blocks = []
+        for raw, told, (_, values) in zip(
+            self.experiments, self._told, fitted.search.each(minimum.vector), strict=True
+        ):
+            structure, experiment = self._clearing.afloat(fitted.search.structure, values, raw, told)
+            blocks.append(Block.build(experiment, structure, offsets=False, initial_state=True, weigh=False))
+        search = replace(
+            fitted.search,
+            structure=structure,
+            blocks=tuple(blocks),
+            max_evaluations=TRIAL_EVALUATIONS,
+            enough=TRIAL_FALL,
+        )
+        return search.refine(minimum)
 
     @property
     def _clearing(self) -> Clearing:
@@ -357,14 +377,11 @@ class Chooser:
         fitted = self._held(fitted)
         if not last:
             return fitted
-        search = replace(fitted.search, enough=None)
+        # On the way each output's own colour does, in a fraction of the time.
+        noise = "spectrum" if self.options["noise"] == "ar" else self.options["noise"]
+        search = replace(fitted.search, enough=None, noise=str(noise))
         return Fitted(fitted.elements, search, search.refine(fitted.minimum))
 
     def ordered(self, elements: Sequence[str] | set[str]) -> tuple[str, ...]:
         """Return elements in the table's order."""
         return tuple(name for name in ELEMENTS if name in elements)
-
-
-def cost(fitted: Fitted) -> float:
-    """Return the weighted sum of squares of a fit with given weights."""
-    return fitted.minimum.criterion

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.images import between_samples
 from shipfp_rs.identification.limited import afloat, beyond_limit
@@ -63,6 +64,7 @@ class Clearing:
                 output: one - change for (output, one), change in zip(measured.items(), beyond, strict=True)
             }
             beyond += between_samples(equations, values, raw, told, rest, has_images=not at_limit)
+        require_small(beyond)
         signals = dict(raw.signals)
         for name, change in zip(names.values(), beyond, strict=True):
             signals[name] = signals[name] - raw.operating_point[name] * change
@@ -75,11 +77,24 @@ class Clearing:
         names = _names(structure, raw)
         measured = {output: raw.normalised(name) for output, name in names.items()}
         known, found = afloat(structure, values, raw, measured, told, band_limited=self.band_limited)
+        require_small(np.stack(list(found.values())))
         signals, point = dict(raw.signals), {**raw.operating_point, "M_load": 1.0}
         for output, deviation in found.items():
             name = names.get(output, output)
             signals[name] = point[name] * (1.0 + deviation)
         return known, replace(raw, signals=signals, operating_point=point)
+
+
+def require_small(deviations: Array) -> None:
+    """Refuse what no record has: by parameters far from those of the ship a simulation may grow without end.
+
+    Raises
+    ------
+    SimulationError
+        Where a deviation is more than ten times the operating point.
+    """
+    if np.nanmax(np.abs(deviations), initial=0.0) > 10.0:
+        raise SimulationError("what the model leaves out of a record has left the range of a drive train")
 
 
 def _names(structure: Structure, raw: Experiment) -> dict[str, str]:

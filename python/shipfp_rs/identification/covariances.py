@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.identification.blocks import Evaluation
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.identification.sandwich import score_covariance
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.weighted_problem import Minimum
+from shipfp_rs.identification.whitening import Evaluation
 
 Array = npt.NDArray[np.float64]
 

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from shipfp_rs.identification.blocks import Evaluation
 from shipfp_rs.identification.covariances import covariance_of, row_variance, score_spread, without_nuisance
 from shipfp_rs.identification.estimate import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import (
@@ -25,6 +24,7 @@ from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.identification.residual_tests import responds
 from shipfp_rs.identification.search import Search
 from shipfp_rs.identification.weighted_problem import Minimum
+from shipfp_rs.identification.whitening import Evaluation
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.threads import where_alone

@@ -1,4 +1,4 @@
-"""Where the searches from the data's own starts end: the first fits, without and with a torque limit."""
+"""Where the searches from the data's own starts end: the first fits, with a lag for a dead time, with a torque limit."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ START_EVALUATIONS = 25
 """Passes after which of all starts whose ends are near each other only the best one goes on."""
 REACHED = 0.99
 """Part of the samples below the torque at which the search for a limit starts: at a limit many samples are alike."""
+LEAST_LAG_S = 0.03
+"""Lag from which the search for one starts at least [s]."""
 LIMITED_STARTS = 3
 """Starts at most that are tried with a limit."""
 
@@ -50,6 +52,15 @@ def _end(search: Search, start: Array) -> Minimum | None:
     except (IdentificationError, SimulationError) as error:
         LOGGER.debug("identify: a start failed: %s", error)
         return None
+
+
+def with_lag(begins: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+    """Return starts with a lag of the actuator in place of the dead time in the loop."""
+    return [
+        {name: value for name, value in values.items() if name != "T_d"}
+        | {"tau_act": max(values.get("T_d", 0.0), LEAST_LAG_S)}
+        for values in begins
+    ]
 
 
 def at_limit(

@@ -61,7 +61,7 @@ class Profile:
 
     def __init__(self, search: Search, best: Minimum) -> None:
         # Only differences of the cost count, so an error far below the noise does no harm.
-        self._search, self._noise = search, replace(best.noise, sharp=best.noise.models is None)
+        self._search, self._noise = search, replace(best.noise, sharp=best.noise.whitening is None)
         self._problem = Elimination(search, best.vector, best)
         kept = ~search.linear
         lower, upper = search.bounds()

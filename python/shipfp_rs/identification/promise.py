@@ -10,14 +10,14 @@ from scipy.stats import chi2
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.blocks import Evaluation, prewhiten
 from shipfp_rs.identification.sampling import held
 from shipfp_rs.identification.weighted_problem import Minimum, WeightedProblem
+from shipfp_rs.identification.whitening import Evaluation
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.ship import TORQUE_SCALE, ShipEquations
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.ties import bare, tied
+from shipfp_rs.structures.ties import bare
 from shipfp_rs.support.arrays import Array
 
 FALSE_ALARM = 0.01
@@ -94,7 +94,8 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
     nothing. D is the change that a whole start makes where a little of it tells nothing: of a torque limit, and of an
     element for which a dead time makes up.
     """
-    structure, made = _roughly(search.structure), _roughly(made)
+    structure = replace(search.structure, equations=search.structure.equations.rough())
+    made = replace(made, equations=made.equations.rough())
     blocks = tuple(replace(block, structure=structure) for block in search.blocks)
     search = replace(search, structure=structure, blocks=blocks)
     main = ELEMENTS[name].parameters[0]
@@ -117,7 +118,7 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
     stairs = name == "torque_limit" and made.settings["mean_sampling"]
     gram = np.zeros((search.size + 1 + len(begins),) * 2)
     parts = search.parts(search.filtered(minimum.vector, minimum.noise), minimum.noise)
-    for (block, values), part in zip(search.each(minimum.vector), parts, strict=True):
+    for place, ((block, values), part) in enumerate(zip(search.each(minimum.vector), parts, strict=True)):
         experiment = block.data
         assert isinstance(experiment, Experiment)
         still = search.structure.equations.simulate(values, experiment)
@@ -140,8 +141,8 @@ def promise(name: str, search: WeightedProblem, minimum: Minimum, made: Structur
             except SimulationError:
                 continue
         changed = Evaluation(np.zeros_like(still), changes * block.valid, block.valid)
-        if minimum.noise.models is not None:
-            changed = prewhiten(changed, minimum.noise.models)
+        if whitening := minimum.noise.of(place):
+            changed = whitening(changed)
         rows = np.concatenate([part, minimum.noise.root @ changed.jacobian])
         flat = rows.reshape(len(rows), -1)
         gram += flat @ flat.T
@@ -159,13 +160,6 @@ def _levels(search: WeightedProblem, minimum: Minimum) -> tuple[float, ...]:
         assert isinstance(block.data, Experiment)
         top = max(top, float(np.max(_engine_torque(search.structure, values, block.data))))
     return tuple(1.0 + share * top for share in LEVELS)
-
-
-def _roughly(structure: Structure) -> Structure:
-    """Return a structure whose outputs have an error far below the noise, in less time."""
-    equations = bare(structure.equations)
-    assert isinstance(equations, ShipEquations)
-    return replace(structure, equations=tied(replace(equations, sharp=False), structure.ties))
 
 
 def _engine_torque(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> Array:

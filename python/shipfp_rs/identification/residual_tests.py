@@ -14,17 +14,17 @@ from scipy.stats import chi2
 
 from shipfp_rs._core import leftover_sums
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.blocks import Block, Evaluation, prewhiten
+from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.search import AR_ORDER, Search
 from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
+from shipfp_rs.identification.whiteness import ResidualTest, whiteness
+from shipfp_rs.identification.whitening import Evaluation, Whitening, is_coloured
 from shipfp_rs.optimise.normal_equations import Products, orthonormal
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-WHITENESS_LAGS = 25
-"""Lags of the autocorrelation, as many as MATLAB's `resid` shows."""
 INPUT_LAGS = 12
 """Number of lags of the set point besides zero, in geometric steps, since missing dynamics may be fast or slow."""
 INPUT_REACH = 10
@@ -34,45 +34,6 @@ OPEN = 1e-8
 
 STILL = 1e-4
 """The fit explains more than chance where the probability is below this."""
-
-
-@dataclass(frozen=True)
-class ResidualTest:
-    """Correlations by lag.
-
-    They come with the test that all of them are chance.
-
-    Parameters
-    ----------
-    lags
-        In samples, shape (L,).
-    correlation, band
-        Correlation coefficients [-] and the half width of the band that holds 95 % of each if it is chance, shape (L,).
-    statistic, freedom
-        What follows a chi-squared distribution with that many degrees of freedom if all of them are.
-    p
-        Probability of a statistic as large; None without a degree of freedom.
-    """
-
-    lags: npt.NDArray[np.int64]
-    correlation: Array
-    band: Array
-    statistic: float
-    freedom: int
-
-    @property
-    def p(self) -> float | None:
-        """Probability of such correlations by chance."""
-        return float(chi2.sf(self.statistic, self.freedom)) if self.freedom > 0 else None
-
-    def by_lag(self) -> dict[str, list[float]]:
-        """Return lags, correlations and bands as lists; lags without a pair of samples are left out."""
-        known = np.isfinite(self.band)
-        return {
-            "lags": self.lags[known].tolist(),
-            "correlation": self.correlation[known].tolist(),
-            "band": self.band[known].tolist(),
-        }
 
 
 @dataclass(frozen=True)
@@ -96,48 +57,6 @@ class OutputTests:
         return {"autocorrelation": self.whiteness.by_lag(), "set_point": self.by_input.by_lag()}
 
 
-def whiteness(
-    records: Sequence[tuple[Array, Mask]], fitted: int = 0, lags: int = WHITENESS_LAGS
-) -> ResidualTest:
-    """Test residuals for autocorrelation, Ljung and Box (10.1093/biomet/65.2.297), gaps left out.
-
-    Parameters
-    ----------
-    records
-        Residuals of one output in each experiment, shape (N,), and where they are valid.
-    fitted
-        Coefficients of the noise model that made them white.
-    lags
-        Number of lags, from one sample on.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> noise = np.random.default_rng(1).normal(size=5000)
-    >>> whiteness([(noise, np.isfinite(noise))]).p > 0.01
-    True
-    >>> whiteness([(np.cumsum(noise), np.isfinite(noise))]).p < 1e-6
-    True
-    """
-    steps = np.arange(1, lags + 1)
-    products, pairs, samples = np.zeros(lags), np.zeros(lags), 0
-    for values, valid in records:
-        count = int(valid.sum())
-        if count < 2:
-            continue
-        centred = np.where(valid, values - values[valid].mean(), 0.0)
-        spread = float(np.sqrt(centred @ centred / count)) or 1.0
-        samples += count
-        for index, lag in enumerate(steps[steps < len(values)]):
-            products[index] += centred[lag:] @ centred[:-lag] / spread**2
-            pairs[index] += np.count_nonzero(valid[lag:] & valid[:-lag])
-    known = pairs > 0
-    correlation = np.divide(products, pairs, out=np.zeros(lags), where=known)
-    band = np.divide(DEVIATIONS_95, np.sqrt(pairs), out=np.full(lags, np.inf), where=known)
-    statistic = float(np.sum(pairs * correlation**2)) * (samples + 2) / max(samples, 1)
-    return ResidualTest(steps, correlation, band, statistic, int(known.sum()) - fitted)
-
-
 def input_correlations(
     search: Search, minimum: Minimum, evaluations: Sequence[Evaluation]
 ) -> dict[str, ResidualTest]:
@@ -149,6 +68,8 @@ def input_correlations(
     `evaluations` are those of the search at the minimum, filtered by the noise models. A column that belongs to a
     constant offset may be left out.
     """
+    if any(map(is_coloured, minimum.noise.whitening or ())):
+        return _coloured_correlations(search, minimum, evaluations)
     noise, outputs = minimum.noise, search.structure.outputs
     residuals = [noise.root @ evaluation.residual for evaluation in evaluations]
     priors = search.priors(minimum.vector)
@@ -164,17 +85,17 @@ def input_correlations(
             part[-1] = residual
             rows = part.reshape(len(part), -1)
             gram += rows @ rows.T
-    shortest = min((len(b.data) for b in search.blocks if isinstance(b.data, Experiment)), default=0)
-    lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
-    lags = np.append(0, lags)
+    lags = _lags(search)
     count = sum(map(np.count_nonzero, residuals)) + int(np.count_nonzero(priors[:, -1]))
     basis = orthonormal(gram[:-1, :-1])
     along = basis.T @ gram[:-1, -1]
     free = range(len(search.free))
     records = [
-        _Record.of(block, evaluation, residual, basis[[*free, *range(own.start, own.stop)]], noise, lags)
-        for block, evaluation, residual, own in zip(
-            search.blocks, evaluations, residuals, search.places(), strict=True
+        _Record.of(
+            block, evaluation, residual, basis[[*free, *range(own.start, own.stop)]], noise, place, lags
+        )
+        for place, (block, evaluation, residual, own) in enumerate(
+            zip(search.blocks, evaluations, residuals, search.places(), strict=True)
         )
     ]
     tests: dict[str, ResidualTest] = {}
@@ -218,6 +139,7 @@ class _Record:
         residual: Array,
         basis: Array,
         noise: Noise,
+        place: int,
         lags: npt.NDArray[np.int64],
     ) -> _Record:
         """Add up a block's lagged set points, whitened residuals (O, R) and sensitivities combined by a basis (Q, B)."""
@@ -225,13 +147,14 @@ class _Record:
         columns = len(evaluation.jacobian)
         mix = np.zeros((outputs, basis.shape[1], columns * outputs + 1))
         mix[..., :-1] = -np.einsum("op,qb->obqp", noise.root, basis[:columns]).reshape(*mix.shape[:2], -1)
-        filters = [np.ones(1)] if noise.models is None else list(noise.models)
+        whitening = noise.of(place)
+        filters = [np.ones(1)] if whitening is None else list(whitening.models)
         for output, row in enumerate(basis[columns:]):
             gain = filters[min(output, len(filters) - 1)].sum()
             mix[..., -1] -= gain * np.outer(noise.root[:, output], row)
         # e = H w with w white gives A'e = (H'A)'w, and H' is the noise filter run backwards.
         models = np.eye(1, AR_ORDER + 1).repeat(outputs, axis=0)
-        if noise.models is None and samples > 2 * AR_ORDER:
+        if whitening is None and samples > 2 * AR_ORDER:
             models = np.array([_stable_model(row) for row in residual])
         white = np.array([lfilter(model, [1.0], row) for model, row in zip(models, residual, strict=True)])
         across, squares, coloured = leftover_sums(
@@ -248,7 +171,7 @@ class _Record:
             np.broadcast_to(squares, (outputs, len(lags))),
             coloured.reshape(coloured.shape[0] * coloured.shape[1], -1),
             white @ white.T / max(int(evaluation.valid.sum()), 1),
-            noise.models is not None,
+            whitening is not None,
         )
 
     def covariance(self, output: int, factors: Array, explained: Array) -> Array:
@@ -261,6 +184,45 @@ class _Record:
         rows = cleared.reshape(outputs, -1, lags)
         weighed = np.einsum("op,paj->oaj", self.scatter, self.coloured @ rows)
         return np.asarray(np.einsum("oai,oaj->ij", rows, weighed))
+
+
+def _lags(search: Search) -> npt.NDArray[np.int64]:
+    """Lags of the set point that are looked at [samples]."""
+    shortest = min((len(b.data) for b in search.blocks if isinstance(b.data, Experiment)), default=0)
+    lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
+    return np.append(0, lags)
+
+
+def _coloured_correlations(
+    search: Search, minimum: Minimum, evaluations: Sequence[Evaluation]
+) -> dict[str, ResidualTest]:
+    """Do as `input_correlations` for residuals that are weighed by frequency: white, and of one variance."""
+    noise, outputs, lags = minimum.noise, search.structure.outputs, _lags(search)
+    unknowns = search.size
+    gram = np.zeros((unknowns + 1 + len(outputs) * len(lags),) * 2)
+    priors = search.priors(minimum.vector)
+    gram[: unknowns + 1, : unknowns + 1] = priors.T @ priors
+    parts = search.parts(evaluations, noise)
+    for place, (block, part) in enumerate(zip(search.blocks, parts, strict=True)):
+        samples, whitening = len(block.valid), noise.of(place)
+        assert whitening is not None
+        told = _with_past(block, samples, np.ones(1), int(lags[-1]))
+        lagged = np.array([told[lags[-1] - lag :][:samples] for lag in lags]) * block.valid
+        each = np.einsum("oq,ls->olqs", np.eye(len(outputs)), lagged).reshape(-1, len(outputs), samples)
+        asked = whitening(Evaluation(np.zeros(each.shape[1:]), each, block.valid)).jacobian
+        rows = np.concatenate([part, noise.root @ asked]).reshape(len(gram), -1)
+        gram += rows @ rows.T
+    count = len(outputs) * sum(int(evaluation.valid.sum()) for evaluation in evaluations)
+    sum_of_squares = max(float(gram[unknowns, unknowns]), 0.0)
+    basis = orthonormal(gram[:unknowns, :unknowns])
+    left = gram[unknowns:, unknowns:] - (half := basis.T @ gram[:unknowns, unknowns:]).T @ half
+    tests = {}
+    for place, output in enumerate(outputs):
+        own = slice(1 + place * len(lags), 1 + (place + 1) * len(lags))
+        size = np.sqrt(np.diag(gram)[unknowns:][own])
+        covariance = left[own, own] * sum_of_squares / max(count, 1)
+        tests[output] = _test(size, covariance, left[own, 0], sum_of_squares, count, lags)
+    return tests
 
 
 def _with_past(block: Block, samples: int, model: Array, reach: int) -> Array:
@@ -316,23 +278,22 @@ def responds(search: Search, minimum: Minimum) -> bool:
     """
     if not all(isinstance(block.data, Experiment) for block in search.blocks):
         return True
-    still = [_of_constants(block, minimum.noise.models) for block in search.blocks]
+    still = [_of_constants(block, minimum.noise.of(place)) for place, block in enumerate(search.blocks)]
     (_, before), (count, after) = mean_scatter(still), mean_scatter(minimum.sums)
     fall = [np.linalg.slogdet(scatter + 1e-300 * np.eye(len(scatter)))[1] for scatter in (before, after)]
     return bool(chi2.sf(count * (fall[0] - fall[1]), search.size) < STILL)
 
 
-def _of_constants(block: Block, models: Sequence[Array] | None) -> Products:
-    """Sums of the residuals of a fit of constants (zero without offsets), filtered by the noise's models."""
+def _of_constants(block: Block, whitening: Whitening | None) -> Products:
+    """Sums of the residuals of a fit of constants (zero without offsets), whitened."""
     mean = (
         block.mean if any(name.startswith("offset") for name in block.nuisance) else np.zeros(len(block.mean))
     )
-    if models is None:
+    if whitening is None:
         scatter = block.scatter + np.outer(block.mean - mean, block.mean - mean)
         return Products(block.count * scatter[:, None, :, None], block.count)
     level = np.where(block.valid, block.measured - mean[:, None], 0.0)
-    left = prewhiten(Evaluation(level, np.zeros((0, *level.shape)), block.valid), models)
-    return Products.of(left.residual, left.jacobian, int(left.valid.sum()))
+    return whitening.products(Evaluation(level, np.zeros((0, *level.shape)), block.valid))
 
 
 def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
@@ -354,10 +315,10 @@ def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:
     evaluations = search.filtered(minimum.vector, minimum.noise, constants=listed)
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
-    models = minimum.noise.models
+    whitening = minimum.noise.of(0)
     tests: dict[str, OutputTests] = {}
     for index, (output, by_input) in enumerate(input_correlations(search, minimum, evaluations).items()):
-        fitted = 0 if models is None else int(np.count_nonzero(models[index][1:]))
+        fitted = 0 if whitening is None else int(np.count_nonzero(whitening.models[index][1:]))
         white = whiteness([(record.residual[index], record.valid) for record in records], fitted)
         tests[output] = OutputTests(white, by_input, samples)
     return tests

@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.blocks import autoregressive_model
 from shipfp_rs.identification.descent import descend
 from shipfp_rs.identification.variable_projection import Elimination
 from shipfp_rs.identification.weighted_problem import Minimum, Noise, WeightedProblem, mean_scatter
+from shipfp_rs.identification.whitening import Whitening, autoregressive_model
 from shipfp_rs.optimise.least_squares import STOPPED, Solution, approach, minimise
 from shipfp_rs.optimise.normal_equations import Products
 from shipfp_rs.structures.parameter import Parameter
@@ -33,6 +33,10 @@ LITTLE = 0.1
 """Fall of the deviance that ends a descent whose noise models are still to be fitted."""
 NOTHING = 1e-6
 """Fall of the deviance that ends the last descent: a thousandth of a standard deviation."""
+FINE = 1e-3
+"""Fall of the deviance that ends a descent weighed by frequency, a thirtieth of a standard deviation."""
+COLOURS, AGREED = 5, 0.5
+"""Fits with the spectral matrix of the residuals before, at most, and the change of the deviance that ends them."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends a descent where there is no noise."""
 
@@ -54,18 +58,50 @@ class Search(WeightedProblem):
         noise = replace(self.initial_noise(), sharp=not self._refines and self.enough is None)
         return self._weighted(start, noise, tick, ROUGH if self._refines else CRITERION_TOLERANCE)
 
-    def refine(self, minimum: Minimum, tick: Callable[[], None] | None = None) -> Minimum:
-        """Go on from a minimum with AR noise models fitted to its residuals, until these agree too."""
-        for tolerance in (ROUGH, CRITERION_TOLERANCE) if self._refines else ():
+    def refine(
+        self, minimum: Minimum, tick: Callable[[], None] | None = None, *, last: bool = True
+    ) -> Minimum:
+        """Go on from a minimum with AR noise models fitted to its residuals, until these agree too.
+
+        Not the `last` search of these records, it ends where they nearly do.
+        """
+        coloured = self.noise == "spectrum"
+        for tolerance in (
+            ((ROUGH, CRITERION_TOLERANCE) if last and not coloured else (ROUGH,)) if self._refines else ()
+        ):
             noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH and self.enough is None)
             minimum = self._weighted(minimum.vector, noise, tick, tolerance)
+        return self._coloured(minimum, tick) if self._refines and coloured else minimum
+
+    def _coloured(self, minimum: Minimum, tick: Callable[[], None] | None) -> Minimum:
+        """Go on from a minimum with the spectral matrix of its residuals, until these agree, too."""
+        noise, deviance = self._with_colour(minimum)
+        for _ in range(COLOURS):
+            held = replace(self, weights=noise, enough=FINE if self.enough is None else self.enough)
+            found = held._weighted(minimum.vector, noise, tick, CRITERION_TOLERANCE)
+            before = deviance
+            noise, deviance = self._with_colour(found)
+            minimum = replace(found, criterion=deviance, evaluations=minimum.evaluations + found.evaluations)
+            if abs(before - deviance) < AGREED:
+                break
         return minimum
+
+    def _with_colour(self, minimum: Minimum) -> tuple[Noise, float]:
+        noise = self._with_models(minimum)
+        assert noise.whitening is not None
+        each = [
+            whitening.coloured(evaluation)
+            for whitening, evaluation in zip(noise.whitening, self.evaluate(minimum.vector, ()), strict=True)
+        ]
+        whitening = tuple(one for one, _ in each)
+        root = np.eye(len(self.structure.outputs))
+        return replace(noise, root=root, whitening=whitening), sum(deviance for _, deviance in each)
 
     @property
     def _refines(self) -> bool:
         return (
             self.weights is None
-            and self.noise == "ar"
+            and self.noise in ("ar", "spectrum")
             and any(isinstance(block.data, Experiment) for block in self.blocks)
         )
 
@@ -80,7 +116,8 @@ class Search(WeightedProblem):
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
             for output in range(len(self.structure.outputs))
         )
-        return replace(minimum.noise, models=models)
+        whitening = Whitening(models)
+        return replace(minimum.noise, whitening=(whitening,) * len(self.blocks))
 
     def _named(self, message: str, linear: npt.NDArray[np.bool_]) -> str:
         """Put names into a message in place of entries of the searched vector, which lacks the `linear` unknowns."""
@@ -108,7 +145,7 @@ class Search(WeightedProblem):
                 kept,
                 noise,
                 reweighs=self._reweighs,
-                near=self.weights is not None or noise.models is not None,
+                near=self.weights is not None or noise.whitening is not None,
                 enough=(LITTLE if tolerance >= ROUGH else NOTHING) if self.enough is None else self.enough,
                 worth=self.worth,
                 max_evaluations=self.max_evaluations,
@@ -124,7 +161,7 @@ class Search(WeightedProblem):
             criterion = self._criterion(vector, noise, sums)
             return Minimum(vector, criterion, reached.settled, message, used, noise, sums)
         # While the weights still change much, a few steps towards the minimum for the present ones are enough.
-        rough = self._reweighs and noise.models is None and not self._descends
+        rough = self._reweighs and noise.whitening is None and not self._descends
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
             solution = self._solve(problem, kept, noise, tick, rough=rough)
             used += solution.evaluations

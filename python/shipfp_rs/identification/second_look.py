@@ -11,8 +11,9 @@ from itertools import product
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.chooser import NEARLY, SAME, Chooser, Fitted, cost
+from shipfp_rs.identification.chooser import NEARLY, SAME, Chooser
 from shipfp_rs.identification.first_ends import START_EVALUATIONS, distinct, ends_of
+from shipfp_rs.identification.fitted import Fitted, cost
 from shipfp_rs.identification.promise import PROPELLER_PART
 from shipfp_rs.identification.search import LITTLE, Search
 from shipfp_rs.identification.starts import both_ended

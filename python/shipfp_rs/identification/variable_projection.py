@@ -94,7 +94,7 @@ class Elimination:
         return done, gram, coefficients
 
     def _is(self, one: _Pass, kept: Array, noise: Noise) -> bool:
-        same = one.noise.models is noise.models and one.noise.sharp == noise.sharp
+        same = one.noise.whitening is noise.whitening and one.noise.sharp == noise.sharp
         return same and np.array_equal(one.vector[~self._linear], kept)
 
     def _led_to(self, kept: Array) -> Array:

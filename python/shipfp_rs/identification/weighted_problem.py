@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, SimulationError
-from shipfp_rs.identification.blocks import Block, Evaluation
+from shipfp_rs.identification.blocks import Block
+from shipfp_rs.identification.whitening import Evaluation, Whitening
 from shipfp_rs.optimise.normal_equations import Products
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
@@ -23,12 +24,17 @@ NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the l
 
 @dataclass(frozen=True)
 class Noise:
-    """What is known of the residuals: the inverse square root of their covariance, and each output's AR model."""
+    """What is known of the residuals: what leaves them white, and the inverse root of the covariance of what is left."""
 
     root: Array
-    models: tuple[Array, ...] | None = None
+    whitening: tuple[Whitening, ...] | None = None
+    """Of each block."""
     sharp: bool = True
     """Whether passes over the records must be far more exact than the noise; on the way to a minimum they need not."""
+
+    def of(self, block: int) -> Whitening | None:
+        """Return what leaves a block's residuals white, if that is known."""
+        return None if self.whitening is None else self.whitening[block]
 
 
 @dataclass(frozen=True)
@@ -119,8 +125,8 @@ class WeightedProblem:
         """Evaluate every block and prewhiten the experiments, with or without the columns of offsets."""
         names = self.names if names is None else names
         return [
-            block.filtered(values, names, noise.models, constants=constants)
-            for block, values in self.each(vector)
+            block.filtered(values, names, noise.of(place), constants=constants)
+            for place, (block, values) in enumerate(self.each(vector))
         ]
 
     def whitened(self, minimum: Minimum) -> tuple[list[Evaluation], Array, Array]:
@@ -132,8 +138,10 @@ class WeightedProblem:
         vector, noise = minimum.vector, minimum.noise
         if self.huber is None:
             evaluations = [
-                block.turned(values, self.names, noise.models, noise.root, sums)
-                for (block, values), sums in zip(self.each(vector), minimum.sums, strict=True)
+                block.turned(values, self.names, noise.of(place), noise.root, sums)
+                for place, ((block, values), sums) in enumerate(
+                    zip(self.each(vector), minimum.sums, strict=True)
+                )
             ]
         else:
             evaluations = self.filtered(vector, noise)
@@ -145,8 +153,8 @@ class WeightedProblem:
         """Pass over the data once: every block's sums of products, filtered by the noise's models."""
         with np.errstate(over="ignore", invalid="ignore"):
             return [
-                block.products(values, self.names, noise.models, sharp=noise.sharp)
-                for block, values in self.each(vector)
+                block.products(values, self.names, noise.of(place), sharp=noise.sharp)
+                for place, (block, values) in enumerate(self.each(vector))
             ]
 
     def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -126,6 +126,10 @@ class ShipEquations(Equations):
         *after[places], slope = (ratios + part * moves) * after[tau]
         after[g] = after[p] - slope
         return np.asarray(after)
+
+    def rough(self) -> ShipEquations:
+        """Return equations whose outputs have an error far below any noise."""
+        return replace(self, sharp=False)
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +111,10 @@ class Behind(Equations):
     def has_valley(self) -> bool:
         """Whether the equations know a valley."""
         return self.equations.has_valley
+
+    def rough(self) -> Equations:
+        """Return the same about rougher equations."""
+        return replace(self, equations=self.equations.rough())
 
     def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable, as far as the equations can tell."""
