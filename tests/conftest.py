@@ -35,6 +35,14 @@ KERNEL_MODULES = ("_kernel", ".test_drive_train_sensitivities", ".test_long_reco
 """Ends of the names of modules whose tests run with every instruction set that this machine has."""
 OWN_CHOICE = ("test_pulse_kernel",)
 """Of kernels that choose their instruction set themselves."""
+WIDEST = os.environ.get("SHIPFP_INSTRUCTION_SET")
+"""Instruction set of a machine that the tests are to take this one for; by default all that it has."""
+
+
+def _instruction_sets() -> list[str]:
+    """Names of the sets up to the widest one asked for."""
+    found = list(_core._instruction_sets())
+    return found if WIDEST is None else found[: found.index(WIDEST) + 1]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -42,7 +50,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     name = metafunc.module.__name__
     if name.endswith(KERNEL_MODULES) and not name.endswith(OWN_CHOICE):
         metafunc.fixturenames.append("instruction_set")
-        metafunc.parametrize("instruction_set", _core._instruction_sets(), indirect=True, scope="module")
+        metafunc.parametrize("instruction_set", _instruction_sets(), indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +58,14 @@ def instruction_set(request: pytest.FixtureRequest) -> Iterator[str]:
     """Let the kernels use an instruction set, and the widest one again afterwards."""
     _core._set_instruction_set(request.param)
     yield request.param
-    _core._set_instruction_set(None)
+    _core._set_instruction_set(WIDEST)
+
+
+@pytest.fixture(autouse=True)
+def _no_wider_instruction_set(request: pytest.FixtureRequest) -> None:
+    """Let the kernels of this process use no wider set than asked for, whatever the test before has chosen."""
+    if WIDEST is not None and "instruction_set" not in request.fixturenames:
+        _core._set_instruction_set(WIDEST)
 
 
 @pytest.fixture(autouse=True)

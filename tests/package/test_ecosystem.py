@@ -285,14 +285,20 @@ def test_a_users_script_passes_mypy_strict_and_a_wrong_one_does_not(tmp_path) ->
 
 def test_importing_the_package_loads_nothing_heavy_and_costs_less_than_numpy(capsys) -> None:
     # NumPy, which every user imports, takes about a tenth of a second where the whole may take a quarter.
+    # Processor seconds, the best of three: what else the machine does adds nothing.
     code = (
-        "import sys, time; start = time.perf_counter(); import shipfp_rs; between = time.perf_counter(); "
-        "loaded = {name.partition('.')[0] for name in sys.modules}; middle = time.perf_counter(); import numpy; "
-        "print(between - start, time.perf_counter() - middle, *sorted(loaded))"
+        "import sys, time; start = time.process_time(); import shipfp_rs; between = time.process_time(); "
+        "loaded = {name.partition('.')[0] for name in sys.modules}; middle = time.process_time(); import numpy; "
+        "print(between - start, time.process_time() - middle, *sorted(loaded))"
     )
-    own, numpy, *loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.split()
+        for _ in range(3)
+    ]
+    own, numpy = (min(float(words[place]) for words in told) for place in (0, 1))
+    loaded = told[0][2:]
     heavy = {
         "numpy",
         "scipy",
@@ -308,7 +314,5 @@ def test_importing_the_package_loads_nothing_heavy_and_costs_less_than_numpy(cap
     }
     assert not heavy & set(loaded)
     with capsys.disabled():
-        print(
-            f"\nimport shipfp_rs: {1e3 * float(own):.0f} ms above bare Python, NumPy {1e3 * float(numpy):.0f} ms"
-        )
-    assert float(own) < float(numpy)
+        print(f"\nimport shipfp_rs: {1e3 * own:.0f} ms above bare Python, NumPy {1e3 * numpy:.0f} ms")
+    assert own < numpy

@@ -21,6 +21,8 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 
 Kind = Literal["bounded", "one-sided", "flat"]
+Drawn = tuple[Array, Array, Array]
+"""Values, rises of the cost and all best values along one side."""
 
 LEVEL = float(chi2.ppf(0.95, 1))
 """Deviance at the ends of a 95 % interval, 3.84."""
@@ -28,6 +30,8 @@ BEYOND = 1.5
 """How far past an end that the data set a profile is drawn, in distances from the minimum to it."""
 POINTS = 12
 """Of each side."""
+CONFIRMED = 0.9
+"""Part of the level that the deviance past an end reaches, or the end is none."""
 WITHOUT_BOUND = 10.0
 """Typical sizes to which a profile without end or bound is drawn."""
 
@@ -157,20 +161,13 @@ def profile_likelihood(
 def _likelihood(
     profile: Profile, parameter: Parameter, index: int, names: Sequence[str], value: float, threshold: float
 ) -> Likelihood:
-    scale = max(abs(value), parameter.scale)
-    ends, sides = [], []
-    for sign in (-1.0, 1.0):
-        end = profile.end(index, sign * 0.01 * scale, threshold)
-        bound = parameter.lower if sign < 0.0 else parameter.upper
-        ends.append(end)
-        reach = _reach(end, value, bound, sign * WITHOUT_BOUND * scale)
-        sides.append(_side(profile, index, value, reach, threshold))
-    low, high = sides
+    lower, low = _side(profile, parameter, index, value, -1.0, threshold)
+    upper, high = _side(profile, parameter, index, value, 1.0, threshold)
     places = np.concatenate([low[0][::-1], [value], high[0]])
     rise = np.concatenate([low[1][::-1], [0.0], high[1]])
     vectors = np.concatenate([low[2][::-1], profile.minimum[None], high[2]])
     others = {name: vectors[:, place] for place, name in enumerate(names) if place != index}
-    set_by_data = sum(end.kind == "data" for end in ends)
+    set_by_data = sum(end.kind == "data" for end in (lower, upper))
     kinds: tuple[Kind, ...] = ("flat", "one-sided", "bounded")
     return Likelihood(
         parameter.name,
@@ -179,23 +176,44 @@ def _likelihood(
         places,
         rise * LEVEL / threshold,
         others,
-        (ends[0].value, ends[1].value),
+        (lower.value, upper.value),
         kinds[set_by_data],
     )
 
 
-def _reach(end: End, value: float, bound: float, far: float) -> float:
-    """How far to draw: past an end that the data set, else to the bound or far enough."""
-    if end.kind == "data":
-        wanted = value + BEYOND * (end.value - value)
-    else:
-        wanted = end.value if np.isfinite(end.value) else value + far
-    return float(np.clip(wanted, min(bound, value), max(bound, value)))
-
-
 def _side(
-    profile: Profile, index: int, value: float, reach: float, threshold: float
-) -> tuple[Array, Array, Array]:
+    profile: Profile, parameter: Parameter, index: int, value: float, sign: float, threshold: float
+) -> tuple[End, Drawn]:
+    """Return the end on one side and what is drawn of it.
+
+    Along a floor the search for an end may lose the other parameters, and where it does so hangs on the last digit. Such
+    an end is none if the deviance drawn past it stays below the level.
+    """
+    scale = max(abs(value), parameter.scale)
+    bound = parameter.lower if sign < 0.0 else parameter.upper
+    far = bound if np.isfinite(bound) else value + sign * WITHOUT_BOUND * scale
+    end = profile.end(index, sign * 0.01 * scale, threshold)
+    passed = value + BEYOND * (end.value - value) if end.kind == "data" else far
+    reach = float(np.clip(passed, min(bound, value), max(bound, value)))
+    drawn = _drawn(profile, index, value, reach, threshold)
+    if end.kind == "bound" or (end.kind == "data" and drawn[1].max(initial=0.0) > CONFIRMED * threshold):
+        return end, drawn
+    if reach != far:
+        drawn = _drawn(profile, index, value, far, threshold)
+    return _end_of(drawn, value, bound, sign, threshold), drawn
+
+
+def _end_of(drawn: Drawn, value: float, bound: float, sign: float, threshold: float) -> End:
+    """Where what is drawn first passes the level."""
+    places, rise = np.append(value, drawn[0]), np.append(0.0, drawn[1])
+    above = np.flatnonzero(rise >= threshold)
+    if not above.size:
+        return End(bound, "bound") if np.isfinite(bound) else End(sign * np.inf, "open")
+    first = slice(above[0] - 1, above[0] + 1)
+    return End(float(np.interp(np.sqrt(threshold), np.sqrt(rise[first]), places[first])), "data")
+
+
+def _drawn(profile: Profile, index: int, value: float, reach: float, threshold: float) -> Drawn:
     if reach == value:
         return np.empty(0), np.empty(0), np.empty((0, len(profile.minimum)))
     places = np.linspace(value, reach, POINTS + 1)[1:]

@@ -17,21 +17,24 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, TextIO
 
-import typer
+from shipfp_rs.cli.interrupts import ends_without_a_word
 
-from shipfp_rs.cli.check import check
-from shipfp_rs.cli.compare import compare
-from shipfp_rs.cli.convert import convert
-from shipfp_rs.cli.demo import demo
-from shipfp_rs.cli.design import design
-from shipfp_rs.cli.init import init
-from shipfp_rs.cli.inspect import inspect
-from shipfp_rs.cli.reproduce import reproduce
-from shipfp_rs.cli.run import run
-from shipfp_rs.cli.simulate import simulate
-from shipfp_rs.cli.sweep import sweep
-from shipfp_rs.cli.view import view
-from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
+with ends_without_a_word():
+    import typer
+
+    from shipfp_rs.cli.check import check
+    from shipfp_rs.cli.compare import compare
+    from shipfp_rs.cli.convert import convert
+    from shipfp_rs.cli.demo import demo
+    from shipfp_rs.cli.design import design
+    from shipfp_rs.cli.init import init
+    from shipfp_rs.cli.inspect import inspect
+    from shipfp_rs.cli.reproduce import reproduce
+    from shipfp_rs.cli.run import run
+    from shipfp_rs.cli.simulate import simulate
+    from shipfp_rs.cli.sweep import sweep
+    from shipfp_rs.cli.view import view
+    from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
@@ -92,9 +95,18 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     # A shell's background commands ignore Ctrl-C.
     heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     before = {number: signal.signal(number, end) for number in (signal.SIGTERM, *[signal.SIGINT] * heeded)}
+    hook = sys.unraisablehook
+
+    def swallowed(unraisable: Any) -> None:
+        # An interrupt in a callback of the interpreter is printed and forgotten; it comes again.
+        if not (asked and isinstance(unraisable.exc_value, KeyboardInterrupt)):
+            hook(unraisable)
+
+    sys.unraisablehook = swallowed
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         if asked and hasattr(signal, "setitimer"):
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
@@ -114,15 +126,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Whatever goes wrong costs one line on stderr; SHIPFP_TRACEBACK=1 shows where it came from.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(
-                errors="backslashreplace"
-            )  # a terminal without Greek letters is no reason to fail
     asked: list[int] = []
     try:
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                # A terminal without Greek letters is no reason to fail.
+                stream.reconfigure(errors="backslashreplace")
         status = _status(arguments, asked)
-    except KeyboardInterrupt:  # it came when the command was done
+    except KeyboardInterrupt:  # it came before the command had begun, or when it was done
         status = INTERRUPTED
     if status == INTERRUPTED:
         # CPython notes an interrupt within the exec of a text (dataclasses do that) and dies of it at its own end, caught or
