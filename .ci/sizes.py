@@ -21,12 +21,7 @@ REASON = re.compile(r"(#|//) long: \S+")
 RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )?fn (\w+)")
 
 
-STILL = frozenset(
-    {
-        "rust/src/ship/smooth/flexible.rs bent",
-        "rust/src/ship/smooth/mod.rs with_simd",
-    }
-)
+STILL: frozenset[str] = frozenset()
 
 
 def python_bodies(lines: list[str]) -> Iterator[tuple[str, int, int]]:

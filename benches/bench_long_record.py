@@ -128,16 +128,15 @@ def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]
     }
     values = dict(zip(names, _core.SHIP_OFF, strict=True)) | told | {"initial_N": 1.001}
     wrt = [names.index(name) for name in ("tau_n", "g", "K_p", "K_i", "p", "initial_N")]
-    common = (1.0 + dn_set, np.empty(0), 1.0 / RATE_HZ, 0, "first", [0, 2])
-    measured = np.random.default_rng(1).normal(size=(2, len(dn_set)))
+    common = (1.0 + dn_set, np.empty(0), 1.0 / RATE_HZ, 1, "first", [0, 2], wrt)
 
-    def products(**changes: float) -> Callable[[], object]:
+    def sensitivities(**changes: float) -> Callable[[], object]:
         vector = np.array([float((values | changes)[name]) for name in names])
-        return lambda: _core.ship_products(vector, *common, measured, np.zeros(2), np.ones((2, 1)), wrt)
+        return lambda: _core.ship_sensitivities(vector, *common)
 
     return {
-        "ship_products": products(),
-        "ship_products, lag and dead time": products(tau_act=0.005, T_d=0.004),
+        "ship_sensitivities": sensitivities(),
+        "ship_sensitivities, lag and dead time": sensitivities(tau_act=0.005, T_d=0.004),
     }
 
 

@@ -39,7 +39,7 @@ __all__ = [
     "pulse_levels",
     "pulses_are_even",
     "running_median",
-    "ship_products",
+    "ship_observed",
     "ship_sensitivities",
     "simulate_drive_train",
     "simulate_linear",
@@ -182,7 +182,6 @@ def simulate_ship(
     substeps: int,
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
-    sharp: bool = True,
 ) -> NDArray[np.float64]: ...
 def ship_sensitivities(
     parameters: NDArray[np.float64],
@@ -193,22 +192,21 @@ def ship_sensitivities(
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
     wrt: Sequence[int],
-    sharp: bool = True,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def ship_products(
+def ship_observed(
     parameters: NDArray[np.float64],
     u: NDArray[np.float64],
     load: NDArray[np.float64],
     dt: float,
     substeps: int,
     hold: Literal["zero", "first"],
+    stride: int,
     outputs: Sequence[int],
-    measured: NDArray[np.float64],
-    offsets: NDArray[np.float64],
-    filters: NDArray[np.float64],
     wrt: Sequence[int],
-    sharp: bool = True,
-) -> tuple[NDArray[np.float64], int]: ...
+    masked: NDArray[np.bool_],
+    taps: NDArray[np.float64],
+    down: int,
+) -> NDArray[np.float64]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]
 _Crossed = tuple[

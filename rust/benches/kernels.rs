@@ -13,6 +13,7 @@ use _core::integrate::{Hold, MethodName, ROWS, Run as PlantRun, Scheme, simulate
 use _core::linear::{By, Drive, Output, Parameters};
 use _core::plant::{Envelope, Library, Polynomial, Power};
 use _core::pulse::PulseCrossings;
+use _core::stepper::{self, parameters::at};
 use _core::stop::Stop;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
@@ -142,6 +143,54 @@ fn products(criterion: &mut Criterion) -> Result<(), Error> {
     Ok(())
 }
 
+fn ship(criterion: &mut Criterion) -> Result<(), Error> {
+    let mut group = criterion.benchmark_group("ship, a step");
+    let set = wander(1.0, SAMPLES);
+    let run = stepper::Run::new(&set, &[], 0.02, 4, Hold::First, 1)?;
+    let mut vector = stepper::OFF;
+    let told = [
+        (at::TAU_N, 1.5),
+        (at::G, -0.583),
+        (at::V, 1.0),
+        (at::K_P, 6.33),
+        (at::K_I, 1.583),
+        (at::P, 2.17),
+        (at::TAU_PROP, 0.6),
+        (at::T_D, 0.1213),
+        (at::T_SET, 0.0351),
+        (at::TAU_ACT, 0.06),
+    ];
+    for (place, value) in told {
+        vector[place] = value;
+    }
+    let parameters = stepper::Parameters::new(&vector, "parameters")?;
+    let outputs = stepper::Output::from_indices(&[0, 2])?;
+    let twelve = [
+        at::TAU_N,
+        at::G,
+        at::K_P,
+        at::K_I,
+        at::P,
+        at::TAU_PROP,
+        at::T_D,
+        at::T_SET,
+        at::TAU_ACT,
+        at::S_U,
+        at::S_M,
+        at::INITIAL_N,
+    ];
+    group.throughput(Throughput::Elements(4 * SAMPLES as u64));
+    for (name, wrt) in [("alone", &twelve[..0]), ("with twelve derivatives", &twelve[..])] {
+        let task = stepper::Task { parameters, outputs: &outputs, wrt };
+        let mut rows = vec![0.0; SAMPLES * outputs.len() * (1 + wrt.len())];
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| stepper::simulate(black_box(&task), &run, &mut rows, &Stop::new()));
+        });
+    }
+    group.finish();
+    Ok(())
+}
+
 fn signals(criterion: &mut Criterion) -> Result<(), Error> {
     let mut group = criterion.benchmark_group("signals, a sample");
     group.throughput(Throughput::Elements(100 * SAMPLES as u64));
@@ -165,7 +214,7 @@ fn signals(criterion: &mut Criterion) -> Result<(), Error> {
 }
 
 fn all(criterion: &mut Criterion) {
-    for bench in [plant, whole_drive_train, products, signals] {
+    for bench in [plant, whole_drive_train, ship, products, signals] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

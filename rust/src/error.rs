@@ -18,9 +18,6 @@ pub enum Error {
         /// The signal that left the range.
         what: &'static str,
     },
-    /// A ship is too quick for its record: to simulate it would take longer than anyone waits.
-    #[error("{0}")]
-    Stiff(String),
     /// The system has no room for what an argument asks for.
     #[error("no memory for {bytes} bytes; use fewer samples, outputs or directions")]
     Memory {
@@ -41,9 +38,4 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// Refuse an argument with a message that is only built when needed.
 pub(crate) fn require(ok: bool, message: impl FnOnce() -> String) -> Result<()> {
     if ok { Ok(()) } else { Err(Error::Invalid(message())) }
-}
-
-/// Refuse a ship that is too quick for its record.
-pub(crate) fn require_slow(ok: bool, message: impl FnOnce() -> String) -> Result<()> {
-    if ok { Ok(()) } else { Err(Error::Stiff(message())) }
 }

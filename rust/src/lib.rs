@@ -16,8 +16,8 @@ pub mod pyramid;
 pub mod residual_correlation;
 pub mod scalar;
 pub mod sensitivity;
-pub mod ship;
 pub mod statespace;
+pub mod stepper;
 pub mod stop;
 mod subnormal;
 

@@ -36,6 +36,18 @@ pub trait Scalar:
     #[must_use]
     fn function(self, value: f64, slope: f64) -> Self;
 
+    /// A function of two numbers, by its value and its slopes along both.
+    #[must_use]
+    fn function_with(self, other: Self, value: f64, slopes: [f64; 2]) -> Self;
+
+    /// `self + other factor`.
+    #[must_use]
+    fn plus(self, other: Self, factor: f64) -> Self;
+
+    /// `self + a b`.
+    #[must_use]
+    fn plus_product(self, a: Self, b: Self) -> Self;
+
     /// Whether value and derivatives are zero.
     #[inline(always)]
     #[must_use]
@@ -90,6 +102,21 @@ impl Scalar for f64 {
     }
 
     #[inline(always)]
+    fn function_with(self, _other: f64, value: f64, _slopes: [f64; 2]) -> f64 {
+        value
+    }
+
+    #[inline(always)]
+    fn plus(self, other: f64, factor: f64) -> f64 {
+        self + other * factor
+    }
+
+    #[inline(always)]
+    fn plus_product(self, a: f64, b: f64) -> f64 {
+        self + a * b
+    }
+
+    #[inline(always)]
     fn cut(self) -> f64 {
         cut(self)
     }
@@ -124,32 +151,37 @@ pub struct Tangent<const N: usize> {
     pub slopes: [f64; N],
 }
 
+/// Derivatives aligned to half a line of the cache: to a whole one, copies of what is left of it behind the value stall.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+struct Lanes<const N: usize>([f64; N]);
+
 /// A value and its derivatives in `N` directions, a multiple of 8, computed with in the vectors of `S`.
 ///
 /// Forward differentiation: every operation carries the derivatives along, so that they are those of the computation as
 /// it is done, step by step. The value stands apart: its chain of operations is what a recursion waits for, and the
 /// derivatives, side by side in vectors, are computed in its shade. (`linear::number` keeps the value in a lane instead,
-/// which suits matrix products.) Left to the compiler, the loops over directions become shuffles of single numbers, twice
-/// as slow.
+/// which suits matrix products; a vector full of the value is slower, too.) Left to the compiler, the loops over directions
+/// become shuffles of single numbers, twice as slow.
 #[derive(Debug, Clone, Copy)]
 pub struct Dual<S, const N: usize> {
     simd: S,
     /// The number itself.
     pub value: f64,
-    slopes: [f64; N],
+    slopes: Lanes<N>,
 }
 
 impl<S: Simd, const N: usize> Dual<S, N> {
     /// To compute with the vectors of `simd`.
     #[inline(always)]
     pub fn new(simd: S, Tangent { value, slopes }: Tangent<N>) -> Self {
-        Self { simd, value, slopes }
+        Self { simd, value, slopes: Lanes(slopes) }
     }
 
     /// What is to be kept.
     #[inline(always)]
     pub fn tangent(&self) -> Tangent<N> {
-        Tangent { value: self.value, slopes: self.slopes }
+        Tangent { value: self.value, slopes: self.slopes.0 }
     }
 
     /// A value whose derivative is 1 in one direction, if there is that one, and 0 in the others.
@@ -160,28 +192,26 @@ impl<S: Simd, const N: usize> Dual<S, N> {
         if let Some(slope) = slopes.get_mut(direction) {
             *slope = 1.0;
         }
-        Self { value, slopes, ..self }
-    }
-
-    /// The same without derivatives that no sum would notice, which would slow down as they fade below the normal numbers.
-    #[inline(always)]
-    #[must_use]
-    pub fn without_dust(mut self) -> Self {
-        const DUST: f64 = 1e-200;
-        let dust = self.simd.splat_f64s(DUST);
-        for slope in S::as_mut_simd_f64s(&mut self.slopes).0 {
-            *slope = self.simd.sub_f64s(self.simd.add_f64s(*slope, dust), dust);
-        }
-        self
+        Self { value, slopes: Lanes(slopes), ..self }
     }
 
     /// The derivatives times `own`, plus the other's times `others`, about a value.
     #[inline(always)]
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
         let (own, others) = (self.simd.splat_f64s(own), self.simd.splat_f64s(others));
-        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes).0, S::as_simd_f64s(&other.slopes).0);
+        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes.0).0, S::as_simd_f64s(&other.slopes.0).0);
         for i in 0..N / S::F64_LANES {
             mine[i] = self.simd.mul_add_e_f64s(mine[i], own, self.simd.mul_f64s(theirs[i], others));
+        }
+        Self { value, ..self }
+    }
+
+    /// One operation on every derivative, about a value.
+    #[inline(always)]
+    fn each(mut self, other: &Self, value: f64, op: impl Fn(S, S::f64s, S::f64s) -> S::f64s) -> Self {
+        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes.0).0, S::as_simd_f64s(&other.slopes.0).0);
+        for i in 0..N / S::F64_LANES {
+            mine[i] = op(self.simd, mine[i], theirs[i]);
         }
         Self { value, ..self }
     }
@@ -189,8 +219,7 @@ impl<S: Simd, const N: usize> Dual<S, N> {
     #[inline(always)]
     fn scaled(mut self, factor: f64, value: f64) -> Self {
         let factor = self.simd.splat_f64s(factor);
-        let mine = S::as_mut_simd_f64s(&mut self.slopes).0;
-        for mine in mine {
+        for mine in S::as_mut_simd_f64s(&mut self.slopes.0).0 {
             *mine = self.simd.mul_f64s(*mine, factor);
         }
         Self { value, ..self }
@@ -202,7 +231,7 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
 
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
-        Self { value, slopes: [0.0; N], ..self }
+        Self { value, slopes: Lanes([0.0; N]), ..self }
     }
 
     #[inline(always)]
@@ -213,7 +242,7 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     #[inline(always)]
     fn is_constant(&self) -> bool {
         let mut moves = false;
-        for slope in &self.slopes {
+        for slope in &self.slopes.0 {
             moves |= *slope != 0.0;
         }
         !moves
@@ -225,8 +254,35 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     }
 
     #[inline(always)]
+    fn function_with(self, other: Self, value: f64, [own, others]: [f64; 2]) -> Self {
+        self.combined(own, &other, others, value)
+    }
+
+    #[inline(always)]
+    fn plus(mut self, other: Self, factor: f64) -> Self {
+        let by = self.simd.splat_f64s(factor);
+        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes.0).0, S::as_simd_f64s(&other.slopes.0).0);
+        for i in 0..N / S::F64_LANES {
+            mine[i] = self.simd.mul_add_e_f64s(theirs[i], by, mine[i]);
+        }
+        Self { value: self.value + other.value * factor, ..self }
+    }
+
+    #[inline(always)]
+    fn plus_product(mut self, a: Self, b: Self) -> Self {
+        let (by_a, by_b) = (self.simd.splat_f64s(b.value), self.simd.splat_f64s(a.value));
+        let mine = S::as_mut_simd_f64s(&mut self.slopes.0).0;
+        let (of_a, of_b) = (S::as_simd_f64s(&a.slopes.0).0, S::as_simd_f64s(&b.slopes.0).0);
+        for i in 0..N / S::F64_LANES {
+            let with_a = self.simd.mul_add_e_f64s(of_a[i], by_a, mine[i]);
+            mine[i] = self.simd.mul_add_e_f64s(of_b[i], by_b, with_a);
+        }
+        Self { value: self.value + a.value * b.value, ..self }
+    }
+
+    #[inline(always)]
     fn cut(mut self) -> Self {
-        cut_all(&mut self.slopes);
+        cut_all(&mut self.slopes.0);
         Self { value: cut(self.value), ..self }
     }
 
@@ -241,12 +297,12 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
             return self;
         }
         let [value, by_base, by_exponent] = power_and_slopes(self.value, exponent.value);
-        self.combined(by_base, &exponent, by_exponent, value)
+        self.function_with(exponent, value, [by_base, by_exponent])
     }
 
     #[inline(always)]
     fn square(self) -> Self {
-        self.scaled(2.0 * self.value.abs(), Square::of(self.value, 2.0))
+        self.function(Square::of(self.value, 2.0), 2.0 * self.value.abs())
     }
 }
 
@@ -260,24 +316,16 @@ impl<S: Simd, const N: usize> PartialEq for Dual<S, N> {
 impl<S: Simd, const N: usize> Add for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
-    fn add(mut self, other: Self) -> Self {
-        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes).0, S::as_simd_f64s(&other.slopes).0);
-        for i in 0..N / S::F64_LANES {
-            mine[i] = self.simd.add_f64s(mine[i], theirs[i]);
-        }
-        Self { value: self.value + other.value, ..self }
+    fn add(self, other: Self) -> Self {
+        self.each(&other, self.value + other.value, S::add_f64s)
     }
 }
 
 impl<S: Simd, const N: usize> Sub for Dual<S, N> {
     type Output = Self;
     #[inline(always)]
-    fn sub(mut self, other: Self) -> Self {
-        let (mine, theirs) = (S::as_mut_simd_f64s(&mut self.slopes).0, S::as_simd_f64s(&other.slopes).0);
-        for i in 0..N / S::F64_LANES {
-            mine[i] = self.simd.sub_f64s(mine[i], theirs[i]);
-        }
-        Self { value: self.value - other.value, ..self }
+    fn sub(self, other: Self) -> Self {
+        self.each(&other, self.value - other.value, S::sub_f64s)
     }
 }
 
@@ -294,7 +342,7 @@ impl<S: Simd, const N: usize> Div for Dual<S, N> {
     #[inline(always)]
     fn div(self, other: Self) -> Self {
         let (value, inverse) = (self.value / other.value, 1.0 / other.value);
-        self.combined(inverse, &other, -value * inverse, value)
+        self.function_with(other, value, [inverse, -value * inverse])
     }
 }
 
@@ -323,7 +371,9 @@ mod tests {
 
     /// Every operation at once, smooth for positive numbers.
     fn formula<T: Scalar>(x: T, y: T) -> T {
-        (x * y + x / y - y * 3.0 + 2.0 + x.square()).power(y) - x.power(x.constant(2.17)) / y
+        let sum = (x * y + x / y).plus(y, -3.0).plus_product(x, y + 1.0) + 2.0 + x.square();
+        let both = x.function_with(y, x.value() * y.value(), [y.value(), x.value()]);
+        sum.power(y) - x.power(x.constant(2.17)) / y + both
     }
 
     struct Formula([Tangent<8>; 2]);

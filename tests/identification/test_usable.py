@@ -8,8 +8,8 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
-from shipfp_rs.identification.automatic import reworded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.identification.ship_verdict import with_verdict
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
 from shipfp_rs.structures.combinations import true_values
 
@@ -35,39 +35,39 @@ def found() -> Fingerprint:
 
 
 def test_a_good_fit_is_usable_for_all(found) -> None:
-    told = reworded(found)
+    told = with_verdict(found)
     assert told.usable.endswith("comparison: the data determine every parameter.")
     assert (told.usability, told.why_not) == ("usable", "")
 
 
 def test_a_model_that_explains_nothing_of_the_torque_is_not_usable(found) -> None:
     fit = {**found.fit, "dM": {"nrmse_pct": 0.5 * LEAST_EXPLAINED_PCT}}
-    told = reworded(replace(found, fit=fit))
+    told = with_verdict(replace(found, fit=fit))
     assert told.usable == "Not usable, because the model explains nothing of the torque."
     assert (told.usability, told.why_not) == ("not usable", "nothing explained")
     fit["dM"] = {"nrmse_pct": 2.0 * LEAST_EXPLAINED_PCT}  # much noise is no contradiction
-    assert reworded(replace(found, fit=fit)).usable.startswith("Usable")
+    assert with_verdict(replace(found, fit=fit)).usable.startswith("Usable")
 
 
 def test_a_search_that_ended_in_no_minimum_is_not_usable(found) -> None:
-    told = reworded(replace(found, settings={"converged": False}))
+    told = with_verdict(replace(found, settings={"converged": False}))
     assert told.usable == "Not usable, because the search did not end in a minimum; no figure is an estimate."
     assert (told.usability, told.why_not) == ("not usable", "no minimum")
 
 
 def test_a_model_that_misses_much_and_data_that_tell_nothing_are_not_usable(found) -> None:
     misses = {"stands": False, "misses_pct": {"dn": 1.1 * LARGE_MISS_PCT}, "dispersion": 9.0}
-    told = reworded(replace(found, adequate=misses))
+    told = with_verdict(replace(found, adequate=misses))
     assert told.usable.startswith("Not usable, because the model misses 11 %")
     assert (told.usability, told.why_not) == ("not usable", "misfit")
-    told = reworded(replace(found, parameters=dict.fromkeys(found.parameters, LOST)))
+    told = with_verdict(replace(found, parameters=dict.fromkeys(found.parameters, LOST)))
     assert told.usable == "Not usable, because the data determine no parameter."
     assert (told.usability, told.why_not) == ("not usable", "nothing told")
 
 
 def test_the_state_is_written_and_read_and_no_other_word_is_taken_for_one(found, tmp_path) -> None:
     lost = {**found.parameters, "tau_n": LOST}
-    path = reworded(replace(found, parameters=lost)).save(tmp_path / "fingerprint.json")
+    path = with_verdict(replace(found, parameters=lost)).save(tmp_path / "fingerprint.json")
     assert Fingerprint.load(path).usability == "usable except"
     path.write_text(path.read_text().replace('"usable except"', '"perhaps"'))
     with pytest.raises(fp.InputError, match="usability: found 'perhaps', expected one of"):
@@ -83,18 +83,20 @@ def test_a_deviation_without_a_value_is_refused(found, tmp_path) -> None:
 
 def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     rough = {**found.parameters, "tau_n": Estimate(1.5, 0.2, (1.1, 1.9), "s")}
-    assert reworded(replace(found, parameters=rough)).usable.endswith("every parameter, tau_n only roughly.")
-    told = reworded(replace(found, parameters={**found.parameters, "tau_n": LOST}))
+    assert with_verdict(replace(found, parameters=rough)).usable.endswith(
+        "every parameter, tau_n only roughly."
+    )
+    told = with_verdict(replace(found, parameters={**found.parameters, "tau_n": LOST}))
     assert told.usable == (
         "Usable for simulation and comparison, but the data do not determine tau_n: other values fit as well."
     )
     assert (told.usability, told.why_not) == ("usable except", "")
     wide = {**found.parameters, "tau_n": Estimate(0.24, 4.0, (0.01, 8.2), "s")}
-    assert reworded(replace(found, parameters=wide)).usable == told.usable
+    assert with_verdict(replace(found, parameters=wide)).usable == told.usable
     rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
     assert (
         "determine tau_n, and determine vK_p only roughly: other"
-        in reworded(replace(found, parameters=rough)).usable
+        in with_verdict(replace(found, parameters=rough)).usable
     )
 
 

@@ -34,16 +34,12 @@ def _train(call: str, **more: object) -> Callable[[], object]:
 
 def _ship(call: str, samples: int = 2_000_000, **more: object) -> Callable[[], object]:
     def run() -> object:
-        parameters = ship.vector(T_d=0.05, tau_act=0.05, p=2.17)
         u = 1.0 + 0.02 * np.sin(np.arange(samples) * 0.01)
-        records = {
-            "measured": np.zeros((2, samples)),
-            "offsets": np.zeros(2),
-            "filters": np.ones((2, 1)),
-        }
-        given = {key: value for key, value in records.items() if more.get(key)}
-        rest = {key: value for key, value in more.items() if key not in records}
-        return getattr(_core, call)(parameters, u, np.zeros(0), 0.01, 20, "first", [0, 2], **given, **rest)
+        common = (ship.vector(T_d=0.05, tau_act=0.05), u, np.zeros(0), 0.01, 20, "first")
+        if call == "ship_observed":
+            masked, taps = np.zeros((samples, 2), dtype=np.bool_), np.full(1001, 1e-3)
+            return _core.ship_observed(*common, 1, [0, 2], WRT, masked, taps, 2)
+        return getattr(_core, call)(*common, [0, 2], **more)
 
     return run
 
@@ -58,7 +54,6 @@ def _linear(call: str, *given: object, samples: int = 8_000_000) -> Callable[[],
     return run
 
 
-PRODUCTS = {"measured": True, "offsets": True, "filters": True}
 WRT = [0, 1, 3, 4, 7]
 KERNELS: dict[str, Callable[[], object]] = {
     "spin": lambda: _core._spin_for_test(),
@@ -87,7 +82,7 @@ KERNELS: dict[str, Callable[[], object]] = {
     ),
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),
     "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
-    "ship_products": _ship("ship_products", wrt=WRT, **PRODUCTS),
+    "ship_observed": _ship("ship_observed"),
     "linear_sensitivities": _linear("linear_sensitivities", WRT, samples=5_000_000),
     "linear_products": _linear("linear_products", ..., np.zeros(2), np.ones((2, 32)), WRT, samples=5_000_000),
     "linear_response_sensitivities": lambda: _core.linear_response_sensitivities(

@@ -8,7 +8,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from tests.twins import plant
+from tests.twins import plant, ship
 from tests.twins.drive_train import NO_QUADRANTS, vector
 from tests.twins.plant import N_E, UNLIMITED
 
@@ -48,6 +48,12 @@ KERNELS = {
     "linear_products": (LINEAR, *LINEAR_RUN, [0], np.ones((1, 8)), np.zeros(1), np.ones((1, 1)), [0]),
     "linear_response": (LINEAR, np.ones(3), [0]),
     "linear_response_sensitivities": (LINEAR, np.ones(3), [0], [0]),
+    "simulate_ship": (ship.vector(load_gain=1.0), np.ones(4), np.zeros(4), 0.01, 1, "zero", [0]),
+    "ship_sensitivities": (ship.vector(), np.ones(4), np.zeros(0), 0.01, 1, "zero", [0], [0]),
+    "ship_observed": (
+        *(ship.vector(), np.ones(4), np.zeros(4), 0.01, 1, "zero", 1, [0], [0]),
+        *(np.zeros((4, 1), dtype=bool), np.ones(3), 1),
+    ),
     "simulate_statespace": (
         -np.eye(2),
         np.ones(2),

@@ -5,7 +5,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from tests.twins import plant
+from tests.twins import plant, ship
 from tests.twins.drive_train import NO_QUADRANTS, vector
 from tests.twins.plant import N_E, UNLIMITED
 
@@ -32,6 +32,12 @@ DIRECTIONS = np.array(
 )
 EDGES = np.cumsum(RNG.uniform(0.01, 0.02, size=400))
 CUBICS = RNG.normal(size=(4, len(EDGES) - 1))
+
+SHIP = (
+    ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, M_max=1.03, load_gain=0.3),
+    *(1.0 + DN_SET, DN_SET, 1.0 / RATE_HZ, 2, "first"),
+)
+SHIP_WRT = [0, 1, 2, 3, 4, 6, 8, 9, 12]
 
 
 def without_dead_time():
@@ -92,6 +98,7 @@ EXACT = {
     "spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
     "running median": lambda: _core.running_median(N_SET, 31),
     "drive train": lambda: _core.simulate_drive_train(TRAIN, *UNLIMITED, np.ones(6), NO_QUADRANTS, *RUN),
+    "ship": lambda: _core.simulate_ship(*SHIP, [0, 1, 2, 3, 4]),
     "frequency response": lambda: _core.linear_response(LINEAR, np.linspace(0.0, 20.0, 99), [0, 2]),
     "state space": lambda: _core.simulate_statespace(
         np.array([[-2.0, 1.0], [-1.0, -0.5]]), np.ones(2), np.eye(2), np.zeros(2), *COMMON
@@ -118,6 +125,10 @@ FUSED = {
         ]
     ),
     "products of the drive train": lambda: products_of_train()[0],
+    "sensitivities of the ship": lambda: _core.ship_sensitivities(*SHIP, [0, 2, 3], SHIP_WRT)[1],
+    "ship as a record shows it": lambda: _core.ship_observed(
+        *SHIP, 1, [0, 2], SHIP_WRT, np.zeros((SAMPLES, 2), dtype=bool), np.full(9, 0.1), 2
+    ),
     "plant": lambda: _core.simulate_plant(
         plant.vector(torque_exponent=2.01),
         *UNLIMITED,

@@ -232,6 +232,8 @@ def _estimate(
     # What a misfit can do widens the figures as it widens the parameters.
     widened = max(float(fingerprint.adequate.get("dispersion", 1.0)), 1.0)
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
+    if std > LARGEST * max(abs(value), 1e-6):
+        return unknown(reason="changes entirely within what the data leave open")
     others = _others(fingerprint, figure)
     if not others:
         return Estimate(value, std, (value - DEVIATIONS_95 * std, value + DEVIATIONS_95 * std), unit)
@@ -242,6 +244,10 @@ def _estimate(
     else:
         low, high = _widened(value, DEVIATIONS_95 * std, others)
     return Estimate(value, (high - low) / (2.0 * DEVIATIONS_95), (low, high), unit)
+
+
+LARGEST = 5.0
+"""Deviation over the value above which a figure is not told."""
 
 
 def _others(fingerprint: Fingerprint, figure: Figure) -> list[tuple[str, float]]:

@@ -129,9 +129,11 @@ def gradient_of(
         step = 1e-6 * (abs(values[name]) or 1.0)
         up, down = dict(values), dict(values)
         up[name] += step
-        down[name] -= step
+        # A delay of none has no shorter one.
+        back = step if values[name] != 0.0 else 0.0
+        down[name] -= back
         rise = function(followed(up, following)) - function(followed(down, following))
-        gradient[index] = rise / (2.0 * step)
+        gradient[index] = rise / (step + back)
     return gradient
 
 

@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Literal
+
+from threadpoolctl import threadpool_limits
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.alternatives import alternatives
-from shipfp_rs.identification.automatic import (
-    adequacy,
-    chooser_of,
-    element_rows,
-    reworded,
-    widened_by_bias,
-    widened_by_neglect,
-    with_limits,
-    with_rivals,
-    within_bounds,
-)
+from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.blocks import Data, Offsets
-from shipfp_rs.identification.choose import choose
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.gates import require_excited
-from shipfp_rs.identification.minima import Found, search_minima
+from shipfp_rs.identification.minima import search_minima
 from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
-from shipfp_rs.identification.sampling import with_clock
+from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.usability import judged
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
@@ -37,6 +25,20 @@ from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 
 OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
 """Arguments of `identify` that are no options of a search."""
+ONLY_WITH_A_STRUCTURE = (
+    "weighting",
+    "noise",
+    "covariance",
+    "huber",
+    "ridge",
+    "offsets",
+    "initial_state",
+    "random_search",
+    "starts",
+    "max_evaluations",
+    "tolerance",
+)
+"""Options that the fit without a structure has not, since it has one likelihood and one search."""
 
 
 @checked
@@ -191,39 +193,28 @@ def _chosen(
                 f"identify: data of type {type(item).__name__} without a structure, expected an Experiment; "
                 "give a structure for a FrequencyResponse"
             )
+    usual = identify.__kwdefaults__ or {}
+    for name in ONLY_WITH_A_STRUCTURE:
+        if getattr(options, name) != usual[name]:
+            raise InputError(
+                f"{name}: found without a structure, expected only with one; the full model of the ship is fitted by one "
+                "likelihood from starts of its own"
+            )
     experiments = [item for item in given if isinstance(item, Experiment)]
     if not experiments:
         raise InputError("identify: no data given, expected an Experiment")
-    require_excited(experiments)
-    limits = {
-        "covariance": options.covariance or "sandwich",
-        "intervals": options.intervals,
-        "time_limit_s": options.time_limit_s,
-    }
-    narrow: dict[str, Mapping[str, Any]] = {"fixed": fixed or {}, "prior": priors or {}}
-    chooser = chooser_of(
-        experiments, torque=torque, outputs=outputs, elements=elements or {}, narrow=narrow, search=limits
+    question = question_of(
+        experiments, torque=torque, outputs=outputs, elements=elements, fixed=fixed, priors=priors
     )
-    choice = choose(chooser)
-    settings = {
-        "structure": "chosen by the data",
-        "ladder": [rung.to_dict() for rung in choice.ladder],
-        "set_point": "band-limited" if chooser.band_limited else "straight lines",
-        "set_point_noise": "left out" if chooser.is_quiet else "taken for signal",
-    }
-    found = Found(choice.best.search, choice.best.minimum, [choice.best.minimum], settings, options.seed)
-    fingerprint = within_bounds(with_limits(fingerprint_of(found, vessel=vessel)), choice)
-    adequate = adequacy(fingerprint, choice.best)
-    fingerprint = with_rivals(fingerprint, choice)
-    fingerprint = widened_by_neglect(widened_by_bias(fingerprint, adequate["bias"]), choice)
-    fingerprint = within_bounds(with_clock(fingerprint, chooser.clock), choice)
-    fingerprint = replace(
-        fingerprint,
-        elements=element_rows(choice, fingerprint),
-        adequate=adequate,
-        settings={**fingerprint.settings, "alternatives": alternatives(choice)},
-    )
-    return reworded(fingerprint)
+    with threadpool_limits(limits=1):
+        return identified(
+            experiments,
+            question,
+            intervals=options.intervals,
+            seed=options.seed,
+            vessel=vessel,
+            time_limit_s=options.time_limit_s,
+        )
 
 
 def options_of(given: Mapping[str, Any]) -> Options:

@@ -108,7 +108,7 @@ def render(
     contents: list[tuple[str, str, Iterable[str]]] = [
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
-        ("elements", say("Elements of the model"), elements.choice(fingerprint, pictures, say)),
+        ("elements", say("Elements of the model"), elements.choice(fingerprint, say)),
         ("loop", say("The speed loop"), loop.section(fingerprint, figures, say)),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),

@@ -219,10 +219,11 @@ SENTENCES: Mapping[str, str] = {
     "Uneven intervals also cover other models that fit as well.": (
         "Ungleichseitige Bereiche umfassen auch andere Modelle, die ebenso gut passen."
     ),
-    "An element is a part of the model that the data can switch on, such as a dead time. The bar shows how much worse the"
-    " fit is without an element that acts, or how much better with one that does not.": (
-        "Ein Element ist ein Teil des Modells, den die Daten einschalten können, etwa eine Totzeit. Der Balken zeigt, wie"
-        " viel schlechter die Anpassung ohne ein wirkendes Element ist oder wie viel besser mit einem, das nicht wirkt."
+    "An element is a part of the model that may act or not, such as a dead time. It acts where its interval leaves no room"
+    " for none, and is undecided where the interval reaches from none to something that would matter.": (
+        "Ein Element ist ein Teil des Modells, der wirken kann oder nicht, etwa eine Totzeit. Es wirkt, wenn sein"
+        " Vertrauensbereich keins ausschließt, und ist offen, wenn der Bereich von keinem bis zu einem reicht, auf das es"
+        " ankäme."
     ),
     "Gain of fit by each element, as the change of the deviance. Left of the line the gain may be chance. An element "
     "right of it acts, unless the others explain as much when they are fitted together with it.": (

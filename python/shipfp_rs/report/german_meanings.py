@@ -27,6 +27,8 @@ MEANINGS: Mapping[str, str] = {
     "rate": "wie schnell sich das Moment aus dem Kraftstoff ändern kann, je Betriebsmoment",
     "damping": "Prozent Moment, um die eine Last neben dem Propeller mit 1 % Drehzahl wächst",
     "T_M": "Verzug des Drehmomentkanals",
+    "c_2": "Beiwert zweiter Ordnung der Last neben N^p",
+    "M_soft": "Breite, über die Rauschen die Momentengrenze rundet",
     "T_n": "Verzug des Drehzahlkanals",
     "k_L": "Beiwert des gemessenen Lastmoments",
 }

@@ -50,6 +50,17 @@ PHRASES: tuple[tuple[str, str], ...] = (
     ),
     (r"^Known only together: ", "Nur gemeinsam bekannt: "),
     (r"^Known: ", "Bekannt: "),
+    (r"^Known together: ", "Gemeinsam bekannt: "),
+    (r"^Undecided: ", "Offen: "),
+    (
+        r"^T_d holds half the sampling period of the governor, if it samples\.",
+        "T_d enthält die halbe Abtastzeit des Reglers, falls er abtastet.",
+    ),
+    (
+        r"the speed tells only ratios to tau_n; measure a torque or give the inertia",
+        "die Drehzahl bestimmt nur Verhältnisse zu tau_n; ein Drehmoment messen oder die Trägheit angeben",
+    ),
+    (r"the data allow everything between (\S+) and (\S+)", r"die Daten erlauben alles zwischen \1 und \2"),
     (r"^According to this model: ", "Nach diesem Modell: "),
     (r"^Acting elements: ", "Wirkende Elemente: "),
     (r"^Not found to act: ", "Keine Wirkung gefunden: "),

@@ -14,6 +14,7 @@ ELEMENTS: Mapping[str, str] = {
     "rate limit of the fuel rack": "begrenzte Stellgeschwindigkeit der Füllung",
     "torsionally flexible shaft": "drehelastische Welle",
     "load damping": "Dämpfung der Last",
+    "second-order coefficient of the load": "Beiwert zweiter Ordnung der Last",
     "delay of the torque channel": "verspäteter Drehmomentkanal",
     "delay of the speed channel": "verspäteter Drehzahlkanal",
     "measured load torque": "gemessenes Lastmoment",

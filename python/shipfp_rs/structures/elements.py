@@ -9,9 +9,6 @@ from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Names
 
-SHORTEST_S = 2e-3
-"""Shortest dead time and lag of an element that acts [s]; a shorter one can't be told from none, which is its absence."""
-
 
 @dataclass(frozen=True)
 class Element:
@@ -38,20 +35,25 @@ class Element:
 ELEMENTS: dict[str, Element] = {
     element.name: element
     for element in (
-        Element("dead_time_loop", "dead time in the loop", (Parameter("T_d", "s", 0.05, SHORTEST_S, 0.5),)),
+        Element("dead_time_loop", "dead time in the loop", (Parameter("T_d", "s", 0.05, 0.0, 0.5),)),
         Element(
             "dead_time_set_point", "dead time of the set point", (Parameter("T_set", "s", 0.05, 0.0, 2.0),)
         ),
-        Element(
-            "actuator_lag", "lag of the fuel actuator", (Parameter("tau_act", "s", 0.05, SHORTEST_S, 1.0),)
-        ),
+        Element("actuator_lag", "lag of the fuel actuator", (Parameter("tau_act", "s", 0.05, 0.0, 1.0),)),
         Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
         Element(
             "sampling",
             "sampling of the governor",
             (Parameter("T_s", "s", 0.02, 1e-3, 0.5), Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True)),
         ),
-        Element("torque_limit", "upper torque limit", (Parameter("M_max", "-", 1.1, 0.5, 5.0),)),
+        Element(
+            "torque_limit",
+            "upper torque limit",
+            (
+                Parameter("M_max", "-", 1.1, 0.5, 5.0),
+                Parameter("M_soft", "-", 0.0, 0.0, 0.1, fixed=True),
+            ),
+        ),
         Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
         Element(
             "twist",
@@ -59,6 +61,9 @@ ELEMENTS: dict[str, Element] = {
             (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
         ),
         Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
+        Element(
+            "curvature", "second-order coefficient of the load", (Parameter("c_2", "-", 0.0, -2.0, 2.0),)
+        ),
         Element("late_torque", "delay of the torque channel", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
         Element("late_speed", "delay of the speed channel", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
         Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.01, 10.0),), "load"),

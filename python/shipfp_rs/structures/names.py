@@ -25,6 +25,8 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "T_set": ("dead time of the set point", "Totzeit des Sollwerts"),
     "T_s": ("sampling period of the governor", "Abtastzeit des Reglers"),
     "T_0": ("first sample of the governor", "erster Abtastzeitpunkt des Reglers"),
+    "c_2": ("second-order coefficient of the load", "Beiwert zweiter Ordnung der Last"),
+    "M_soft": ("rounding of the torque limit", "Rundung der Momentengrenze"),
     "T_M": ("delay of the torque channel", "Verzug des Drehmomentkanals"),
     "T_n": ("delay of the speed channel", "Verzug des Drehzahlkanals"),
     "tau_act": ("lag of the fuel actuator", "Zeitkonstante des Stellglieds"),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
-from shipfp_rs.structures.equations import Against, Equations, Sums
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
@@ -26,6 +26,7 @@ _KERNEL = {
     "vK_d": "K_d",
     "rate": "rate_up",
     "k_L": "load_gain",
+    "c_2": "curvature",
     "initial dn": "initial_N",
     "initial fuel": "initial_F",
     SET_SCALE: "s_u",
@@ -49,14 +50,11 @@ class ShipEquations(Equations):
     propeller_speed: bool = False
     loaded: bool = False
     """Whether the experiment's load torque drives the model, too."""
-    sharp: bool = field(default=True, compare=False)
-    """Whether outputs are exact; otherwise an error far below the noise buys time."""
     mean_sampling: bool = False
     """Whether a governor that samples acts as one that is half a period late."""
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
-    has_products: bool = True
     has_valley: bool = True
     """The errors of the operating points stand among the states, so `identify` adds no constants."""
 
@@ -69,7 +67,7 @@ class ShipEquations(Equations):
         return [_core.SHIP_OUTPUTS.index(names.get(output, output)) for output in self.outputs]
 
     def vector(self, values: Values) -> Array:
-        """Return the kernel's parameters (32,) for values by name; what has none is off."""
+        """Return the kernel's parameters (34,) for values by name; what has none is off."""
         vector = np.array(_core.SHIP_OFF)
         vector[_INDEX["v"]] = 1.0
         for name, value in values.items():
@@ -127,14 +125,10 @@ class ShipEquations(Equations):
         after[g] = after[p] - slope
         return np.asarray(after)
 
-    def rough(self) -> ShipEquations:
-        """Return equations whose outputs have an error far below any noise."""
-        return replace(self, sharp=False)
-
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         inputs = self._inputs(experiment)
-        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self.sharp)
+        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
@@ -143,18 +137,6 @@ class ShipEquations(Equations):
             *self._inputs(experiment),
             self._kernel_outputs,
             self._columns(names),
-            self.sharp,
-        )
-
-    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
-        """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
-        return _core.ship_products(
-            self.vector(values),
-            *self._inputs(experiment),
-            self._kernel_outputs,
-            *against[:3],
-            self._columns(names),
-            against.sharp and self.sharp,
         )
 
     def response(

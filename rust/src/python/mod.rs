@@ -17,8 +17,8 @@ mod pulse;
 mod pyramid;
 mod residual_correlation;
 mod sensitivity;
-mod ship;
 mod statespace;
+mod stepper;
 mod streaming;
 
 use pyo3::prelude::*;
@@ -38,7 +38,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     duplicate_rows::register(module)?;
     pyramid::register(module)?;
     sensitivity::register(module)?;
-    ship::register(module)?;
     statespace::register(module)?;
+    stepper::register(module)?;
     Ok(())
 }

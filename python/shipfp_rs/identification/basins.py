@@ -1,0 +1,175 @@
+"""The search: descents side by side from several starts to the distinct minima of the deviance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.likelihood import Likelihood, Products
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import require_going, where_alone
+
+SETTLED = 0.01
+"""A step that lowers the deviance by less ends a descent: a hundredth of what makes an interval's end uncertain by a
+thousandth."""
+MOST_STEPS = 60
+DAMPED, LESS, MORE = 1e-4, 0.15, 8.0
+"""Damping of a descent to begin with, and its factors after a good step and a bad one (Marquardt 1963)."""
+ROUGH, MIDDLE, FINE = (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
+"""Most steps and least decrease of the descents, from many starts to few minima."""
+MOST_BASINS = 5
+SAME = 4.0
+"""Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
+ALIKE = 10.0
+"""Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
+
+Penalty = Callable[[Array], tuple[float, Array]]
+"""Row that is added to the residuals: its value at a vector and its gradient."""
+
+
+@dataclass(frozen=True)
+class Basin:
+    """The end of a descent: deviance and vector."""
+
+    cost: float
+    vector: Array
+    settled: bool = True
+
+
+def descend(
+    likelihood: Likelihood,
+    start: Array,
+    *,
+    steps: int = MOST_STEPS,
+    settled: float = SETTLED,
+    penalty: Penalty | None = None,
+    until: float | None = None,
+) -> Basin:
+    """Go down from a vector within the bounds, Levenberg-Marquardt with an active set.
+
+    Parameters
+    ----------
+    likelihood, start
+        What is lowered, from where.
+    steps, settled
+        Most steps, and the decrease below which it ends.
+    penalty
+        A stiff row beside, for a profile; the cost returned is without it.
+    until
+        Clock (`time.monotonic`) at which it ends.
+    """
+    low, high = likelihood.coordinates.bounds
+    x = np.clip(start, low, high)
+
+    def at(vector: Array) -> tuple[float, Products]:
+        found = likelihood.products(vector)
+        if penalty is None:
+            return found.cost, found
+        value, slope = penalty(vector)
+        # The row's residual is -value, its derivative as the model's: slope.
+        return found.cost, Products(
+            found.cost + value**2, found.downhill - value * slope, found.matrix + np.outer(slope, slope)
+        )
+
+    try:
+        plain, now = at(x)
+    except SimulationError:
+        return Basin(np.inf, x, False)
+    damping, last = DAMPED, False
+    for _ in range(steps):
+        require_going()
+        if until is not None and time.monotonic() > until:
+            return Basin(plain, x, False)
+        fell = 0.0
+        for _ in range(8):
+            step = _step(now, x, low, high, damping)
+            promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
+            if promised < 0.1 * settled:
+                return Basin(plain, x)
+            try:
+                plain_then, then = at(np.clip(x + step, low, high))
+            except SimulationError:
+                damping = max(damping * MORE, 1e-6)
+                continue
+            if then.cost < now.cost:
+                fell = now.cost - then.cost
+                good = fell / promised
+                damping = damping * (LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0)
+                x, plain, now = np.clip(x + step, low, high), plain_then, then
+                break
+            damping = max(damping * MORE, 1e-6)
+        if fell < settled:
+            last = True
+            break
+    return Basin(plain, x, last)
+
+
+def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
+    """Damped Gauss-Newton step within the bounds: what it would push out is held, and the rest solved again."""
+    diagonal = np.diag(now.matrix)
+    damped = now.matrix + np.diag(damping * diagonal + 1e-12 * (diagonal.max() or 1.0) + 1e-30)
+    step = np.zeros(len(x))
+    free = ~(((x <= low) & (now.downhill < 0.0)) | ((x >= high) & (now.downhill > 0.0)))
+    for _ in range(4):
+        rest = now.downhill[free] - damped[np.ix_(free, ~free)] @ step[~free]
+        step[free] = cho_solve(cho_factor(damped[np.ix_(free, free)]), rest)
+        out = free & ((x + step < low) | (x + step > high))
+        if not out.any():
+            break
+        step[out] = np.clip(x + step, low, high)[out] - x[out]
+        free &= ~out
+        if not free.any():
+            break
+    return np.clip(step, low - x, high - x)
+
+
+def best_basins(
+    likelihood: Likelihood, starts: Sequence[Array], *, until: float | None = None
+) -> tuple[Likelihood, list[Basin]]:
+    """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
+
+    Rough descents with white noise come first; the noise is then taken from the best one's residuals, and twice more.
+
+    Raises
+    ------
+    SimulationError
+        Where no start leads to a ship that can be simulated.
+    """
+    ends = _each(likelihood, starts, until, *ROUGH)
+    if not ends or not np.isfinite(ends[0].cost):
+        raise SimulationError("no start leads to a ship that can be simulated")
+    for settle in (MIDDLE, FINE, FINE):
+        ends = distinct(likelihood, ends)[:MOST_BASINS]
+        likelihood = likelihood.with_noise(ends[0].vector)
+        ends = _each(likelihood, [end.vector for end in ends], until, *settle)
+    ends = distinct(likelihood, ends)
+    return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE]
+
+
+def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:
+    """Leave out minima that are the same: apart by less than the deviance tells, or nearly equal in every coordinate."""
+    ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda one: one.cost)
+    if len(ends) < 2:
+        return ends
+    matrix = likelihood.products(ends[0].vector).matrix
+    kept: list[Basin] = []
+    for end in ends:
+        apart = [end.vector - other.vector for other in kept]
+        if all(one @ matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in apart):
+            kept.append(end)
+    return kept
+
+
+def _each(
+    likelihood: Likelihood, starts: Sequence[Array], until: float | None, steps: int, settled: float
+) -> list[Basin]:
+    jobs = [
+        partial(descend, likelihood, start, steps=steps, settled=settled, until=until) for start in starts
+    ]
+    return sorted(where_alone(jobs), key=lambda end: end.cost)

@@ -1,0 +1,163 @@
+"""Where a search begins: regressions of the loop's spectra over a grid of dead times and lags.
+
+With both dead times and the lag known, the loop is linear in (p - g) / tau_n, vK_p / tau_n and vK_i / tau_n:
+
+    jw N = -(p - g) / tau_n N + (vK_p + vK_i / jw) / tau_n E - k_L / tau_n W,
+    E = (U exp(-jw T_set) - N) exp(-jw T_d) / (1 + jw tau_act)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from shipfp_rs.identification.record import Record
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+LOOP_DEAD_TIMES_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.4)
+SET_POINT_DEAD_TIMES_S = (*np.arange(0.0, 0.5, 0.03), 0.6, 0.8, 1.0, 1.4)
+LAGS_S = (0.0, 0.03, 0.08, 0.15, 0.3)
+"""The grid: as fine as a basin of a 2 Hz loop is wide."""
+LOW_PASS_HZ = 3.0
+"""Only slower motions are looked at: that widens the basins (Ha and Welsh 2017)."""
+CORNER = 3.0
+"""The equation is divided by jw + this [rad/s], so that noise of fast motions weighs little."""
+APART_S = 0.07
+"""Starts differ by this in the sum of their delays' differences [s]."""
+KEPT = 8
+"""Distinct starts kept."""
+LEAST_INTEGRAL = 1e-2
+"""Least vK_i / tau_n of a guess [1/s2]: a slower governor would not hold a speed within a trial."""
+BANDWIDTHS = (2.0, 5.0, 12.0)
+"""Of loops that are guessed beside the regressions' [rad/s], which limits may mislead."""
+SHARES = (0.3, 0.6)
+"""Parts of the inertia that may lie behind a gauge, tau_prop / tau_n."""
+
+
+def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool) -> list[dict[str, float]]:
+    """Return distinct parameter values to begin with, the best first."""
+    parts = [_Spectra.of(record, outputs) for record in records]
+    law = _law(parts)
+    rows = []
+    for lag in LAGS_S:
+        for dead in LOOP_DEAD_TIMES_S:
+            sums = [part.regressions(lag, dead) for part in parts]
+            gram, right, total = (np.sum([each[i] for each in sums], axis=0) for i in range(3))
+            size = gram.shape[-1]
+            ridge = 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+            found = np.linalg.solve(gram + ridge, right[..., None])[..., 0]
+            left = total - np.einsum("ti,ti->t", right, found)
+            for late, cost, values in zip(SET_POINT_DEAD_TIMES_S, left, found, strict=True):
+                # A loop that holds itself: gains that act, and a plant that settles.
+                if values[0] > 0.0 and values[1] > 0.0 and values[2] > LEAST_INTEGRAL:
+                    rows.append((float(cost), lag, dead, float(late), values))
+    rows.sort(key=lambda row: row[0])
+    kept: list[tuple[float, float, float, float, Array]] = []
+    for row in rows:
+        if all(
+            sum(abs(a - b) for a, b in zip(row[1:4], other[1:4], strict=True)) > APART_S for other in kept
+        ):
+            kept.append(row)
+        if len(kept) == KEPT:
+            break
+    guesses = []
+    for _, lag, dead, late, (slope, gain, integral, *load) in kept:
+        for tau in [law["tau"] / share for share in SHARES] if gauge else [law["tau"]]:
+            tau = float(np.clip(tau, 0.05, 15.0))
+            guesses.append(
+                {
+                    "tau_n": tau,
+                    "g": law["p"] - slope * tau,
+                    "vK_p": gain * tau,
+                    "vK_i": integral * tau,
+                    "p": law["p"],
+                    "tau_prop": float(np.clip(law["tau"], 0.01, 0.9 * tau)),
+                    "T_d": max(dead, 3e-3),
+                    "T_set": max(late, 3e-3),
+                    "tau_act": max(lag, 3e-3),
+                    **({"k_L": float(np.clip(load[0] * tau, 0.05, 5.0))} if load else {}),
+                }
+            )
+    late = kept[0][3] if kept else 0.1
+    tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), 0.05, 15.0))
+    behind = float(np.clip(law["tau"], 0.01, 0.9 * tau))
+    common = {"tau_n": tau, "g": -0.5, "p": law["p"], "tau_prop": behind, "T_set": max(late, 3e-3)}
+    guesses += [
+        {
+            **common,
+            "vK_p": max(1.4 * w * tau - law["p"] - 0.5, 0.3),
+            "vK_i": w**2 * tau,
+            "T_d": 0.03,
+            "tau_act": 0.03,
+        }
+        for w in BANDWIDTHS
+    ]
+    return guesses
+
+
+class _Spectra:
+    """Set point, speed, torque and load of a record below the low-pass, divided by jw + the corner."""
+
+    def __init__(
+        self,
+        s: ComplexArray,
+        set_point: ComplexArray,
+        by_name: Mapping[str, ComplexArray],
+        load: ComplexArray | None,
+    ):
+        self.s, self.set_point, self.by_name, self.load = s, set_point, by_name, load
+
+    @classmethod
+    def of(cls, record: Record, outputs: Sequence[str]) -> _Spectra:
+        every = record.stride * record.down
+        count = record.decimated.shape[1]
+        inputs = [record.u - 1.0, *([record.load] if len(record.load) else [])]
+        kept = (record.frequency_hz > 0.0) & (record.frequency_hz <= LOW_PASS_HZ)
+        # The inputs are smooth over a step of the decimated data, or jump: a running mean keeps their spectra below it.
+        low = [
+            np.convolve(
+                np.pad(one, (every // 2, every - 1 - every // 2), mode="edge"),
+                np.full(every, 1.0 / every),
+                "valid",
+            )[::every][:count]
+            for one in inputs
+        ]
+        seen = record.see(np.array(low))[:, kept]
+        s = 2j * np.pi * record.frequency_hz[kept]
+        divided = np.asarray(1.0 / (s + CORNER))
+        data = {name: divided * row[kept] for name, row in zip(outputs, record.spectrum, strict=True)}
+        sinc = np.sinc(record.frequency_hz[kept] * every / record.rate_hz)
+        seen = np.asarray(divided * seen / sinc)
+        return cls(np.asarray(s, dtype=complex), seen[0], data, seen[1] if len(seen) > 1 else None)
+
+    def regressions(self, lag: float, dead: float) -> tuple[Array, Array, Array]:
+        """Normal equations for every dead time of the set point, (T, 3, 3), (T, 3) and (T,)."""
+        s, speed = self.s, self.by_name["dn"]
+        way = np.exp(-s * dead) / (1.0 + s * lag)
+        late = np.exp(-s * np.array(SET_POINT_DEAD_TIMES_S)[:, None])
+        error = (self.set_point * late - speed) * way
+        columns = [np.broadcast_to(-speed, error.shape), error, error / s]
+        if self.load is not None:
+            columns.append(np.broadcast_to(-self.load, error.shape))
+        rows = np.stack(columns, axis=1)
+        target = s * speed
+        gram = np.einsum("tif,tjf->tij", rows, rows.conj()).real
+        right = np.einsum("tif,f->ti", rows, target.conj()).real
+        return gram, right, np.full(len(error), float(np.vdot(target, target).real))
+
+
+def _law(parts: Sequence[_Spectra]) -> dict[str, float]:
+    """Exponent and time constant of the torque over the speed: M = (p + tau s) N."""
+    if any("dM" not in part.by_name for part in parts):
+        return {"p": 2.0, "tau": 1.2}
+    rows = np.concatenate(
+        [np.stack([part.by_name["dn"], part.s * part.by_name["dn"]], axis=1) for part in parts]
+    )
+    if parts[0].load is not None:
+        loads = np.concatenate([part.load for part in parts if part.load is not None])
+        rows = np.column_stack([rows, loads])
+    target = np.concatenate([part.by_name["dM"] for part in parts])
+    both = np.concatenate([rows.real, rows.imag])
+    found = np.linalg.lstsq(both, np.concatenate([target.real, target.imag]), rcond=None)[0]
+    return {"p": float(np.clip(found[0], -0.5, 4.5)), "tau": float(np.clip(found[1], 0.02, 15.0))}

@@ -1,0 +1,202 @@
+"""The one likelihood: spectra of all outputs together, in a band, coloured by the residuals' own spectral matrix.
+
+Beside its parameters a ship has unknowns that are linear and have a prior, eliminated in closed form: smooth multiplicative
+errors of each output's response, amplitude and phase, an octave wide, of the size that gauge and calibration leave open
+(Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294). Whittle 1953 (doi:10.1007/BF02590998) is the likelihood of spectra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.coordinates import INDEX, KERNEL, STATES, Coordinates
+from shipfp_rs.identification.record import Record
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+ACCURACY = 3e-3
+"""Smooth relative error of an output's response that gauge and calibration leave open, one standard deviation."""
+OCTAVE = 1.0
+"""Width of these errors in octaves."""
+SMOOTHED = 81
+"""Frequencies over which the residuals' spectral matrix is averaged; fewer in short records."""
+FLOOR = 1e-3
+"""Least of that matrix, over its median."""
+WHITE = 1e-3
+"""Noise over the operating point before any was estimated."""
+
+
+class Products(NamedTuple):
+    """Deviance at a vector, half its gradient's negative, and the Gauss-Newton matrix."""
+
+    cost: float
+    downhill: Array
+    matrix: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Of a ship, given records.
+
+    Parameters
+    ----------
+    records, coordinates
+        Data and free parameters.
+    outputs
+        Places of the outputs among the kernel's.
+    accuracy
+        Smooth relative error of each output's response, one standard deviation, shape (O,).
+    priors
+        Parameter to (mean, standard deviation).
+    roots
+        For each record the root of the inverse spectral matrix of its noise, (F, O, O); None: white.
+    """
+
+    records: tuple[Record, ...]
+    coordinates: Coordinates
+    outputs: tuple[int, ...]
+    accuracy: Array
+    priors: Mapping[str, tuple[float, float]]
+    roots: tuple[ComplexArray, ...] | None = None
+
+    def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
+        """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
+        data, c = self.records[record], self.coordinates
+        values = c.values(vector)
+        slopes = c.slopes(values)
+        by = [*slopes, *STATES]
+        v = values.get("v", 1.0)
+        wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
+        parameters = c.kernel(values, vector[c.states(record)])
+        seen = data.see(data.simulated(parameters, self.outputs, wrt))
+        residual = data.spectrum - seen[:, 0]
+        jacobian = np.zeros((c.size, *residual.shape), complex)
+        for column, name in enumerate(by[: len(slopes)], 1):
+            own = 1.0 / v if KERNEL.get(name, name) in ("K_p", "K_i", "K_d") and name.startswith("v") else 1.0
+            for place, slope in slopes[name].items():
+                jacobian[place] += (own * slope) * seen[:, column]
+        if "v" in slopes:
+            # At a fixed product the gains fall as v grows.
+            for gain in ("vK_p", "vK_i", "vK_d"):
+                if gain in values:
+                    at = INDEX[KERNEL[gain]]
+                    if at in wrt:
+                        jacobian[c.place("v")] -= values[gain] / v * seen[:, 1 + wrt.index(at)]
+        jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(slopes) :], 1, 0)
+        return residual, jacobian
+
+    def products(self, vector: Array) -> Products:
+        """Deviance, gradient and Gauss-Newton matrix at a vector.
+
+        Raises
+        ------
+        SimulationError
+            Where the ship runs away, or leaves the numbers.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._products(vector)
+
+    def _products(self, vector: Array) -> Products:
+        gram = np.zeros((self.coordinates.size + 1,) * 2)
+        cross: Array | float = 0.0
+        errors: Array | float = 0.0
+        for index in range(len(self.records)):
+            residual, jacobian = self.spectra(vector, index)
+            rows = self._white(np.concatenate([residual[None], jacobian]), index)
+            gram += rows @ rows.T
+            if self.roots is not None:
+                shapes = self._errors[index]
+                cross = cross + rows @ shapes.T
+                errors = errors + shapes @ shapes.T
+        if self.roots is not None:
+            assert isinstance(cross, np.ndarray)
+            gram -= cross @ np.linalg.solve(errors + np.eye(len(np.asarray(errors))), cross.T)
+        self._add_priors(vector, gram)
+        if not np.isfinite(gram).all():
+            raise SimulationError("the deviance is not finite")
+        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
+
+    def cost(self, vector: Array) -> float:
+        """Deviance at a vector; infinite where the ship runs away."""
+        try:
+            return self.products(vector).cost
+        except SimulationError:
+            return np.inf
+
+    def _add_priors(self, vector: Array, gram: Array) -> None:
+        if not self.priors:
+            return
+        values = self.coordinates.values(vector)
+        slopes = self.coordinates.slopes(values)
+        for name, (mean, deviation) in self.priors.items():
+            row = np.zeros(len(gram))
+            row[0] = (mean - values[name]) / deviation
+            for place, slope in slopes.get(name, {}).items():
+                row[1 + place] = slope / deviation
+            gram += np.outer(row, row)
+
+    def _white(self, spectra: ComplexArray, record: int) -> Array:
+        """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, 2 O F)."""
+        own = None if self.roots is None else self.roots[record]
+        turned = spectra / WHITE if own is None else np.einsum("fab,wbf->waf", own, spectra)
+        flat = turned.reshape(len(spectra), -1)
+        return np.concatenate([flat.real, flat.imag], axis=1)
+
+    @property
+    def _errors(self) -> tuple[Array, ...]:
+        return self.__dict__["errors"]  # type: ignore[no-any-return]
+
+    def with_noise(self, vector: Array) -> Likelihood:
+        """Return the likelihood whose noise is that of the residuals at a vector."""
+        roots = []
+        for index in range(len(self.records)):
+            residual, _ = self.spectra(vector, index)
+            roots.append(_root(residual))
+        found = replace(self, roots=tuple(roots))
+        found.__dict__["errors"] = found._error_shapes()
+        return found
+
+    def with_noise_of(self, other: Likelihood) -> Likelihood:
+        """Return the likelihood with the noise of another one of the same records."""
+        found = replace(self, roots=other.roots)
+        if other.roots is not None:
+            found.__dict__["errors"] = found._error_shapes()
+        return found
+
+    def _error_shapes(self) -> tuple[Array, ...]:
+        """For each record the whitened shapes of the smooth errors in units of their prior deviation, (E, 2 O F)."""
+        assert self.roots is not None
+        least = min(record.frequency_hz[1] for record in self.records)
+        most = max(record.frequency_hz[-1] for record in self.records)
+        knots = np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
+        found = []
+        for index, record in enumerate(self.records):
+            octaves = np.log2(np.maximum(record.frequency_hz, 1e-9))
+            hats = np.maximum(1.0 - np.abs(octaves - knots[:, None]) / OCTAVE, 0.0)
+            rows = []
+            for output, accuracy in enumerate(self.accuracy):
+                for unit in (1.0, 1j):
+                    shapes = np.zeros((len(knots), len(self.accuracy), len(record.frequency_hz)), complex)
+                    shapes[:, output] = accuracy * unit * hats * record.spectrum[output]
+                    rows.append(self._white(shapes, index))
+            found.append(np.concatenate(rows))
+        return tuple(found)
+
+
+def _root(residual: ComplexArray) -> ComplexArray:
+    """Root of the inverse of the residuals' smoothed spectral matrix, (F, O, O)."""
+    outputs, count = residual.shape
+    size = min(SMOOTHED, 2 * (count // 8) + 1)
+    products = residual[:, None] * residual[None].conj()
+    smooth = uniform_filter1d(products.real, size, axis=-1, mode="reflect") + 1j * uniform_filter1d(
+        products.imag, size, axis=-1, mode="reflect"
+    )
+    matrix = 0.5 * np.moveaxis(smooth, -1, 0)
+    diagonal = np.arange(outputs)
+    matrix[:, diagonal, diagonal] += FLOOR * np.median(matrix[:, diagonal, diagonal].real, axis=0) + 1e-18
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)))

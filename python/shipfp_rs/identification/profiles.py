@@ -1,0 +1,190 @@
+"""Intervals: profiles of the deviance, for any figure that follows from the parameters.
+
+A figure is held at a value by a stiff row beside the residuals, everything else goes to its best, and the interval ends
+where the deviance has risen by the quantile. Profiles start from every basin that the data do not reject.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import itemgetter
+
+import numpy as np
+from scipy.stats import chi2
+
+from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.support.arrays import Array
+
+RISE = float(chi2.ppf(0.95, 1))
+"""Of the deviance at the ends of an interval of 95 per cent."""
+NEAR = 0.1
+"""An end is found where the rise is the quantile to this part."""
+TRIES = 7
+STEPS = 15
+STIFF = 10.0
+"""The held figure may stray by its standard deviation over this."""
+SHRINK, SHRUNK = 0.15, 0.01
+"""Where bounds hold a figure back its scale is reduced by the one, to no less than the other."""
+SMALL = 1e-6
+
+Figure = Callable[[Mapping[str, float]], float]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Value at the best basin, ends, and which of them the data told ("data") or a bound ("bound")."""
+
+    value: float
+    low: float
+    high: float
+    kinds: tuple[str, str]
+
+
+@dataclass
+class Profiles:
+    """Profiles of a likelihood about its basins.
+
+    Every point that a profile visits counts for all figures: what it shows to be possible is inside their intervals.
+    """
+
+    likelihood: Likelihood
+    basins: list[Basin]
+    visited: list[Basin] = field(default_factory=list)
+
+    @property
+    def best(self) -> Basin:
+        """The lowest minimum."""
+        return min(self.basins, key=lambda basin: basin.cost)
+
+    def interval(self, figure: Figure, tries: int = TRIES) -> Interval:
+        """Return the interval of a figure of the parameters."""
+        best = self.best
+        value = figure(self.likelihood.coordinates.values(best.vector))
+        (low, first), (high, last) = (self._end(best, figure, side, tries) for side in (-1, 1))
+        return Interval(value, min(low, value), max(high, value), (first, last))
+
+    def symmetric(self, figure: Figure) -> Interval:
+        """Return the interval by the curvature alone, without a profile."""
+        best = self.best
+        slope = self.gradient(figure, best.vector)
+        half = np.sqrt(RISE * max(float(slope @ self.covariance(best.vector) @ slope), 0.0))
+        value = figure(self.likelihood.coordinates.values(best.vector))
+        return Interval(value, float(value - half), float(value + half), ("data", "data"))
+
+    def gradient(self, figure: Figure, vector: Array) -> Array:
+        """Derivative of a figure by a vector, shape (P,)."""
+        c = self.likelihood.coordinates
+        low, high = c.bounds
+        found = np.zeros(c.size)
+        for place in range(len(c.free)):
+            step = SMALL * max(1.0, abs(vector[place]))
+            up, down = vector.copy(), vector.copy()
+            up[place] = min(vector[place] + step, high[place])
+            down[place] = max(vector[place] - step, low[place])
+            found[place] = (figure(c.values(up)) - figure(c.values(down))) / (up[place] - down[place])
+        return found
+
+    def covariance(self, vector: Array, moving: Array | None = None) -> Array:
+        """Covariance of a vector whose entries on bounds that press are held, but for those that move, shape (P, P)."""
+        now = self.likelihood.products(vector)
+        low, high = self.likelihood.coordinates.bounds
+        pressed = ((vector <= low + 1e-9) & (now.downhill < 0.0)) | (
+            (vector >= high - 1e-9) & (now.downhill > 0.0)
+        )
+        if moving is not None:
+            pressed &= moving == 0.0
+        free = np.flatnonzero(~pressed)
+        found = np.zeros_like(now.matrix)
+        found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)])
+        return found
+
+    def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Array]:
+        """The point within the interval that is farthest on one side, of all that were visited."""
+        c, best = self.likelihood.coordinates, self.best
+        far, vector = value, best.vector
+        for point in (*self.basins, *self.visited):
+            if point.cost <= best.cost + RISE * (1.0 + NEAR):
+                at = figure(c.values(point.vector))
+                if side * (at - far) > 0.0:
+                    far, vector = at, point.vector
+        return far, vector
+
+    def _end(self, basin: Basin, figure: Figure, side: int, tries: int) -> tuple[float, str]:
+        """Where the deviance has risen enough on one side, and what ended the profile there."""
+        c = self.likelihood.coordinates
+        low, high = c.bounds
+        value = figure(c.values(basin.vector))
+        slope = self.gradient(figure, basin.vector)
+        covariance = self.covariance(basin.vector, slope)
+        spread = float(slope @ covariance @ slope)
+        if not spread > 0.0:
+            return value, "bound"
+        scale = float(np.sqrt(spread))
+        way = covariance @ slope / spread
+        far, x = self._farthest(figure, side, value)
+        reached, over, inside_rise = side * (far - value), np.inf, 0.0
+        # On a bound the deviance rises along a slope, too: slope d + d^2 / spread is the quantile.
+        uphill = max(-2.0 * side * float(self.likelihood.products(basin.vector).downhill @ way), 0.0)
+        half = 0.5 * uphill * spread
+        straight = np.sqrt(half**2 + RISE * spread) - half
+        scale = max(min(scale, float(straight) / np.sqrt(RISE)), 1e-12)
+        distance = max(np.sqrt(RISE) * scale, 1.2 * reached)
+        for _ in range(tries):
+            target = value + side * distance
+            start = np.clip(x + way * (target - figure(c.values(x))), low, high)
+            end = self._held(start, figure, target, scale)
+            if not np.isfinite(end.cost):
+                over = distance
+                distance = 0.5 * (reached + over)
+                continue
+            self.visited.append(end)
+            went = side * (figure(c.values(end.vector)) - value)
+            rise = end.cost - self.best.cost
+            if rise > RISE * (1.0 + NEAR):
+                over = min(over, went)
+                # Between a rise that is known and one that is too large the root of the rise runs nearly straight.
+                root, below = np.sqrt(rise), np.sqrt(inside_rise)
+                share = (np.sqrt(RISE) - below) / max(root - below, 1e-9)
+                distance = reached + float(np.clip(share, 0.1, 0.95)) * (over - reached)
+            else:
+                stuck = end.settled and went < reached + 0.3 * (distance - reached)
+                if went > reached:
+                    reached, x, inside_rise = went, end.vector, max(rise, 0.0)
+                if rise >= RISE * (1.0 - NEAR):
+                    return value + side * reached, "data"
+                if stuck and scale <= SHRUNK * np.sqrt(spread):
+                    return value + side * reached, "bound"
+                if stuck:
+                    # What would make up for it is on its bound: the way is steeper than the curvature says.
+                    scale *= SHRINK
+                    distance = reached + np.sqrt(RISE) * scale
+                    continue
+                step = reached * float(np.clip(np.sqrt(RISE / max(rise, 0.05)), 1.1, 3.0))
+                distance = min(step, 0.5 * (reached + over)) if np.isfinite(over) else step
+            if over - reached < 0.03 * over:
+                break
+        return value + side * reached, "data"
+
+    def _held(self, start: Array, figure: Figure, target: float, deviation: float) -> Basin:
+        stiffness = STIFF / deviation
+
+        def penalty(vector: Array) -> tuple[float, Array]:
+            apart = figure(self.likelihood.coordinates.values(vector)) - target
+            return apart * stiffness, self.gradient(figure, vector) * stiffness
+
+        return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty)
+
+
+def scaled_inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric matrix by way of its correlations; directions that nothing tells have a huge variance."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    sizes, turned = np.linalg.eigh(matrix / np.outer(scale, scale))
+    inverse = (turned / np.maximum(sizes, 1e-13)) @ turned.T
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+def figures_of(names: Sequence[str]) -> dict[str, Figure]:
+    """Figures that are parameters themselves."""
+    return {name: itemgetter(name) for name in names}

@@ -1,0 +1,220 @@
+"""What is asked of which experiments: outputs, parameters always searched, elements tried, what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.coordinates import Coordinates
+from shipfp_rs.identification.gates import is_loaded
+from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
+from shipfp_rs.identification.record import Record
+from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.outputs import Torque
+
+LAW_DEVIATION = 0.25
+"""Prior deviation of c_2, the second-order coefficient of the load's law beside N^p: a fifth of what N^2.2 has itself, as
+open-water torque curves differ from a power of the speed."""
+PRIORS: Mapping[str, tuple[float, float]] = {"c_2": (0.0, LAW_DEVIATION), "T_M": (0.0, 3e-3)}
+"""Mean and deviation of what is never known well. A torque channel is late by its filters and its hold, telemetry at 500 Hz
+by 1 to 5 ms, which takes p times as much off tau_prop."""
+SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
+"""Torque signals, the best one first, with the side of the inertia that each is read on."""
+SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
+"""Elements of the full model."""
+BOUNDS: Mapping[str, tuple[float, float]] = {
+    "tau_n": (0.01, 20.0),
+    "g": (-10.0, 3.0),
+    "vK_p": (1e-4, 1e3),
+    "vK_i": (1e-4, 1e3),
+    "K_p": (1e-4, 1e3),
+    "K_i": (1e-4, 1e3),
+    "p": (-1.0, 5.0),
+    "tau_prop": (1e-3, 20.0),
+    "T_d": (0.0, 0.6),
+    "T_set": (0.0, 2.0),
+    "tau_act": (0.0, 1.0),
+    "c_2": (-2.0, 2.0),
+    "k_L": (0.01, 10.0),
+    "vK_d": (0.0, 10.0),
+    "damping": (-5.0, 10.0),
+    "T_M": (0.0, 0.05),
+    "T_n": (0.0, 0.05),
+    "v": (0.01, 10.0),
+    "M_max": (1.005, 5.0),
+    "M_soft": (1e-4, 0.1),
+    "rate": (0.01, 100.0),
+    "tau_twist": (3e-4, 0.1),
+    "zeta_twist": (0.0, 6.0),
+}
+"""Between which parameters are searched; the same as those that structures declare."""
+KERNEL_OUTPUTS = {"dn": "dn", "dX": "dX", "dE": "dE"}
+TRIED: Mapping[str, tuple[str, ...]] = {
+    "torque_limit": ("M_max", "M_soft"),
+    "rack_rate": ("rate",),
+    "twist": ("tau_twist", "zeta_twist"),
+}
+"""Elements that are tried, with their parameters."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of which data.
+
+    Parameters
+    ----------
+    experiments
+        The data.
+    outputs, gauge
+        Outputs that are compared, and whether the torque is read by a gauge between the inertias.
+    always, tried
+        Parameters that are always searched, and elements that are tried.
+    fixed, priors
+        Parameter to value, and to (mean, standard deviation).
+    accuracy
+        Output to the smooth relative error of its response that gauge and calibration leave open.
+    loaded
+        Whether a measured load drives the ship, too.
+    """
+
+    experiments: tuple[Experiment, ...]
+    outputs: tuple[str, ...]
+    gauge: bool
+    signals: Mapping[str, str]
+    always: tuple[str, ...]
+    tried: tuple[str, ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    accuracy: Mapping[str, float] = field(default_factory=dict)
+    loaded: bool = False
+
+    def likelihood(self, elements: Sequence[str], step_s: float, smooth: bool | None) -> Likelihood:
+        """Return the likelihood of the ship with some of the elements tried."""
+        names = [*self.always, *(name for element in elements for name in TRIED[element])]
+        if "tau_twist" in names and "tau_prop" not in names:
+            names.append("tau_prop")
+        free = {name: BOUNDS[name] for name in names if name not in self.fixed}
+        given = {"c_2": 0.0, "p": 2.0, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "tau_prop": 0.0} | dict(
+            self.fixed
+        )
+        records = tuple(
+            Record.of(
+                one,
+                np.array([one.normalised(self.signals[output]) for output in self.outputs]),
+                load=self.loaded,
+                smooth=smooth,
+                step_s=step_s,
+            )
+            for one in self.experiments
+        )
+        torque = "dM_g" if self.gauge else "dM_b"
+        return Likelihood(
+            records=records,
+            coordinates=Coordinates(free, {n: v for n, v in given.items() if n not in free}, len(records)),
+            outputs=tuple(
+                _core.SHIP_OUTPUTS.index(KERNEL_OUTPUTS.get(output, torque)) for output in self.outputs
+            ),
+            accuracy=np.array([self.accuracy.get(output, ACCURACY) for output in self.outputs]),
+            priors={
+                name: prior
+                for name, prior in {**PRIORS, **self.priors}.items()
+                if name in free or name in ("g",)
+            },
+        )
+
+
+def question_of(
+    experiments: Sequence[Experiment],
+    *,
+    torque: Torque | None = None,
+    outputs: Sequence[str] | None = None,
+    elements: Mapping[str, bool] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    accuracy: Mapping[str, float] | None = None,
+) -> Question:
+    """Return what is asked of the experiments: with the outputs that all of them measured.
+
+    Raises
+    ------
+    InputError
+        Where no speed was measured, or an unknown element or parameter is named.
+    """
+    elements, known = dict(elements or {}), dict(fixed or {})
+    for name in elements:
+        if name not in ELEMENTS:
+            raise InputError(f"elements: no {name!r}, expected some of {', '.join(ELEMENTS)}")
+    _require_parameters({"fixed": known, "priors": priors or {}})
+    common = set.intersection(*(set(one.signals) for one in experiments))
+    speed = next((name for name in ("n_e", "n_s") if name in common), None)
+    if speed is None:
+        raise InputError("identify: no experiment has a speed, expected the signal n_e or n_s")
+    sides: dict[str, str] = {side: name for name, side in reversed(list(SIGNALS.items())) if name in common}
+    first = next((name for name in SIGNALS if name in common), "")
+    place = torque or SIGNALS.get(first, "brake")
+    chosen = sides.get(place, first)
+    if outputs is None:
+        outputs = ["dn", *(["dM"] if chosen else []), *(["dX"] if "X_f" in common else [])]
+    signals = {"dn": speed, "dM": chosen, "dX": "X_f", "dE": "E_n"}
+    _require_outputs(outputs, signals, common)
+    gauge = place == "gauge" and "dM" in outputs
+    loaded = is_loaded(experiments) and elements.get("load", True)
+    always = [
+        "tau_n",
+        "g",
+        *(["v"] if "dX" in outputs else []),
+        "vK_p",
+        "vK_i",
+        "p",
+        *(["tau_prop"] if gauge else []),
+    ]
+    if "dM" in outputs:
+        elements.setdefault("late_torque", True)
+    else:
+        # The speed alone tells ratios to the inertia.
+        known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, "p": 1.0, **known}
+        elements.setdefault("curvature", False)
+    if loaded:
+        elements["load"] = True
+    for name, element in ELEMENTS.items():
+        if name in TRIED and not elements.get(name, False):
+            continue
+        if elements.get(name, name in SMOOTH) and name != "sampling":
+            always += [parameter.name for parameter in element.parameters if parameter.name not in always]
+    tried = tuple(name for name in TRIED if name not in elements)
+    if "tau_twist" in always and "tau_prop" not in always:
+        always.append("tau_prop")
+    return Question(
+        experiments=tuple(experiments),
+        outputs=tuple(outputs),
+        gauge=gauge,
+        signals=signals,
+        always=tuple(always),
+        tried=tried,
+        fixed=known,
+        priors=dict(priors or {}),
+        accuracy=dict(accuracy or {}),
+        loaded=loaded,
+    )
+
+
+def _require_parameters(tables: Mapping[str, Mapping[str, object]]) -> None:
+    for table, names in tables.items():
+        for name in names:
+            if name not in BOUNDS:
+                raise InputError(f"{table}: no parameter {name!r}, expected some of {', '.join(BOUNDS)}")
+
+
+def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common: Container[str]) -> None:
+    for output in outputs:
+        if output not in signals:
+            raise InputError(f"outputs: no {output!r}, expected some of {', '.join(signals)}")
+        if signals[output] not in common:
+            raise InputError(f"outputs: {output!r} was not measured in every experiment")
+    if "dn" not in outputs:
+        raise InputError("outputs: no 'dn', expected the speed among them: the loop is told by it")

@@ -1,0 +1,211 @@
+"""A record: an experiment made ready for a fit once, then frozen.
+
+The ship is driven by the set point at a fine rate and seen as the data are: at the same samples, through the same low-pass
+and the same taper, as spectra at the frequencies of a band. No filter stands between model and data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import prev_fast_len, rfft
+from scipy.signal import firwin, resample_poly, upfirdn
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment, Hold
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+BAND_HZ = 4.0
+"""Highest frequency that is compared [Hz]: tachometers and loops of ships tell little above (FACTS of the trial, 8)."""
+EDGE_S = 2.0
+"""Over which a record fades in and out [s], so that its ends leave nothing in the band."""
+STEP_S = 0.005
+"""Longest step of the simulation [s]; at 4 Hz straight lines between its ends are right to 0.1 per cent."""
+TAPS_A_STEP = 6
+"""Half of the low-pass's length in samples of the decimated rate; 60 dB with the window below."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One experiment, frozen.
+
+    Parameters
+    ----------
+    name
+        The experiment's.
+    u, load
+        Set point over the operating point's, and deviation of a measured load, at `rate_hz`, shapes (N,) and (N,) or (0,).
+    rate_hz, stride, substeps, hold
+        Rate of the inputs [Hz], their samples between two of the data, steps between two of them, and how they run between.
+    measured
+        Normalised deviations of the outputs (O, M) at the data's rate, NaN where masked.
+    data_hz, band_hz
+        Rate of the data, and the highest frequency compared [Hz].
+    """
+
+    name: str
+    u: Array
+    load: Array
+    rate_hz: float
+    stride: int
+    substeps: int
+    hold: Hold
+    measured: Array
+    data_hz: float
+    band_hz: float
+
+    @classmethod
+    def of(
+        cls,
+        experiment: Experiment,
+        measured: Array,
+        *,
+        load: bool = False,
+        smooth: bool | None = None,
+        band_hz: float = BAND_HZ,
+        step_s: float = STEP_S,
+    ) -> Record:
+        """Make an experiment ready.
+
+        Parameters
+        ----------
+        experiment, measured
+            What was recorded, and of it the normalised outputs (O, M).
+        load
+            Whether the experiment's load torque drives the ship, too.
+        smooth
+            Whether the inputs are band-limited between their samples; None: where processing low-passed them.
+        band_hz, step_s
+            Highest frequency compared [Hz], and longest step of the simulation [s].
+
+        Raises
+        ------
+        InputError
+            Where the record is too short for a spectrum.
+        """
+        fine = max(1, int(np.ceil(1.0 / (step_s * experiment.rate_hz) - 1e-9)))
+        limit = 0.4 * experiment.rate_hz
+        u, loads = 1.0 + experiment.dn_set, experiment.normalised("M_load") if load else np.empty(0)
+        stride, substeps = 1, fine
+        smooth = experiment.is_low_passed if smooth is None else smooth
+        if smooth and experiment.hold == "first":
+            # Straight lines between fine samples are near what a low-pass leaves between coarse ones.
+            u, loads = (_interpolated(values, fine) for values in (u, loads))
+            stride, substeps = fine, 1
+        if experiment.duration < 10.0 * EDGE_S:
+            raise InputError(
+                f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {10 * EDGE_S:g} s or more; "
+                "take a longer window"
+            )
+        return cls(
+            name=experiment.name,
+            u=np.ascontiguousarray(u),
+            load=np.ascontiguousarray(loads),
+            rate_hz=experiment.rate_hz * stride,
+            stride=stride,
+            substeps=substeps,
+            hold=experiment.hold,
+            measured=measured,
+            data_hz=experiment.rate_hz,
+            band_hz=min(band_hz, limit),
+        )
+
+    @cached_property
+    def down(self) -> int:
+        """Samples of the data between two that are kept."""
+        return max(1, int(self.data_hz / (3.0 * self.band_hz)))
+
+    @cached_property
+    def taps(self) -> Array:
+        """Low-pass before the decimation, shape (T,)."""
+        if self.down == 1:
+            return np.ones(1)
+        length = 2 * TAPS_A_STEP * self.down + 1
+        kept = self.data_hz / self.down
+        return np.asarray(firwin(length, 0.5 * kept, window=("kaiser", 6.0), fs=self.data_hz))
+
+    @cached_property
+    def masked(self) -> npt.NDArray[np.bool_]:
+        """What the data have not, shape (M, O)."""
+        return np.ascontiguousarray(np.isnan(self.measured).T)
+
+    @cached_property
+    def _kept(self) -> tuple[Array, npt.NDArray[np.intp], Array]:
+        """Frequencies [Hz] (F,), their places, and the taper."""
+        # A length that the transform is quick at; the last second or so fades out anyhow.
+        count = prev_fast_len(-(-self.measured.shape[1] // self.down), real=True)
+        rate = self.data_hz / self.down
+        at = np.arange(count) / rate
+        edge = np.clip(np.minimum(at, at[-1] - at) / EDGE_S, 0.0, 1.0)
+        frequency = np.fft.rfftfreq(count, 1.0 / rate)
+        places = np.flatnonzero(frequency <= self.band_hz)
+        return np.asarray(frequency[places]), places, np.asarray(0.5 - 0.5 * np.cos(np.pi * edge))
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Frequencies that are compared [Hz], from the mean at 0 on, shape (F,)."""
+        return self._kept[0]
+
+    @cached_property
+    def decimated(self) -> Array:
+        """The data behind the low-pass, shape (O, K)."""
+        samples = np.arange(self.measured.shape[1])
+        bridged = np.array(
+            [np.interp(samples, samples[np.isfinite(row)], row[np.isfinite(row)]) for row in self.measured]
+        )
+        half = len(self.taps) // 2
+        wide = np.pad(bridged, ((0, 0), (half, half + self.down)), mode="edge")
+        seen = upfirdn(self.taps, wide, axis=1)[:, 2 * half :: self.down]
+        return np.asarray(seen[:, : len(self._kept[2])])
+
+    @cached_property
+    def spectrum(self) -> ComplexArray:
+        """Spectra of the data, shape (O, F)."""
+        return self.see(self.decimated)
+
+    def see(self, decimated: Array) -> ComplexArray:
+        """Return the tapered spectra of decimated signals (..., K), shape (..., F)."""
+        _, places, taper = self._kept
+        found = rfft(decimated * taper, axis=-1)[..., places] / np.sqrt(0.5 * len(taper))
+        # The mean is a real number, with twice the variance of either part of the others.
+        found[..., 0] *= np.sqrt(0.5)
+        return np.asarray(found)
+
+    def simulated(self, parameters: Array, outputs: Sequence[int], wrt: Sequence[int]) -> Array:
+        """Return the decimated outputs and their derivatives, shape (O, 1 + W, K).
+
+        Raises
+        ------
+        SimulationError
+            Where the ship runs away.
+        """
+        seen = _core.ship_observed(
+            parameters,
+            self.u,
+            self.load,
+            1.0 / self.rate_hz,
+            self.substeps,
+            self.hold,
+            self.stride,
+            outputs,
+            wrt,
+            self.masked,
+            self.taps,
+            self.down,
+        )
+        return seen[..., : len(self._kept[2])]
+
+
+def _interpolated(values: Array, factor: int) -> Array:
+    """Samples of a band-limited signal at `factor` times its rate, at its ends as they were."""
+    if factor == 1 or not len(values):
+        return values
+    pad = 200
+    wide = np.pad(values, pad, mode="edge")
+    fine = resample_poly(wide - wide[0], factor, 1)[pad * factor : (pad + len(values)) * factor] + wide[0]
+    return np.asarray(fine)

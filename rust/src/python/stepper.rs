@@ -1,0 +1,116 @@
+//! Bindings of the ship.
+
+use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+use super::arrays::{Sensitivities, Vector, borrow, expect_shape, filled, filled_with_derivatives};
+use crate::error::require;
+use crate::memory::zeros;
+use crate::stepper::{
+    Decimation, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe, simulate,
+};
+
+/// Simulate the ship; [O, N].
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn simulate_ship<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    load: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    outputs: Vec<usize>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![])?.0)
+}
+
+/// Simulated outputs [O, N] and their derivatives [W, O, N] by the parameters of index `wrt`.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn ship_sensitivities<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    load: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    outputs: Vec<usize>,
+    wrt: Vec<usize>,
+) -> PyResult<Sensitivities<'py>> {
+    let parameters = vector(parameters)?;
+    let (u, load): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("load", load)?);
+    let substeps = if substeps == 0 { parameters.substeps(dt) } else { substeps };
+    let run = Run::new(u.as_slice()?, load.as_slice()?, dt, substeps, hold.parse()?, 1)?;
+    let outputs = Output::from_indices(&outputs)?;
+    let task = Task { parameters, outputs: &outputs, wrt: &wrt };
+    let (width, count, samples) = (1 + wrt.len(), outputs.len(), run.seen());
+    filled_with_derivatives(py, [wrt.len(), count, samples], task.work(&run), |values, slopes, stop| {
+        let mut rows = zeros(samples * count * width)?;
+        simulate(&task, &run, &mut rows, stop)?;
+        for (at, row) in rows.chunks_exact(width).enumerate() {
+            let (sample, output) = (at / count, at % count);
+            values[output * samples + sample] = row[0];
+            for (direction, slope) in row[1..].iter().enumerate() {
+                slopes[(direction * count + output) * samples + sample] = *slope;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Outputs and derivatives as a record shows them, low-passed and decimated; [O, 1 + W, M].
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn ship_observed<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    load: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: &str,
+    stride: usize,
+    outputs: Vec<usize>,
+    wrt: Vec<usize>,
+    masked: &Bound<'py, PyAny>,
+    taps: &Bound<'py, PyAny>,
+    down: usize,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let parameters = vector(parameters)?;
+    let (u, load): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("load", load)?);
+    let run = Run::new(u.as_slice()?, load.as_slice()?, dt, substeps, hold.parse()?, stride)?;
+    let outputs = Output::from_indices(&outputs)?;
+    let masked: PyReadonlyArray2<'_, bool> = borrow("masked", masked)?;
+    expect_shape("masked", masked.shape(), [run.seen(), outputs.len()], "samples, outputs")?;
+    let taps: Vector<'_> = borrow("taps", taps)?;
+    let (masked, low_pass) = (masked.as_slice()?, Decimation { taps: taps.as_slice()?, down });
+    require(down > 0, || "down is 0, expected 1 or more".to_owned())?;
+    let task = Task { parameters, outputs: &outputs, wrt: &wrt };
+    let width = 1 + wrt.len();
+    let left = low_pass.left(run.seen());
+    filled(py, [outputs.len(), width, left], task.work(&run), |seen, stop| {
+        let mut rows = zeros(run.seen() * outputs.len() * width)?;
+        simulate(&task, &run, &mut rows, stop)?;
+        observe(&mut rows, masked, outputs.len(), &low_pass, seen, stop)
+    })
+}
+
+fn vector(parameters: &Bound<'_, PyAny>) -> PyResult<Parameters> {
+    let vector: Vector<'_> = borrow("parameters", parameters)?;
+    Ok(Parameters::new(vector.as_slice()?, "parameters")?)
+}
+
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("SHIP_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
+    // Values at which a parameter has no effect; not a number where there is none.
+    module.add("SHIP_OFF", PyTuple::new(module.py(), OFF)?)?;
+    module.add("SHIP_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
+    module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
+    module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;
+    module.add_function(wrap_pyfunction!(ship_observed, module)?)?;
+    Ok(())
+}

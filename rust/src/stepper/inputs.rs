@@ -1,0 +1,108 @@
+//! Set point and load between their samples: straight lines or stairs, read late.
+
+use crate::integrate::Hold;
+use crate::scalar::Scalar;
+
+use super::run::Run;
+
+/// Part of a sample that rounding may make of nothing.
+const TINY: f64 = 1e-9;
+
+/// An input over one step: its values at both ends, seen from inside the step, and its mean.
+#[derive(Debug, Clone, Copy)]
+pub struct Span<T> {
+    pub start: T,
+    pub end: T,
+    pub mean: T,
+}
+
+/// A sampled input that is read with a delay, times a scale and beside an offset where it has them.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<'a, T> {
+    samples: &'a [f64],
+    hold: Hold,
+    /// Steps a sample, and samples a step.
+    substeps: f64,
+    share: f64,
+    /// Sample time [s].
+    dt: f64,
+    /// Delay [s], and in samples.
+    delay: T,
+    late: f64,
+    scale: Option<(T, T)>,
+}
+
+impl<'a, T: Scalar> Input<'a, T> {
+    pub fn new(samples: &'a [f64], run: &Run<'_>, delay: T, scale: Option<(T, T)>) -> Self {
+        let (substeps, dt) = (run.substeps as f64, run.dt);
+        let late = delay.value() / dt;
+        Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, delay, late, scale }
+    }
+
+    /// The input in the first step.
+    pub fn first(&self) -> Span<T> {
+        let start = self.straight(-self.late);
+        self.over(0, start)
+    }
+
+    /// The input in the step that begins at instant `at`, counted in steps; `last` is where the step before ended.
+    #[inline(always)]
+    pub fn over(&self, at: usize, last: T) -> Span<T> {
+        if self.hold == Hold::First {
+            let end = self.straight((at + 1) as f64 * self.share - self.late);
+            return Span { start: last, end, mean: (last + end) * 0.5 };
+        }
+        // Stairs: what a jump inside the step leaves is its mean.
+        let from = at as f64 * self.share - self.late;
+        let (edge, to) = (from.ceil(), from + self.share);
+        let (before, after) = (self.sample(edge - 1.0), self.sample(edge));
+        let mean = if edge < to {
+            let late = (edge - from) * self.substeps;
+            self.read(after + (before - after) * late, (before - after) * self.substeps / self.dt)
+        } else {
+            self.read(before, 0.0)
+        };
+        Span { start: mean, end: mean, mean }
+    }
+
+    /// The input at a time [s] that may depend on parameters.
+    #[inline(always)]
+    pub fn at(&self, time: T) -> T {
+        let late = time - self.delay;
+        let place = late.value() / self.dt;
+        self.scaled(match self.hold {
+            Hold::First => {
+                let left = place.ceil() - 1.0;
+                let (before, after) = (self.sample(left), self.sample(left + 1.0));
+                late.function(before + (after - before) * (place - left), (after - before) / self.dt)
+            }
+            Hold::Zero => time.constant(self.sample((place + TINY).floor())),
+        })
+    }
+
+    #[inline(always)]
+    fn straight(&self, place: f64) -> T {
+        // A delay that grows brings the line before the sample.
+        let left = (place - TINY).ceil() - 1.0;
+        let (before, after) = (self.sample(left), self.sample(left + 1.0));
+        self.read(before + (after - before) * (place - left), (before - after) / self.dt)
+    }
+
+    /// A value with its slope by the delay.
+    #[inline(always)]
+    fn read(&self, value: f64, slope: f64) -> T {
+        self.scaled(self.delay.function(value, slope))
+    }
+
+    #[inline(always)]
+    fn scaled(&self, value: T) -> T {
+        self.scale.map_or(value, |(factor, offset)| offset.plus_product(value, factor))
+    }
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    fn sample(&self, place: f64) -> f64 {
+        let last = self.samples.len() - 1;
+        self.samples[if place <= 0.0 { 0 } else { (place as usize).min(last) }]
+    }
+}

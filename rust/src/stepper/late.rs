@@ -1,0 +1,62 @@
+//! Channels that are late: outputs as they stood a delay ago, straight between the steps.
+
+use crate::scalar::Scalar;
+
+use super::output::Output;
+use super::step::Ship;
+
+/// What each output was at the last steps.
+#[derive(Debug)]
+pub struct Late<T> {
+    channels: Vec<(usize, T)>,
+    ring: Vec<T>,
+    length: usize,
+    at: usize,
+}
+
+impl<T: Scalar> Late<T> {
+    /// None where no channel is late.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn new(ship: &Ship<'_, T>, outputs: &[Output], h: f64) -> Option<Self> {
+        let [speed, torque] = ship.channel_delays()?;
+        let channels: Vec<_> = outputs
+            .iter()
+            .map(|output| match output {
+                Output::Speed | Output::PropellerSpeed => speed,
+                Output::EngineTorque | Output::GaugeTorque => torque,
+                Output::Rack | Output::Sum => speed.constant(0.0),
+            })
+            .map(|delay| {
+                let whole = (delay.value() / h).floor();
+                (whole as usize, delay * (1.0 / h) + (-whole))
+            })
+            .collect();
+        let length = channels.iter().map(|channel| channel.0).max().unwrap_or_default() + 2;
+        // Before the record every output stands.
+        let mut ring = Vec::with_capacity(length * outputs.len());
+        for &output in outputs {
+            ring.extend(std::iter::repeat_n(ship.output(output), length));
+        }
+        Some(Self { channels, ring, length, at: 0 })
+    }
+
+    /// Take the outputs of the next step's begin.
+    #[inline(always)]
+    pub fn push(&mut self, ship: &Ship<'_, T>, outputs: &[Output]) {
+        self.at += 1;
+        let place = self.at % self.length;
+        for (channel, &output) in outputs.iter().enumerate() {
+            self.ring[channel * self.length + place] = ship.output(output);
+        }
+    }
+
+    /// An output as its channel shows it now.
+    #[inline(always)]
+    pub fn read(&self, channel: usize) -> T {
+        let (whole, part) = self.channels[channel];
+        let of =
+            |steps: usize| self.ring[channel * self.length + (self.at + self.length - steps) % self.length];
+        let (later, earlier) = (of(whole), of(whole + 1));
+        later + (earlier - later) * part
+    }
+}

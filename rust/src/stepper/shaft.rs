@@ -1,0 +1,167 @@
+//! A shaft that twists between two inertias: the exact step of its linear equations.
+//!
+//! ```text
+//! tau_1 dN/dt = M_b - Q        tau_prop dP/dt = Q - L        tau_twist dS/dt = N - P        Q = S + zeta (N - P)
+//! ```
+//! with the torques `M_b` and `L` running straight over the step. In the limit of a stiff shaft that is one inertia.
+
+use nalgebra::SMatrix;
+
+use crate::scalar::Scalar;
+
+use super::parameters::{Parameters, at};
+
+/// What a shaft that twists adds to the ship's state.
+#[derive(Debug)]
+pub struct Twist<T> {
+    shaft: Shaft<T>,
+    zeta: T,
+    /// One over the engine's inertia, and over the propeller's [1/s].
+    pub inverse: T,
+    pub inverse_prop: T,
+    /// Speed of the propeller, and torque of the shaft's spring.
+    pub propeller: T,
+    spring: T,
+    /// Growth of the propeller's acceleration, and of the shaft's torque, over the last step.
+    pub propeller_growth: T,
+    pub torque_growth: T,
+}
+
+impl<T: Scalar> Twist<T> {
+    /// None for a stiff shaft; a speed and a spring's torque to begin with.
+    pub fn new(
+        parameters: &Parameters,
+        number: &impl Fn(usize) -> T,
+        h: f64,
+        [speed, spring]: [T; 2],
+    ) -> Option<Self> {
+        (parameters.of(at::TAU_TWIST) > 0.0).then(|| {
+            let [tau, prop, twist, zeta] =
+                [at::TAU_N, at::TAU_PROP, at::TAU_TWIST, at::ZETA_TWIST].map(number);
+            let (one, zero) = (tau.constant(1.0), tau.constant(0.0));
+            Self {
+                shaft: Shaft::new([tau, prop, twist, zeta], h),
+                zeta,
+                inverse: one / (tau - prop),
+                inverse_prop: one / prop,
+                propeller: speed,
+                spring,
+                propeller_growth: zero,
+                torque_growth: zero,
+            }
+        })
+    }
+
+    /// Torque of the shaft at a speed of the engine.
+    #[inline(always)]
+    pub fn torque(&self, speed: T) -> T {
+        self.spring.plus_product(speed - self.propeller, self.zeta)
+    }
+
+    /// Go a step, in which torques of engine and load run straight; the engine's speed at its end.
+    #[inline(always)]
+    pub fn go(&mut self, speed: T, brake: [T; 2], load: [T; 2]) -> T {
+        let [speed, propeller, spring] = self.shaft.after([speed, self.propeller, self.spring], brake, load);
+        (self.propeller, self.spring) = (propeller, spring);
+        speed
+    }
+
+    /// Take what has died away for zero.
+    pub fn cut(&mut self) {
+        for number in
+            [&mut self.propeller, &mut self.spring, &mut self.propeller_growth, &mut self.torque_growth]
+        {
+            *number = number.cut();
+        }
+    }
+}
+
+/// Coefficients of a step: rows N, P, S; columns N, P, S, then `M_b` at both ends, then `L` at both ends.
+#[derive(Debug)]
+struct Shaft<T> {
+    rows: [[T; 7]; 3],
+}
+
+impl<T: Scalar> Shaft<T> {
+    /// From `tau_n`, `tau_prop`, `tau_twist`, `zeta_twist` and the step [s].
+    fn new(parameters: [T; 4], h: f64) -> Self {
+        const RELATIVE: f64 = 1e-5;
+        let values = parameters.map(Scalar::value);
+        let centre = coefficients(values, h);
+        let slopes: [_; 4] = std::array::from_fn(|i| {
+            let step = RELATIVE * values[i].abs().max(1e-3);
+            let along = |sign: f64| {
+                let mut moved = values;
+                moved[i] += sign * step;
+                coefficients(moved, h)
+            };
+            (along(1.0) - along(-1.0)) / (2.0 * step)
+        });
+        let lanes = parameters.map(|parameter| parameter + (-parameter.value()));
+        let rows = std::array::from_fn(|row| {
+            std::array::from_fn(|column| {
+                let mut sum = parameters[0].constant(centre[(row, column)]);
+                for (lane, slope) in lanes.iter().zip(&slopes) {
+                    sum = sum + *lane * slope[(row, column)];
+                }
+                sum
+            })
+        });
+        Self { rows }
+    }
+
+    /// Speeds and spring torque at a step's end.
+    #[inline(always)]
+    fn after(&self, state: [T; 3], brake: [T; 2], load: [T; 2]) -> [T; 3] {
+        let inputs = [state[0], state[1], state[2], brake[0], brake[1], load[0], load[1]];
+        let mut after = [state[0]; 3];
+        for (after, row) in after.iter_mut().zip(&self.rows) {
+            let mut sum = row[0] * inputs[0];
+            for column in 1..7 {
+                sum = sum.plus_product(row[column], inputs[column]);
+            }
+            *after = sum;
+        }
+        after
+    }
+}
+
+fn coefficients([tau_n, tau_prop, tau_twist, zeta]: [f64; 4], h: f64) -> SMatrix<f64, 3, 7> {
+    let tau_1 = tau_n - tau_prop;
+    // States N, P, S; inputs M_b and L; their slopes over the step.
+    let mut a = SMatrix::<f64, 7, 7>::zeros();
+    for (row, tau, sign) in [(0, tau_1, -1.0), (1, tau_prop, 1.0)] {
+        a[(row, 0)] = sign * zeta / tau;
+        a[(row, 1)] = -sign * zeta / tau;
+        a[(row, 2)] = sign / tau;
+    }
+    (a[(2, 0)], a[(2, 1)]) = (1.0 / tau_twist, -1.0 / tau_twist);
+    (a[(0, 3)], a[(1, 4)]) = (1.0 / tau_1, -1.0 / tau_prop);
+    (a[(3, 5)], a[(4, 6)]) = (1.0 / h, 1.0 / h);
+    let e = (a * h).exp();
+    SMatrix::from_fn(|row, column| match column {
+        0..=2 => e[(row, column)],
+        3 => e[(row, 3)] - e[(row, 5)],
+        4 => e[(row, 5)],
+        5 => e[(row, 4)] - e[(row, 6)],
+        _ => e[(row, 6)],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stiff_shaft_is_one_inertia_and_a_soft_one_swings_at_its_frequency() {
+        // The shaft carries the load and what its side of the inertia takes of the excess torque.
+        let begun = [1.0, 1.0, 1.08];
+        let stiff = Shaft::new([1.0, 0.4, 1e-9, 1.0], 0.01).after(begun, [1.2, 1.2], [1.0, 1.0]);
+        assert!((stiff[0] - 1.002).abs() < 1e-6 && (stiff[1] - 1.002).abs() < 1e-6, "{stiff:?}");
+        // Inertias 0.6 and 0.4 s on tau_twist: w^2 = (1 / 0.6 + 1 / 0.4) / tau_twist.
+        let twist: f64 = 4e-3;
+        let period = std::f64::consts::TAU / ((1.0 / 0.6 + 1.0 / 0.4) / twist).sqrt();
+        let after = Shaft::new([1.0, 0.4, twist, 0.0], period).after([1.01, 1.0, 1.0], [1.0; 2], [1.0; 2]);
+        assert!((after[0] - after[1] - 0.01).abs() < 1e-9, "{after:?}");
+    }
+}

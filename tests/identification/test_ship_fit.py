@@ -1,0 +1,192 @@
+"""The full model of the ship fitted by one likelihood: what it must find, and what it must not invent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.record import Record
+from shipfp_rs.identification.ship_fit import fit_ship
+from tests.families.draw import draw
+
+LAUNCH = fp.Vessel.load("stan-launch-804")
+TRUE = fp.linearise(LAUNCH)
+
+
+def trial(noise=None, seconds=120.0, **options):
+    """Return a chirp on the launch, with noise on what is named."""
+    chirp = fp.signals.chirp(0.02, 2.0, seconds, 40.0, rate_hz=50.0)
+    return fp.simulate(
+        LAUNCH, chirp, noise={"n_e": 0.3, "M_b": 0.5} if noise is None else noise, seed=3, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Return a ship with water, both dead times and a lag, and what was measured of it."""
+    found = draw("launch", 31003, load=False)
+    return found, fp.Experiment(**found.experiment())
+
+
+def holds(found, name, truth):
+    low, high = found[name].ci95
+    return low <= truth <= high
+
+
+def test_model_and_data_meet_at_the_truth_without_a_filter_between_them():
+    clean = trial(noise={})
+    measured = np.array([clean.normalised("n_e"), clean.normalised("M_b")])
+    question = question_of([clean], torque="brake", outputs=["dn", "dM"])
+    likelihood = question.likelihood((), 0.0025, False)
+    c = likelihood.coordinates
+    truth = {"tau_n": TRUE.tau_n, "g": TRUE.g, "vK_p": TRUE.v * TRUE.K_p, "vK_i": TRUE.v * TRUE.K_i, "p": 2.0}
+    vector = c.vector({**truth, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0})
+    residual, _ = likelihood.spectra(vector, 0)
+    size = np.abs(likelihood.records[0].spectrum).max(axis=1, keepdims=True)
+    assert np.abs(residual / size).max() < 1e-3
+    assert likelihood.records[0].measured.shape == measured.shape
+
+
+def test_the_gradient_of_the_deviance_is_that_of_its_differences(drawn):
+    question = question_of([drawn[1]])
+    likelihood = question.likelihood((), 0.01, True)
+    c = likelihood.coordinates
+    values = {
+        "tau_n": 0.4,
+        "g": -0.3,
+        "vK_p": 0.9,
+        "vK_i": 3.0,
+        "p": 1.9,
+        "T_d": 0.053,
+        "T_set": 0.311,
+        "tau_act": 0.07,
+    }
+    vector = c.vector({**values, "c_2": 0.1, "T_M": 0.0031}, [np.array([1e-3, 2e-3, 1e-3, 1e-3, 1e-3])])
+    likelihood = likelihood.with_noise(vector)
+    products = likelihood.products(vector)
+    for place, name in enumerate([*c.names, *range(c.size - len(c.names))]):
+        step = 1e-5 * max(abs(vector[place]), 1e-2)
+        ahead, behind = (vector + sign * step * np.eye(c.size)[place] for sign in (1.0, -1.0))
+        slope = (likelihood.cost(ahead) - likelihood.cost(behind)) / (2.0 * step)
+        assert -2.0 * products.downhill[place] == pytest.approx(
+            slope, rel=2e-3, abs=1e-4 * abs(slope) + 1e-3
+        ), name
+
+
+def test_gaps_are_bridged_in_the_model_as_in_the_data():
+    clean = trial(noise={})
+    torn = clean.signals["n_e"].copy()
+    torn[1000:1040] = np.nan
+    gap = replace(clean, signals={**clean.signals, "n_e": torn})
+    question = question_of([gap], torque="brake", outputs=["dn", "dM"])
+    whole = question_of([clean], torque="brake", outputs=["dn", "dM"])
+    truth = {"tau_n": TRUE.tau_n, "g": TRUE.g, "vK_p": TRUE.v * TRUE.K_p, "vK_i": TRUE.v * TRUE.K_i, "p": 2.0}
+    residuals = []
+    for one in (question, whole):
+        likelihood = one.likelihood((), 0.005, False)
+        vector = likelihood.coordinates.vector(
+            {**truth, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0}
+        )
+        residuals.append(np.abs(likelihood.spectra(vector, 0)[0]).max())
+    assert residuals[0] < 1.5 * residuals[1] + 1e-6
+
+
+def test_a_short_record_is_refused_in_one_line():
+    short = trial(seconds=15.0)
+    with pytest.raises(fp.InputError, match="expected 20 s or more"):
+        Record.of(short, np.array([short.normalised("n_e")]))
+
+
+def test_both_dead_times_and_the_lag_of_a_ship_in_moving_water_are_told(drawn):
+    ship, experiment = drawn
+    found, truth = fp.identify(experiment), ship.truth()["parameters"]
+    for name in ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set", "tau_act"):
+        assert holds(found, name, truth[name]), name
+    assert found.usability != "not usable"
+    assert {name: row["state"] for name, row in found.elements.items()}["dead_time_set_point"] == "on"
+
+
+def test_a_fit_begun_at_the_truth_does_not_end_lower(drawn):
+    ship, experiment = drawn
+    fit = fit_ship(question_of([experiment]))
+    c = fit.likelihood.coordinates
+    truth = ship.truth()["parameters"]
+    states = [fit.best.vector[c.states(0)]]
+    begun = c.vector({**truth, "c_2": 0.0, "M_max": 4.0}, states)
+    assert descend(fit.likelihood, begun).cost > fit.best.cost - 4.0
+
+
+def test_a_drive_without_elements_is_given_none():
+    found = fp.identify(trial(), torque="brake", outputs=["dn", "dM"])
+    for name in ("T_d", "T_set", "tau_act"):
+        assert found[name].ci95[0] < 1e-3, name
+        assert found[name].ci95[1] < 0.01, name
+    states = {name: row["state"] for name, row in found.elements.items()}
+    assert {states[name] for name in ("torque_limit", "rack_rate", "twist")} == {"off"}
+    for name, truth in {"tau_n": TRUE.tau_n, "g": TRUE.g, "vK_p": TRUE.v * TRUE.K_p, "p": 2.0}.items():
+        assert holds(found, name, truth), name
+
+
+def test_channels_free_of_noise_weigh_no_more_than_their_accuracy_a10():
+    # Noise on speed and brake torque alone: the rack and the gauge torque beside are exact.
+    noisy = trial(noise={"n_e": 0.02 * 13.0, "M_b": 0.02 * 45.0})
+    found = fp.identify(noisy)
+    assert found.data[0]["signals"]["dM"] == "M_b"
+    assert found.usability != "not usable"
+    for name, truth in {"tau_n": TRUE.tau_n, "g": TRUE.g, "p": 2.0}.items():
+        assert holds(found, name, truth), name
+
+
+@pytest.mark.parametrize("late_s", [1.3, 7.1])
+def test_a_window_that_begins_in_the_middle_of_the_excitation_tells_the_same_a6(late_s, drawn):
+    _, experiment = drawn
+    whole = fp.identify(experiment.window(26.0, experiment.duration))
+    late = fp.identify(experiment.window(29.0 + late_s, experiment.duration))
+    for name in ("tau_n", "vK_p", "vK_i", "p", "T_set"):
+        assert late[name].ci95[0] <= whole[name].value <= late[name].ci95[1], name
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"noise": "ar"},
+        {"weighting": "variance"},
+        {"starts": 3},
+        {"huber": 3.0},
+        {"max_evaluations": 7},
+        {"tolerance": 1e-6},
+        {"ridge": {"g": (0.0, 1.0)}},
+        {"offsets": True},
+        {"initial_state": "zero"},
+        {"random_search": 5},
+    ],
+)
+def test_an_option_of_given_structures_is_refused_by_name_a9(option):
+    with pytest.raises(fp.InputError, match=f"^{next(iter(option))}: found without a structure"):
+        fp.identify(trial(), **option)
+
+
+def test_what_is_given_is_held_and_a_prior_is_obeyed():
+    found = fp.identify(
+        trial(), torque="brake", outputs=["dn", "dM"], fixed={"p": 2.0}, priors={"g": (-0.9, 1e-3)}
+    )
+    assert found["p"].status == "fixed"
+    assert found["g"].status == "prior"
+    assert found["g"].value == pytest.approx(-0.9, abs=0.02)
+    with pytest.raises(fp.InputError, match="fixed: no parameter 'tau'"):
+        fp.identify(trial(), fixed={"tau": 1.0})
+
+
+def test_intervals_by_curvature_take_no_profile_and_lie_near():
+    made = trial()
+    profile, symmetric = (
+        fp.identify(made, torque="brake", outputs=["dn", "dM"], intervals=kind)
+        for kind in ("profile", "symmetric")
+    )
+    assert symmetric["tau_n"].std == pytest.approx(profile["tau_n"].std, rel=0.5)
+    assert symmetric["tau_n"].value == pytest.approx(profile["tau_n"].value, rel=1e-3)
