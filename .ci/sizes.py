@@ -21,6 +21,15 @@ REASON = re.compile(r"(#|//) long: \S+")
 RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )?fn (\w+)")
 
 
+ROOMS = {
+    "Python": "python",
+    "identification": "python/shipfp_rs/identification",
+    "structures": "python/shipfp_rs/structures",
+    "Rust": "rust/src",
+    "the ship's stepper": "rust/src/stepper",
+    "tests": "tests",
+}
+"""What is counted: title and folder."""
 STILL: frozenset[str] = frozenset()
 
 
@@ -80,6 +89,11 @@ def main() -> int:
         print(f"{len(lines)} {title}")
         for line in lines:
             print(f"    {line}")
+    for title, folder in ROOMS.items():
+        files = [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).rglob("*.rs")]
+        print(
+            f"{sum(len(path.read_text(encoding='utf-8').splitlines()) for path in files):7} lines of {title}"
+        )
     return 1 if new or mended else 0
 
 

@@ -5,7 +5,8 @@
     python -m tests.families --family wrong --draws 200
 
 Each draw runs in a process of its own with a time limit, so that an abort or an endless search is a result, too. Every
-draw's truth, answer and score go into a JSON file.
+draw's truth, answer and score go into a file of its own as soon as they are there: a study that was stopped goes on where it
+was when it is called again.
 """
 
 from __future__ import annotations
@@ -47,21 +48,55 @@ def main() -> None:
     parser.add_argument("--longest", type=float, help="longest excitation [s], at least 200")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--limit", type=float, default=600.0, help="seconds a draw")
-    parser.add_argument("--out", type=Path, default=None, help="JSON file; default below target/families")
+    parser.add_argument("--out", type=Path, default=None, help="folder; default below target/families")
     options = parser.parse_args()
     families = FAMILIES if options.family == "all" else (options.family,)
     tasks = [(family, options.seed + k) for family in families for k in range(options.draws)]
     began = time.perf_counter()
+    out = options.out or ROOT / "target" / "families" / f"{options.family}-{options.mode}-{options.structure}"
+    out.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(options.processes) as pool:
-        results = list(pool.map(lambda task: answered(*task, options), tasks))
-    out = options.out or ROOT / "target" / "families" / f"{options.family}-{options.mode}-{options.seed}.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(
-        json.dumps({"settings": vars(options) | {"out": str(out)}, "draws": results}, indent=1),
-        encoding="utf-8",
-    )
+        results = list(pool.map(lambda task: kept(*task, options, out), tasks))
     print(report(families, results))
+    if families != ("wrong",):
+        print(judged(results))
     print(f"\n{len(results)} draws in {time.perf_counter() - began:.0f} s; wrote {out}")
+
+
+def kept(family, seed, options, out) -> dict:
+    """Return a draw's result, from its file where a study before has written it."""
+    file = out / f"{family}-{seed}.json"
+    if not file.is_file():
+        result = answered(family, seed, options)
+        part = file.with_suffix(".part")
+        part.write_text(json.dumps(result), encoding="utf-8")
+        part.rename(file)
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def judged(results) -> str:
+    """Return how many answers were grossly wrong, how many of these were called usable, and how many intervals held."""
+    scored = [one for one in results if "score" in one]
+    gross, believed, inside, known, claimed = [], [], 0, 0, 0
+    for one in scored:
+        rows = one["score"]["parameters"]
+        label = f"{one['family']} {one['seed']}"
+        inside += sum(bool(row.get("inside_as_told")) for row in rows.values() if row["known"])
+        known += sum(row["known"] for row in rows.values())
+        claimed += any(row["kind"] == "false" for row in one["score"]["elements"].values())
+        if any(row["gross_as_told"] for row in rows.values()):
+            gross.append(label)
+            if not one["answer"]["usable"].startswith("Not usable"):
+                believed.append(label)
+    refused = len(results) - sum(not one["answer"]["usable"].startswith("Not usable") for one in scored)
+    return "\n".join(
+        (
+            f"grossly wrong: {len(gross)} of {len(results)} ({', '.join(gross)})",
+            f"of these called usable: {len(believed)}",
+            f"intervals that hold, as told: {inside} of {known} ({100.0 * inside / max(known, 1):.0f} %)",
+            f"refused or not usable: {refused}; an element claimed that is not there: {claimed}",
+        )
+    )
 
 
 def answered(family, seed, options) -> dict:

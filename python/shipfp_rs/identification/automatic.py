@@ -13,11 +13,11 @@ import scipy
 from shipfp_rs._core import __version__
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct
-from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.estimate import KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.gates import require_excited
-from shipfp_rs.identification.profiles import TRIES, Figure, Interval, Profiles, figures_of
+from shipfp_rs.identification.profiles import RISE, TRIES, Figure, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import PART, ShipFit, fit_ship, refined, step_for
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
@@ -25,6 +25,7 @@ from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set")
@@ -107,17 +108,24 @@ def intervals_of(
     if intervals == "symmetric":
         fine = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}
+    possible: list[Array] = []
     for left in reversed(range(RESTARTS + 1)):
         coarse = fit.question.likelihood(fit.elements, step_for(fit.values, PART), fit.smooth)
         coarse = coarse.with_noise_of(fit.likelihood)
         profiles = Profiles(coarse, [descend(coarse, one.vector) for one in fit.basins])
+        # What the profiles before found possible counts on.
+        profiles.visited += [Basin(coarse.cost(vector), vector) for vector in possible]
         found = {}
         for name, figure in figures.items():
             one = profiles.interval(figure, TRIES if name in coarse.coordinates.names else COMBINED_TRIES)
             moved = figure(fit.values) - one.value
-            found[name] = Interval(one.value + moved, one.low + moved, one.high + moved, one.kinds)
+            # Along a valley the steps differ by a part of the interval: it holds both.
+            low, high = one.low + min(moved, 0.0), one.high + max(moved, 0.0)
+            found[name] = Interval(one.value + moved, low, high, one.kinds)
             lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
             if left and lower.cost < profiles.best.cost - LOWER:
+                points = (*profiles.basins, *profiles.visited)
+                possible = [point.vector for point in points if point.cost < lower.cost + RISE]
                 fit = refined(replace(fit, basins=(descend(coarse, lower.vector),)))
                 break
         else:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.coordinates import INDEX, KERNEL, STATES, Coordinates
@@ -23,8 +22,8 @@ ACCURACY = 3e-3
 """Smooth relative error of an output's response that gauge and calibration leave open, one standard deviation."""
 OCTAVE = 1.0
 """Width of these errors in octaves."""
-SMOOTHED = 81
-"""Frequencies over which the residuals' spectral matrix is averaged; fewer in short records."""
+OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
+"""Frequencies on either side over which the residuals' spectral matrix is averaged: a third of the own one, within these."""
 FLOOR = 1e-3
 """Least of that matrix, over its median."""
 WHITE = 1e-3
@@ -191,11 +190,13 @@ class Likelihood:
 def _root(residual: ComplexArray) -> ComplexArray:
     """Root of the inverse of the residuals' smoothed spectral matrix, (F, O, O)."""
     outputs, count = residual.shape
-    size = min(SMOOTHED, 2 * (count // 8) + 1)
     products = residual[:, None] * residual[None].conj()
-    smooth = uniform_filter1d(products.real, size, axis=-1, mode="reflect") + 1j * uniform_filter1d(
-        products.imag, size, axis=-1, mode="reflect"
-    )
+    # Moving water is slow: about a low frequency few are averaged, or its noise would be taken for less than it is.
+    place = np.arange(count)
+    reach = np.clip((OVER * place).astype(int), LEAST_REACH, max(min(MOST_REACH, count // 8), LEAST_REACH))
+    first, last = np.maximum(place - reach, 0), np.minimum(place + reach, count - 1)
+    sums = np.concatenate([np.zeros((outputs, outputs, 1)), np.cumsum(products, axis=-1)], axis=-1)
+    smooth = (sums[..., last + 1] - sums[..., first]) / (last + 1 - first)
     matrix = 0.5 * np.moveaxis(smooth, -1, 0)
     diagonal = np.arange(outputs)
     matrix[:, diagonal, diagonal] += FLOOR * np.median(matrix[:, diagonal, diagonal].real, axis=0) + 1e-18

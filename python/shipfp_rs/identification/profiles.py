@@ -152,6 +152,7 @@ class Profiles:
                 stuck = end.settled and went < reached + 0.3 * (distance - reached)
                 if went > reached:
                     reached, x, inside_rise = went, end.vector, max(rise, 0.0)
+                    way = self._way(x, figure, way)
                 if rise >= RISE * (1.0 - NEAR):
                     return value + side * reached, "data"
                 if stuck and scale <= SHRUNK * np.sqrt(spread):
@@ -166,6 +167,13 @@ class Profiles:
             if over - reached < 0.03 * over:
                 break
         return value + side * reached, "data"
+
+    def _way(self, x: Array, figure: Figure, otherwise: Array) -> Array:
+        """How everything moves along while the figure moves by one, at a vector in a valley that may bend."""
+        slope = self.gradient(figure, x)
+        covariance = self.covariance(x, slope)
+        spread = float(slope @ covariance @ slope)
+        return covariance @ slope / spread if spread > 0.0 else otherwise
 
     def _held(self, start: Array, figure: Figure, target: float, deviation: float) -> Basin:
         stiffness = STIFF / deviation

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.identification.adequacy import misses_pct
 from shipfp_rs.identification.basins import Basin, best_basins, descend, distinct
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.likelihood import Likelihood
@@ -26,6 +27,8 @@ COARSE_STEP_S = 0.01
 LEAST_STEP_S = 5e-4
 PART, FINE_PART = 0.4, 0.15
 """Step over the loop's quickest time constant, of the search and of the last descent."""
+UNSEEN_PCT = 0.3
+"""Where the model misses less than this of every response no element is tried: gauge and calibration leave as much open."""
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is taken. Chance gives 14 once in 1,000 with two parameters; what
 the model leaves out elsewhere gives as much again."""
@@ -98,9 +101,9 @@ DEFAULTS: Mapping[str, float] = {
 
 
 def _with_elements(fit: ShipFit, until: float | None) -> ShipFit:
-    """Try the elements one after the other, and keep those that the deviance asks for."""
+    """Try the elements one after the other where something is missed, and keep those that the deviance asks for."""
     gains: dict[str, float] = {}
-    while True:
+    while max(misses_pct(fit.likelihood, fit.best.vector)) > UNSEEN_PCT:
         trials: list[tuple[float, str, Likelihood, Basin]] = []
         for element in fit.question.tried:
             if element in fit.elements:
@@ -121,6 +124,7 @@ def _with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         likelihood = likelihood.with_noise(basin.vector)
         basin = descend(likelihood, basin.vector, until=until)
         fit = replace(fit, likelihood=likelihood, basins=(basin,), elements=(*fit.elements, element))
+    return replace(fit, gains=gains)
 
 
 def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[Likelihood, Basin] | None:

@@ -35,7 +35,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
     for name in TRIED:
         told = parameters.get(TRIED[name][0])
         acts = told is not None and told.status != "unidentifiable"
-        if acts or name in fit.gains:
+        if acts or name in fit.question.tried:
             rows[name] = _row(name, "on" if acts else "off", None, fit.gains.get(name))
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
