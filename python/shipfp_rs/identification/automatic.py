@@ -270,7 +270,11 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
         "intervals": intervals,
         "set_point": "straight lines" if fit.smooth is False else "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
-        "optimum": {name: float(values[name]) for name in names if name in values},
+        "optimum": {
+            name: float(np.clip(values[name], *BOUNDS.get(name, (-np.inf, np.inf))))
+            for name in names
+            if name in values
+        },
         "criterion": fit.best.cost,
         "converged": fit.best.settled,
         "message": "settled" if fit.best.settled else "the search was ended before it settled",

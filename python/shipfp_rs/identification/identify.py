@@ -75,11 +75,11 @@ def identify(
     data
         One `Experiment` or `FrequencyResponse`, or several that are fitted together.
     structure
-        The model; its free parameters are searched within their bounds, those with a prior pulled to it. None: the one
-        ship model, of whose elements the data choose those that act (`choose`).
+        The model; its free parameters are searched within their bounds, those with a prior pulled to it. None: the full
+        ship of `ship_fit`, whose elements act or not as their intervals say.
     elements, torque, outputs, fixed, priors
-        Where the data choose: elements forced on (True) or off (False), the side of the torque ("gauge" or "brake"; None:
-        by the signal), outputs, and parameters that are known or have a prior (mean, standard deviation).
+        Without a structure: elements that act (True) or not (False), the side of the torque ("gauge" or "brake"; None:
+        by the signal, brake before gauge), outputs, and parameters that are known or have a prior (mean, deviation).
     weighting
         "determinant" minimises det(E'E/N), the weights of eq. 4.4 iterated with W = (E'E/N)^-1; "variance" the same
         with a diagonal W; "std" uses the responses' own standard deviations; "none" is plain least squares (4.2).
@@ -91,7 +91,7 @@ def identify(
     covariance
         "model": as if the noise models were right; "sandwich": from the spectral matrix of what they leave over, for noise
         of one source that reaches several outputs, each in its own way, as moving water does; experiments only. Default:
-        "sandwich" where the data choose, "model" with a structure.
+        "model".
     intervals
         "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
@@ -154,7 +154,7 @@ def identify(
         progress=progress,
     )
     if structure is None:
-        return _chosen(
+        return _full_ship(
             data,
             options,
             vessel=vessel,
@@ -174,7 +174,7 @@ def identify(
     return judged(fingerprint_of(found, vessel=vessel), sum(block.count for block in found.search.blocks))
 
 
-def _chosen(
+def _full_ship(
     data: Data | Sequence[Data],
     options: Options,
     *,
@@ -185,7 +185,7 @@ def _chosen(
     fixed: Mapping[str, float] | None,
     priors: Mapping[str, tuple[float, float]] | None,
 ) -> Fingerprint:
-    """Let the data choose the elements, and say what holds after the choice."""
+    """Fit the full ship."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     for item in given:
         if not isinstance(item, Experiment):

@@ -23,6 +23,9 @@ open-water torque curves differ from a power of the speed."""
 PRIORS: Mapping[str, tuple[float, float]] = {"c_2": (0.0, LAW_DEVIATION), "T_M": (0.0, 3e-3)}
 """Mean and deviation of what is never known well. A torque channel is late by its filters and its hold, telemetry at 500 Hz
 by 1 to 5 ms, which takes p times as much off tau_prop."""
+WIDE: Mapping[str, tuple[float, float]] = {"g": (-1.0, 4.0)}
+"""So wide that no data notice it: an engine's torque falls or rises with its speed by a few times its operating point's ratio,
+between the bounds -10 and 3."""
 SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
@@ -122,7 +125,7 @@ class Question:
             accuracy=np.array([self.accuracy.get(output, ACCURACY) for output in self.outputs]),
             priors={
                 name: prior
-                for name, prior in {**PRIORS, **self.priors}.items()
+                for name, prior in {**PRIORS, **WIDE, **self.priors}.items()
                 if name in free or name in ("g",)
             },
         )

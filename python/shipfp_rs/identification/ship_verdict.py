@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from shipfp_rs.identification.estimate import KNOWN, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.question import TRIED
@@ -39,7 +41,11 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
             rows[name] = _row(name, "on" if acts else "off", None, fit.gains.get(name))
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
-    if "dead_time_loop" in rows and rows["dead_time_loop"]["state"] != "off":
+    # A governor's clock is seen in the raw torque or not at all: half its period is part of T_d either way.
+    clocks = [one.governor_clock[0] for one in fit.question.experiments if one.governor_clock]
+    if clocks:
+        rows["sampling"] = _row("sampling", "open", _limit("T_s", float(np.median(clocks)), "s"))
+    elif "dead_time_loop" in rows and rows["dead_time_loop"]["state"] != "off":
         delay = parameters["T_d"].ci95
         assert delay is not None
         rows["sampling"] = _row("sampling", "open", _limit("T_s", 2.0 * delay[1], "s"))

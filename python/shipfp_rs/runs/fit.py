@@ -17,7 +17,7 @@ from shipfp_rs.vessel.vessel import Vessel
 def chosen(
     trial: Trial, experiments: Sequence[Experiment], vessel: Vessel, *, seed: int | None
 ) -> Fingerprint:
-    """Let the data choose the structure within what a trial's [identify] table leaves open."""
+    """Fit the full ship within what a trial's [identify] table leaves open."""
     options, place = trial.identify, located(trial)
     outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
     return identify(
