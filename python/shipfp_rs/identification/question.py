@@ -24,8 +24,8 @@ PRIORS: Mapping[str, tuple[float, float]] = {"c_2": (0.0, LAW_DEVIATION), "T_M":
 """Mean and deviation of what is never known well. A torque channel is late by its filters and its hold, telemetry at 500 Hz
 by 1 to 5 ms, which takes p times as much off tau_prop."""
 WIDE: Mapping[str, tuple[float, float]] = {"g": (-1.0, 4.0)}
-"""So wide that no data notice it: an engine's torque falls or rises with its speed by a few times its operating point's ratio,
-between the bounds -10 and 3."""
+"""So wide that few data notice it: an engine's torque falls or rises with its speed by a few times the operating point's
+ratio, between the bounds -10 and 3."""
 SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
