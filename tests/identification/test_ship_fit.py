@@ -102,6 +102,22 @@ def test_a_short_record_is_refused_in_one_line():
         Record.of(short, np.array([short.normalised("n_e")]))
 
 
+@pytest.mark.parametrize("late_s", [0.5, 3.0])
+def test_a_set_point_that_comes_after_the_answer_is_refused_before_any_fit_a8(late_s):
+    made = trial()
+    behind = round(late_s * made.rate_hz)
+    asked = np.r_[np.full(behind, made.signals["n_set"][0]), made.signals["n_set"][:-behind]]
+    with pytest.raises(fp.InputError, match=r"n_e moves .* s before the set point"):
+        fp.identify(replace(made, signals={**made.signals, "n_set": asked}))
+
+
+def test_a_torque_that_stands_still_is_refused_before_any_fit_a8():
+    made = trial()
+    still = np.full(len(made), made.operating_point["M_b"])
+    with pytest.raises(fp.InputError, match="M_b stands still"):
+        fp.identify(replace(made, signals={**made.signals, "M_b": still}))
+
+
 def test_both_dead_times_and_the_lag_of_a_ship_in_moving_water_are_told(drawn):
     ship, experiment = drawn
     found, truth = fp.identify(experiment), ship.truth()["parameters"]

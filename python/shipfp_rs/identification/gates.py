@@ -19,6 +19,11 @@ LEAST_CORRELATION = 0.3
 """The speed follows the set point if their correlation, at the best delay, is above this."""
 LONGEST_DELAY_S = 5.0
 """Longest delay of the speed behind its set point that is tried [s]."""
+EARLY_S, CLEARLY = 0.15, 0.03
+"""The speed moves before the set point if it does by more than the first [s], and the correlation of the slopes is larger
+there by the second than at any delay."""
+STILL = 1e-7
+"""Standard deviation of a torque over its operating point below which it stands still."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
 POINT_OFF = 0.3
@@ -49,6 +54,7 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
         )
     for experiment in moving:
         _require_following(experiment)
+        _require_moving_torque(experiment)
         _require_torque_sign(experiment)
 
 
@@ -106,6 +112,7 @@ def _require_following(experiment: Experiment) -> None:
     name, values = found
     rate = experiment.rate_hz
     asked, speed = _slow(experiment.dn_set, rate), _slow(values, rate)
+    _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
     pairs = [float(np.corrcoef(asked[: len(asked) - lag], speed[lag:])[0, 1]) for lag in lags]
@@ -120,6 +127,39 @@ def _require_following(experiment: Experiment) -> None:
         raise InputError(
             f"{experiment.name!r}: {name} falls when the set point rises (correlation {best:.2g}), expected it to rise; "
             "turn the sign of the set point's calibration"
+        )
+
+
+def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array) -> None:
+    """Refuse a speed that moves before its set point does."""
+    rate = experiment.rate_hz
+    causes, answers = np.gradient(asked), np.gradient(speed)
+    step = max(1, round(0.05 * rate))
+    longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
+    middle = slice(longest, len(speed) - longest)
+    size = np.linalg.norm(causes[middle])
+    agreement = {}
+    for lag in range(-longest, longest + 1, step):
+        moved = answers[middle.start + lag : middle.stop + lag]
+        agreement[lag / rate] = float(causes[middle] @ moved / max(size * np.linalg.norm(moved), 1e-300))
+    early = max((lag for lag in agreement if lag < -EARLY_S), key=agreement.__getitem__, default=None)
+    if early is not None and agreement[early] > CLEARLY + max(
+        value for lag, value in agreement.items() if lag >= -EARLY_S
+    ):
+        raise InputError(
+            f"{experiment.name!r}: {name} moves {-early:.2g} s before the set point, expected after it; look at the clocks "
+            "of the two channels and at delay_s"
+        )
+
+
+def _require_moving_torque(experiment: Experiment) -> None:
+    name = next((name for name in ("M_b", "M_s", "M_g") if name in experiment.signals), None)
+    if name is None or not np.isfinite(experiment.signals[name]).any():
+        return
+    if float(np.nanstd(experiment.normalised(name))) < STILL:
+        raise InputError(
+            f"{experiment.name!r}: {name} stands still at {np.nanmean(experiment.signals[name]):.4g} Nm while the set point "
+            "moves, expected it to move; is the channel connected?"
         )
 
 
