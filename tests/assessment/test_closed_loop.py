@@ -163,22 +163,14 @@ def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_s
     assert found["overshoot"].value == pytest.approx(max(speed.max() - 1.0, 0.0), abs=0.005)
 
 
-def test_the_interval_holds_what_structures_that_are_not_rejected_have(launch: Fingerprint) -> None:
-    alone, optimum = closed_loop(launch), launch.settings["optimum"]
-    rival = {"elements": [], "optimum": {**optimum, "vK_p": 1.3 * optimum["vK_p"]}}
-    late = {
-        "elements": ["dead_time_loop"],
-        "optimum": {**optimum, "T_d": 0.05},
-        "neglected": "dead_time_loop",
-    }
-    known = replace(launch, settings={**launch.settings, "alternatives": [rival, late]})
-    found = closed_loop(known)
-    for other in (rival, late):
-        there = closed_loop(replace(launch, settings={**launch.settings, "optimum": other["optimum"]}))
+def test_the_interval_holds_every_ship_that_the_profiles_found_possible(launch: Fingerprint) -> None:
+    optimum = launch.settings["optimum"]
+    others = [{"vK_p": 1.3 * optimum["vK_p"]}, {"T_d": 0.05}]
+    found = closed_loop(replace(launch, settings={**launch.settings, "possible": others}))
+    for other in others:
+        there = closed_loop(replace(launch, settings={**launch.settings, "optimum": {**optimum, **other}}))
         for name in ("crossover", "phase margin", "bandwidth", "recovery time"):
             low, high = found[name].ci95
             assert low <= there[name].value <= high
-            assert low <= alone[name].ci95[0] + 1e-3 * abs(alone[name].value)
-            assert alone[name].ci95[1] - 1e-3 * abs(alone[name].value) <= high
     assert found["gain margin"].value is None
     assert found["gain margin"].ci95 == pytest.approx((margins(0.05)["gain margin"], np.inf), rel=0.2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -210,7 +210,7 @@ def _estimate(
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not np.isfinite(value):
-        least = min([found for _, found in _others(fingerprint, figure)], default=np.nan)
+        least = min(_possible(fingerprint, figure), default=np.nan)
         return unknown(ci95=(least, np.inf) if np.isfinite(least) else None, reason="there is none")
     free = [
         name
@@ -232,41 +232,25 @@ def _estimate(
     # What a misfit can do widens the figures as it widens the parameters.
     widened = max(float(fingerprint.adequate.get("dispersion", 1.0)), 1.0)
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
-    if std > LARGEST * max(abs(value), 1e-6):
+    possible = _possible(fingerprint, figure)
+    if not possible and std > LARGEST * max(abs(value), 1e-6):
         return unknown(reason="changes entirely within what the data leave open")
-    others = _others(fingerprint, figure)
-    if not others:
-        return Estimate(value, std, (value - DEVIATIONS_95 * std, value + DEVIATIONS_95 * std), unit)
-    if value > 0.0 and all(found > 0.0 for _, found in others):
-        # What can't be below zero has an interval that is even about its logarithm.
-        logs = [(name, float(np.log(found))) for name, found in others]
-        low, high = np.exp(_widened(float(np.log(value)), DEVIATIONS_95 * std / value, logs)).tolist()
-    else:
-        low, high = _widened(value, DEVIATIONS_95 * std, others)
+    low, high = min([value, *possible]), max([value, *possible])
+    if not possible or std < STRAIGHT * abs(value):
+        low, high = min(low, value - DEVIATIONS_95 * std), max(high, value + DEVIATIONS_95 * std)
     return Estimate(value, (high - low) / (2.0 * DEVIATIONS_95), (low, high), unit)
 
 
 LARGEST = 5.0
 """Deviation over the value above which a figure is not told."""
+STRAIGHT = 0.2
+"""Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
 
 
-def _others(fingerprint: Fingerprint, figure: Figure) -> list[tuple[str, float]]:
-    """Return a figure of every alternative that has it, with the element that the estimate neglects ("": a rival)."""
+def _possible(fingerprint: Fingerprint, figure: Figure) -> list[float]:
+    """Return a figure of every ship that the profiles of a fingerprint found possible."""
     found = []
-    for other in fingerprint.settings.get("alternatives", ()):
+    for other in fingerprint.settings.get("possible", ()):
         with contextlib.suppress(ValueError, np.linalg.LinAlgError):  # no root in reach, no step that settles
-            found.append((str(other.get("neglected", "")), figure(other["optimum"])))
-    return [(name, value) for name, value in found if np.isfinite(value)]
-
-
-def _widened(value: float, half: float, others: Sequence[tuple[str, float]]) -> tuple[float, float]:
-    """Return the ends of an interval that hold for rivals, and for each neglected element, as those of the parameters."""
-    rivals = [value, *(found for name, found in others if not name)]
-    sides = []
-    for sign in (-1.0, 1.0):
-        moves: dict[str, float] = {}
-        for name, found in others:
-            if name:
-                moves[name] = max(moves.get(name, 0.0), sign * (found - value))
-        sides.append(float(np.sqrt(half**2 + sum(move**2 for move in moves.values()))))
-    return min(rivals) - sides[0], max(rivals) + sides[1]
+            found.append(figure({**fingerprint.optimum, **other}))
+    return [value for value in found if np.isfinite(value)]

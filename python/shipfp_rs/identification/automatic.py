@@ -17,7 +17,7 @@ from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.estimate import KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.gates import require_excited
-from shipfp_rs.identification.profiles import RISE, TRIES, Figure, Interval, Profiles, figures_of
+from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import PART, ShipFit, fit_ship, refined, step_for
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
@@ -55,7 +55,7 @@ def identified(
     figures = figures_of([*c.names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    fit, found = intervals_of(fit, figures, intervals)
+    fit, found, possible = intervals_of(fit, figures, intervals)
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*c.names, *gains)}
@@ -78,7 +78,7 @@ def identified(
         structure=structure.to_dict(),
         vessel=vessel,
         data=tuple(_record(fit, index, row) for index, row in enumerate(rows)),
-        settings=_settings(fit, intervals),
+        settings=_settings(fit, intervals) | {"possible": _named(possible, structure)},
         seed=seed,
         versions={
             "shipfp_rs": __version__,
@@ -100,14 +100,14 @@ def identified(
 
 def intervals_of(
     fit: ShipFit, figures: Mapping[str, Figure], intervals: Literal["profile", "symmetric"]
-) -> tuple[ShipFit, dict[str, Interval]]:
-    """Return the interval of each figure, and the fit, which a profile may have led to a lower minimum.
+) -> tuple[ShipFit, dict[str, Interval], list[dict[str, float]]]:
+    """Return the fit, which a profile may have led to a lower minimum, the interval of each figure, and ships within them.
 
     Profiles take the step of the search, about the values of the finer one.
     """
     if intervals == "symmetric":
         fine = Profiles(fit.likelihood, list(fit.basins))
-        return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}
+        return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}, []
     possible: list[Array] = []
     for left in reversed(range(RESTARTS + 1)):
         coarse = fit.question.likelihood(fit.elements, step_for(fit.values, PART), fit.smooth)
@@ -130,7 +130,9 @@ def intervals_of(
                 break
         else:
             break
-    return fit, found
+    most = profiles.best.cost + RISE * (1.0 + NEAR)
+    inside = [point.vector for point in profiles.visited if point.cost < most]
+    return fit, found, [coarse.coordinates.values(vector) for vector in inside]
 
 
 def structure_of(fit: ShipFit) -> Structure:
@@ -152,6 +154,18 @@ def structure_of(fit: ShipFit) -> Structure:
         name: value for name, value in fit.likelihood.coordinates.given.items() if name in structure.names
     }
     return structure.with_fixed(**given) if given else structure
+
+
+def _named(possible: Sequence[Mapping[str, float]], structure: Structure) -> list[dict[str, float]]:
+    """Return ships by the structure's parameters, each within its bounds."""
+    return [
+        {
+            name: float(np.clip(values[name], *BOUNDS.get(name, (-np.inf, np.inf))))
+            for name in structure.names
+            if name in values
+        }
+        for values in possible
+    ]
 
 
 def _applies(name: str, values: Mapping[str, float]) -> bool:

@@ -58,7 +58,7 @@ SETTINGS: Mapping[str, tuple[Any, str]] = {
     "converged": (bool, "true or false"),
     "message": (str, "a text"),
     "minima": (Sequence[Mapping[str, Any]], "a list of tables"),
-    "alternatives": (Sequence[Mapping[str, Any]], "a list of tables"),
+    "possible": (Sequence[Mapping[str, float]], "a list of tables of numbers"),
 }
 """Settings that a search writes: an annotation of each value, and its words. Others are kept as they are."""
 ADEQUATE: Mapping[str, tuple[Any, str]] = {

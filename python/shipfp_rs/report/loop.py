@@ -47,13 +47,6 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
     if not loop or fingerprint.why_not:
         return
     yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
-    if "alternatives" in fingerprint.settings:
-        yield paragraph(
-            say(
-                "The intervals also cover other models that fit as well, and elements that were not found, each "
-                "at its limit."
-            )
-        )
     yield table(
         say("poles, margins and gains of the loop"),
         [say(text) for text in ("figure", "estimate", "95 % interval", "unit", "note")],
