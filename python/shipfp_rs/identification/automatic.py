@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from shipfp_rs._core import __version__
+from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct
 from shipfp_rs.identification.basins import Basin, descend
@@ -126,7 +127,10 @@ def intervals_of(
             if left and lower.cost < profiles.best.cost - LOWER:
                 points = (*profiles.basins, *profiles.visited)
                 possible = [point.vector for point in points if point.cost < lower.cost + RISE]
-                fit = refined(replace(fit, basins=(descend(coarse, lower.vector),)))
+                try:
+                    fit = refined(replace(fit, basins=(descend(coarse, lower.vector),)))
+                except IdentificationError:  # at a fine step it is none
+                    continue
                 break
         else:
             break

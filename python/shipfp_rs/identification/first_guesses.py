@@ -27,6 +27,8 @@ APART_S = 0.07
 """Starts differ by this in the sum of their delays' differences [s]."""
 KEPT = 8
 """Distinct starts kept."""
+LEAST_SLOPE = 0.02
+"""Least (p - g) of a guess over vK_p: one below holds itself at no speed."""
 LEAST_INTEGRAL = 1e-2
 """Least vK_i / tau_n of a guess [1/s2]: a slower governor would not hold a speed within a trial."""
 BANDWIDTHS = (2.0, 5.0, 12.0)
@@ -49,12 +51,13 @@ def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool
             found = np.linalg.solve(gram + ridge, right[..., None])[..., 0]
             left = total - np.einsum("ti,ti->t", right, found)
             for late, cost, values in zip(SET_POINT_DEAD_TIMES_S, left, found, strict=True):
-                # A loop that holds itself: gains that act, and a plant that settles.
-                if values[0] > 0.0 and values[1] > 0.0 and values[2] > LEAST_INTEGRAL:
+                if values[1] > 0.0:
                     rows.append((float(cost), lag, dead, float(late), values))
     rows.sort(key=lambda row: row[0])
     kept: list[tuple[float, float, float, float, Array]] = []
-    for row in rows:
+    told = [row for row in rows if row[4][0] > LEAST_SLOPE * row[4][1] and row[4][2] > LEAST_INTEGRAL]
+    # Loops whose parts are told come first; where none is, those of which only the ratio is told.
+    for row in (*told, *rows) if len(told) < KEPT else told:
         if all(
             sum(abs(a - b) for a, b in zip(row[1:4], other[1:4], strict=True)) > APART_S for other in kept
         ):
@@ -65,12 +68,17 @@ def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool
     for _, lag, dead, late, (slope, gain, integral, *load) in kept:
         for tau in [law["tau"] / share for share in SHARES] if gauge else [law["tau"]]:
             tau = float(np.clip(tau, 0.05, 15.0))
+            own, holding = float(slope), float(integral)
+            if own < LEAST_SLOPE * gain or holding < LEAST_INTEGRAL:
+                # The governor's zero cancels the plant's pole: both are told only together.
+                own = (law["p"] + 0.5) / tau
+                holding = own * gain
             guesses.append(
                 {
                     "tau_n": tau,
-                    "g": law["p"] - slope * tau,
-                    "vK_p": gain * tau,
-                    "vK_i": integral * tau,
+                    "g": law["p"] - own * tau,
+                    "vK_p": float(gain) * tau,
+                    "vK_i": holding * tau,
                     "p": law["p"],
                     "tau_prop": float(np.clip(law["tau"], 0.01, 0.9 * tau)),
                     "T_d": max(dead, 3e-3),
@@ -79,11 +87,15 @@ def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool
                     **({"k_L": float(np.clip(load[0] * tau, 0.05, 5.0))} if load else {}),
                 }
             )
-    late = kept[0][3] if kept else 0.1
+    return guesses + _unlimited(law, gauge, kept[0][3] if kept else 0.1)
+
+
+def _unlimited(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[str, float]]:
+    """Guesses of loops of some bandwidths, whatever the regressions say."""
     tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), 0.05, 15.0))
     behind = float(np.clip(law["tau"], 0.01, 0.9 * tau))
     common = {"tau_n": tau, "g": -0.5, "p": law["p"], "tau_prop": behind, "T_set": max(late, 3e-3)}
-    guesses += [
+    return [
         {
             **common,
             "vK_p": max(1.4 * w * tau - law["p"] - 0.5, 0.3),
@@ -93,7 +105,6 @@ def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool
         }
         for w in BANDWIDTHS
     ]
-    return guesses
 
 
 class _Spectra:

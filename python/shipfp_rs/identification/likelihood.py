@@ -26,6 +26,8 @@ OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
 """Frequencies on either side over which the residuals' spectral matrix is averaged: a third of the own one, within these."""
 FLOOR = 1e-3
 """Least of that matrix, over its median."""
+MOST_BEHIND, WALL = 0.95, 0.01
+"""Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
 WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
 
@@ -128,16 +130,26 @@ class Likelihood:
             return np.inf
 
     def _add_priors(self, vector: Array, gram: Array) -> None:
-        if not self.priors:
-            return
         values = self.coordinates.values(vector)
         slopes = self.coordinates.slopes(values)
-        for name, (mean, deviation) in self.priors.items():
+
+        def add(residual: float, by: Mapping[int, float]) -> None:
             row = np.zeros(len(gram))
-            row[0] = (mean - values[name]) / deviation
-            for place, slope in slopes.get(name, {}).items():
-                row[1 + place] = slope / deviation
-            gram += np.outer(row, row)
+            row[0] = residual
+            for place, slope in by.items():
+                row[1 + place] = slope
+            gram[...] += np.outer(row, row)
+
+        for name, (mean, deviation) in self.priors.items():
+            found = slopes.get(name, {}).items()
+            add((mean - values[name]) / deviation, {place: slope / deviation for place, slope in found})
+        # The inertia behind the gauge is a part of the whole.
+        behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
+        if behind > MOST_BEHIND * whole and "tau_prop" in slopes:
+            by = {place: slope / (whole * WALL) for place, slope in slopes["tau_prop"].items()}
+            for place, slope in slopes.get("tau_n", {}).items():
+                by[place] = by.get(place, 0.0) - behind * slope / (whole**2 * WALL)
+            add((MOST_BEHIND - behind / whole) / WALL, by)
 
     def _white(self, spectra: ComplexArray, record: int) -> Array:
         """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, 2 O F)."""

@@ -24,7 +24,7 @@ from shipfp_rs.support.arrays import Array
 
 COARSE_STEP_S = 0.01
 """Longest step of the search and of profiles [s]; the last descent takes finer ones."""
-LEAST_STEP_S = 5e-4
+LEAST_STEP_S = 1e-3
 PART, FINE_PART = 0.4, 0.15
 """Step over the loop's quickest time constant, of the search and of the last descent."""
 UNSEEN_PCT = 0.3
