@@ -113,7 +113,10 @@ def intervals_of(
     for left in reversed(range(RESTARTS + 1)):
         coarse = fit.question.likelihood(fit.elements, step_for(fit.values, PART), fit.smooth)
         coarse = coarse.with_noise_of(fit.likelihood)
-        profiles = Profiles(coarse, [descend(coarse, one.vector) for one in fit.basins])
+        basins = [descend(coarse, one.vector) for one in fit.basins]
+        if not np.isfinite([one.cost for one in basins]).all():  # too quick a ship for that step
+            coarse, basins = fit.likelihood, list(fit.basins)
+        profiles = Profiles(coarse, basins)
         # What the profiles before found possible counts on.
         profiles.visited += [Basin(coarse.cost(vector), vector) for vector in possible]
         found = {}
