@@ -13,18 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from shipfp_rs import _core
+from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array
 
-INDEX = {name: index for index, name in enumerate(_core.SHIP_PARAMETERS)}
-KERNEL = {
-    "vK_p": "K_p",
-    "vK_i": "K_i",
-    "vK_d": "K_d",
-    "rate": "rate_up",
-    "k_L": "load_gain",
-    "c_2": "curvature",
-}
-"""Names that differ from the kernel's."""
 STATES = {
     "initial dn": "initial_N",
     "initial fuel": "initial_F",

@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.coordinates import INDEX, KERNEL, STATES, Coordinates
+from shipfp_rs.identification.coordinates import STATES, Coordinates
 from shipfp_rs.identification.record import Record
+from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 ACCURACY = 3e-3

@@ -19,14 +19,18 @@ STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
 """An experiment's own unknowns: how far the speed and the fuel's torque are from the operating point at its first
 sample, and by which part the set point and the torque are read wrong, their operating points' errors included."""
 
-_INDEX = {name: index for index, name in enumerate(_core.SHIP_PARAMETERS)}
-_KERNEL = {
+INDEX = {name: index for index, name in enumerate(_core.SHIP_PARAMETERS)}
+"""Places of the kernel's parameters."""
+KERNEL = {
     "vK_p": "K_p",
     "vK_i": "K_i",
     "vK_d": "K_d",
     "rate": "rate_up",
     "k_L": "load_gain",
     "c_2": "curvature",
+}
+"""Parameters whose names differ from the kernel's."""
+_KERNEL = KERNEL | {
     "initial dn": "initial_N",
     "initial fuel": "initial_F",
     SET_SCALE: "s_u",
@@ -69,21 +73,21 @@ class ShipEquations(Equations):
     def vector(self, values: Values) -> Array:
         """Return the kernel's parameters (34,) for values by name; what has none is off."""
         vector = np.array(_core.SHIP_OFF)
-        vector[_INDEX["v"]] = 1.0
+        vector[INDEX["v"]] = 1.0
         for name, value in values.items():
-            if name in STATES or name in _INDEX or name in _KERNEL:
-                vector[_INDEX[_KERNEL.get(name, name)]] = value + (name in _DEVIATIONS)
+            if name in STATES or name in INDEX or name in _KERNEL:
+                vector[INDEX[_KERNEL.get(name, name)]] = value + (name in _DEVIATIONS)
         if self.mean_sampling:
-            vector[_INDEX["T_d"]] += 0.5 * vector[_INDEX["T_s"]]
-            vector[_INDEX["T_s"]] = 0.0
+            vector[INDEX["T_d"]] += 0.5 * vector[INDEX["T_s"]]
+            vector[INDEX["T_s"]] = 0.0
         if values.get("tau_twist") and values["tau_prop"] >= 0.99 * values["tau_n"]:
             raise SimulationError("nothing is left of the inertia on the engine's side of the twisting shaft")
         if "rate" in values:
-            vector[_INDEX["rate_down"]] = values["rate"]
+            vector[INDEX["rate_down"]] = values["rate"]
         return vector
 
     def _columns(self, names: Names) -> list[int]:
-        return [_INDEX[_KERNEL.get(name, name)] for name in names]
+        return [INDEX[_KERNEL.get(name, name)] for name in names]
 
     def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
         load = experiment.normalised("M_load") if self.loaded else np.empty(0)
