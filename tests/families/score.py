@@ -7,8 +7,9 @@ Words, for one parameter of one fingerprint:
 - gross: on a bound where the truth is not, or known and off by more than `FAR` standard deviations and by more than
   `TOLERANCE` of the truth (times: `TOLERANCE_S`; slopes that may be zero: `TOLERANCE_SLOPE`).
 - as told: a fingerprint that has no sampling governor, no lag or no damping among its parameters tells their sum with
-  others. `as_told` moves the truth accordingly: half a sampling period (and a lag) into T_d, half a period of a sum
-  that is updated before use into vK_p, the damping into p. What is inside only there is counted apart.
+  others. `as_told` moves the truth accordingly: half a sampling period (and a lag) into T_d, half a period of the sum
+  into vK_p, upwards where it is updated before use and downwards where after, the damping into
+  p. What is inside only there is counted apart.
 
 For one element: found (on, rightly), missed (off, but it matters), open, false (on, but there is none), alias (on, there
 is none, but another delay that was not found acts in its place), unseen (off or open, there, but it does not matter).
@@ -95,7 +96,7 @@ def as_told(answer: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, f
     told = dict(true)
     if "T_s" not in there and true.get("T_s"):
         told["T_d"] += 0.5 * true["T_s"]
-        told["vK_p"] += 0.5 * true["T_s"] * true["vK_i"] * true.get("update", 0.0)
+        told["vK_p"] += (true.get("update", 0.0) - 0.5) * true["T_s"] * true["vK_i"]
     if "tau_act" not in there and true.get("tau_act"):
         told["T_d"] += true["tau_act"]
     if "damping" not in there and true.get("damping"):

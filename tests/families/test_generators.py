@@ -134,13 +134,13 @@ def test_small_motion_is_the_linear_model(elements, frequency):
     assert found[2] == pytest.approx(behind, rel=2e-3)
 
 
-def test_a_sampling_governor_is_late_by_half_its_period():
-    """With a sum updated before use it is also stronger by vK_i T_s / 2."""
+@pytest.mark.parametrize("update", [0.0, 1.0])
+def test_a_sampling_governor_is_late_by_half_its_period(update):
+    """With a sum updated before use it is also stronger by vK_i T_s / 2, after use weaker."""
     period, excitation = 0.04, chirp(swing=0.01, high=0.5)
-    sampled = relative_outputs(BASE | {"T_s": period, "T_d": 0.03, "update": 1.0}, excitation)
-    smooth = relative_outputs(
-        BASE | {"T_d": 0.03 + period / 2.0, "vK_p": 4.5 + 10.0 * period / 2.0}, excitation
-    )
+    sampled = relative_outputs(BASE | {"T_s": period, "T_d": 0.03, "update": update}, excitation)
+    gain = 4.5 + 10.0 * period * (update - 0.5)
+    smooth = relative_outputs(BASE | {"T_d": 0.03 + period / 2.0, "vK_p": gain}, excitation)
     plain = relative_outputs(BASE | {"T_d": 0.03}, excitation)
     assert np.std(sampled[0] - smooth[0]) < 0.05 * np.std(sampled[0] - plain[0])
 

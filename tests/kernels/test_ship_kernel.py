@@ -34,6 +34,8 @@ SHIPS = {
     "both dead times": LATE,
     "a dead time below a step": {"T_d": 0.0007, "T_set": 0.0011},
     "dead times of whole steps": {"T_d": 0.05, "T_set": 0.025},
+    "a command held": {**LATE, "hold": 0.6},
+    "a command held as long as it is late": {"T_d": 0.0413, "hold": 1.0, "tau_act": 0.03},
     "lag": {"tau_act": 0.05},
     "lag and dead times": {**LATE, "tau_act": 0.05},
     "torque limits": TORQUE,
@@ -83,6 +85,8 @@ def acting(values, *, begins=False):
     for name in NAMES:
         at_bound = name.startswith("T_") or name in ("tau_act", "tau_twist", "zeta_twist")
         if name in (*SWITCHES, "M_soft") or math.isinf(full[name]):
+            continue
+        if name == "hold" and full[name] in (0.0, 1.0):
             continue
         needs = {"T_0": "T_s", "M_max_slope": "M_max", "zeta_twist": "tau_twist"}.get(name, name)
         if needs in ("T_s", "tau_twist") and not full[needs]:

@@ -22,7 +22,7 @@ OFF = {
     "M_max_slope": 0.0, "M_min": -math.inf, "rate_up": math.inf, "rate_down": math.inf, "X_max": math.inf,
     "X_min": -math.inf, "anti_windup": 0.0, "damping": 0.0, "load_gain": 0.0, "tau_twist": 0.0, "zeta_twist": 0.0,
     "T_n": 0.0, "T_M": 0.0, "s_u": 1.0, "s_M": 1.0, "initial_N": 1.0, "initial_F": 0.0, "update": 0.0,
-    "curvature": 0.0, "initial_E": 0.0, "u_0": 0.0, "M_soft": 0.0,
+    "curvature": 0.0, "initial_E": 0.0, "u_0": 0.0, "M_soft": 0.0, "hold": 0.0,
 }  # fmt: skip
 SHIP = {"tau_n": 1.44, "g": -0.58, "v": 1.58, "K_p": 4.0, "K_i": 3.0, "p": 2.17, "tau_prop": 0.4}
 N, P, SPRING, SUM, RACK = range(5)
@@ -127,8 +127,16 @@ class _Simulation:
         return v["K_p"] * error + v["K_i"] * x[SUM] - v["K_d"] * rate
 
     def past(self, t: float, side: int) -> float:
-        """The continuous governor's command T_d before a time."""
-        then = self.inside(t, side) - self.v["T_d"]
+        """The continuous governor's command T_d before a time, of a hold that of Gauss's two points."""
+        return sum(self.earlier(t, side, delay) for delay in self.delays) / len(self.delays)
+
+    @property
+    def delays(self) -> tuple[float, ...]:
+        delay, apart = self.v["T_d"], self.v["T_d"] * self.v["hold"] / math.sqrt(3.0)
+        return (delay - apart, delay + apart) if apart else (delay,)
+
+    def earlier(self, t: float, side: int, delay: float) -> float:
+        then = self.inside(t, side) - delay
         side = side or 1
         if then + side * TINY < 0.0:
             return self.before
@@ -225,10 +233,12 @@ class _Simulation:
             times += self.samples + [time + v["T_d"] for time in self.samples]
         else:
             breaks = list(grid + v["T_set"]) + [0.0] + (list(grid) if len(self.load) else [])
-            for order in range(5 if v["T_d"] > 0.0 else 1):
-                times += [time + order * v["T_d"] for time in breaks]
+            after = {0.0}
+            for _ in range(4 if v["T_d"] > 0.0 else 0):
+                after |= {time + delay for time in after for delay in self.delays}
+            times += [time + later for time in breaks for later in after]
             if v["T_d"] > 0.0:
-                times += list(np.arange(0.0, end, 0.9 * v["T_d"]))
+                times += list(np.arange(0.0, end, 0.9 * self.delays[0]))
         ordered = sorted(time for time in times if 0.0 <= time <= end)
         return [time for k, time in enumerate(ordered) if k == 0 or time - ordered[k - 1] > TINY]
 
@@ -264,7 +274,9 @@ class _Simulation:
                     found[row, round(place)] = self.output(output, stop)
             if k + 1 < len(stops):
                 self.advance(stop, stops[k + 1])
-                for time in (event + order * v["T_d"] for event in self.kinks for order in (1, 2)):
+                for time in (
+                    event + order * one for event in self.kinks for one in self.delays for order in (1, 2)
+                ):
                     place = bisect.bisect(stops, time)
                     if place < len(stops) and stops[place - 1] < time - TINY and stops[place] > time + TINY:
                         stops.insert(place, time)

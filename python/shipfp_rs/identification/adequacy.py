@@ -23,13 +23,11 @@ CHANCE = 3.0
 
 def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
     """Return what the model misses of each output's response, per cent of its size, all records together."""
-    c = likelihood.coordinates
     missed = np.zeros(len(likelihood.outputs))
     scatter = np.zeros(len(likelihood.outputs))
     size = np.full(len(likelihood.outputs), 1e-30)
     for index, record in enumerate(likelihood.records):
-        parameters = c.kernel(c.values(vector), vector[c.states(index)])
-        model = record.simulated(parameters, likelihood.outputs, [])[:, 0]
+        model = likelihood.simulated(vector, index, [])[:, 0]
         rate = record.data_hz / record.down
         length = min(int(STRETCH_S * rate), model.shape[1] // 4)
         for output, (response, data) in enumerate(zip(model, record.decimated, strict=True)):
@@ -54,11 +52,9 @@ def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
 
 def explained_pct(likelihood: Likelihood, vector: Array) -> list[list[float]]:
     """Return the fit 100 (1 - |y - model| / |y - mean|) of each record's outputs in the band."""
-    c = likelihood.coordinates
     rows = []
     for index, record in enumerate(likelihood.records):
-        parameters = c.kernel(c.values(vector), vector[c.states(index)])
-        model = record.simulated(parameters, likelihood.outputs, [])[:, 0]
+        model = likelihood.simulated(vector, index, [])[:, 0]
         data = record.decimated
         spread = np.linalg.norm(data - data.mean(axis=1, keepdims=True), axis=1)
         rows.append(

@@ -29,6 +29,8 @@ STATE_REACH = 0.3
 """How far a record may begin from the operating point, and its set point be read wrong, over the operating point's."""
 LOGARITHMS = ("tau_n", "vK_p", "vK_i", "rate", "tau_twist", "v", "M_soft")
 """Parameters that are searched by their logarithm."""
+SQUARES = ("hold",)
+"""Parameters that act by their square, and are searched by it: about zero they would have no slope."""
 RATIOS = ("vK_p", "vK_i")
 """Parameters that are searched over tau_n."""
 SMALLEST = 1e-3
@@ -87,13 +89,13 @@ class Coordinates:
             return (np.log(SMALLEST), np.log(5e3))
         if name in LOGARITHMS:
             return float(np.log(max(low, 1e-9))), float(np.log(high))
-        return low, high
+        return (low**2, high**2) if name in SQUARES else (low, high)
 
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their own units, those given included."""
         values = dict(self.given)
         for name, x in zip(self.names, vector, strict=False):
-            values[name] = float(np.exp(x)) if name in LOGARITHMS else float(x)
+            values[name] = _own(name, x)
         tau = values["tau_n"]
         for name in RATIOS:
             if name in self.free:
@@ -106,7 +108,7 @@ class Coordinates:
 
     def vector(self, values: Mapping[str, float], states: Sequence[Array] = ()) -> Array:
         """Return the vector of values within the bounds; states are zero unless given."""
-        known = {**self.given, **values}
+        known = {"hold": 0.0, **self.given, **values}
         tau = known["tau_n"]
         vector = np.zeros(self.size)
         for place, name in enumerate(self.names):
@@ -116,7 +118,7 @@ class Coordinates:
             elif name in LOGARITHMS:
                 vector[place] = np.log(max(value / tau if name in RATIOS else value, 1e-9))
             else:
-                vector[place] = value
+                vector[place] = value**2 if name in SQUARES else value
         for record, row in enumerate(states):
             vector[self.states(record)] = row
         return np.clip(vector, *self.bounds)
@@ -126,7 +128,7 @@ class Coordinates:
         tau, found = values["tau_n"], {}
         by_tau = {self.place("tau_n"): 1.0} if "tau_n" in self.free else {}
         for place, name in enumerate(self.names):
-            own = values[name] if name in LOGARITHMS else 1.0
+            own = values[name] if name in LOGARITHMS else 0.5 / values[name] if name in SQUARES else 1.0
             found[name] = {place: own}
             if name in RATIOS:
                 found[name] |= {at: values[name] * one for at, one in by_tau.items()}
@@ -152,3 +154,8 @@ class Coordinates:
         for (name, kernel), value in zip(STATES.items(), states, strict=True):
             vector[INDEX[kernel]] = value + (name in ("initial dn", "torque scale"))
         return vector
+
+
+def _own(name: str, x: float) -> float:
+    """A parameter in its own unit, of its entry in a vector."""
+    return float(np.exp(x) if name in LOGARITHMS else np.sqrt(x) if name in SQUARES else x)

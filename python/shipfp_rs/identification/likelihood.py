@@ -7,15 +7,18 @@ errors of each output's response, amplitude and phase, an octave wide, of the si
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.coordinates import STATES, Coordinates
 from shipfp_rs.identification.record import Record
+from shipfp_rs.identification.water import moving_water
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -57,6 +60,8 @@ class Likelihood:
         Parameter to (mean, standard deviation).
     roots
         For each record the root of the inverse spectral matrix of its noise, (F, O, O); None: white.
+    water
+        For each record moving water that drives the ship, at the decimated data's rate (K,); None: it is noise.
     """
 
     records: tuple[Record, ...]
@@ -65,8 +70,25 @@ class Likelihood:
     accuracy: Array
     priors: Mapping[str, tuple[float, float]]
     roots: tuple[ComplexArray, ...] | None = None
+    water: tuple[Array, ...] | None = None
 
-    def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
+    def simulated(self, vector: Array, record: int, wrt: Sequence[int], *, wet: bool = True) -> Array:
+        """Outputs of a record and their derivatives by the kernel's parameters, decimated (O, 1 + W, K); wet: with water."""
+        data, c = self.records[record], self.coordinates
+        values = c.values(vector)
+        parameters = c.kernel(values, vector[c.states(record)])
+        if wet and self.water is not None:
+            data = self._wet[record]
+            parameters[INDEX["load_gain"]] = values.get("k_L", 1.0)
+        return data.simulated(parameters, self.outputs, wrt)
+
+    @cached_property
+    def _wet(self) -> tuple[Record, ...]:
+        """The records driven by their water, too."""
+        assert self.water is not None
+        return tuple(record.driven_by(water) for record, water in zip(self.records, self.water, strict=True))
+
+    def spectra(self, vector: Array, record: int, *, wet: bool = True) -> tuple[ComplexArray, ComplexArray]:
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
         data, c = self.records[record], self.coordinates
         values = c.values(vector)
@@ -74,8 +96,7 @@ class Likelihood:
         by = [*slopes, *STATES]
         v = values.get("v", 1.0)
         wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
-        parameters = c.kernel(values, vector[c.states(record)])
-        seen = data.see(data.simulated(parameters, self.outputs, wrt))
+        seen = data.see(self.simulated(vector, record, wrt, wet=wet))
         residual = data.spectrum - seen[:, 0]
         jacobian = np.zeros((c.size, *residual.shape), complex)
         for column, name in enumerate(by[: len(slopes)], 1):
@@ -159,28 +180,38 @@ class Likelihood:
         flat = turned.reshape(len(spectra), -1)
         return np.concatenate([flat.real, flat.imag], axis=1)
 
-    @property
-    def _errors(self) -> tuple[Array, ...]:
-        return self.__dict__["errors"]  # type: ignore[no-any-return]
-
     def with_noise(self, vector: Array) -> Likelihood:
         """Return the likelihood whose noise is that of the residuals at a vector."""
         roots = []
         for index in range(len(self.records)):
-            residual, _ = self.spectra(vector, index)
+            residual, _ = self.spectra(vector, index, wet=False)
             roots.append(_root(residual))
-        found = replace(self, roots=tuple(roots))
-        found.__dict__["errors"] = found._error_shapes()
-        return found
+        return replace(self, roots=tuple(roots))
 
     def with_noise_of(self, other: Likelihood) -> Likelihood:
-        """Return the likelihood with the noise of another one of the same records."""
-        found = replace(self, roots=other.roots)
-        if other.roots is not None:
-            found.__dict__["errors"] = found._error_shapes()
-        return found
+        """Return the likelihood with the noise and the water of another one of the same records."""
+        return replace(self, roots=other.roots, water=other.water)
 
-    def _error_shapes(self) -> tuple[Array, ...]:
+    def with_water(self, vector: Array) -> Likelihood:
+        """Return the likelihood of the ship driven by the water that speed and torque show at a vector."""
+        if len(self.outputs) < 2:
+            return self
+        gauge = self.outputs[1] == _core.SHIP_OUTPUTS.index("dM_g")
+        water = [
+            moving_water(
+                record,
+                self.coordinates,
+                vector,
+                index,
+                self.simulated(vector, index, [], wet=False)[:2, 0],
+                gauge=gauge,
+            )
+            for index, record in enumerate(self.records)
+        ]
+        return replace(self, water=tuple(water))
+
+    @cached_property
+    def _errors(self) -> tuple[Array, ...]:
         """For each record the whitened shapes of the smooth errors in units of their prior deviation, (E, 2 O F)."""
         assert self.roots is not None
         least = min(record.frequency_hz[1] for record in self.records)

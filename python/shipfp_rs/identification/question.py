@@ -40,6 +40,7 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "p": (-1.0, 5.0),
     "tau_prop": (1e-3, 20.0),
     "T_d": (0.0, 0.6),
+    "hold": (0.01, 1.0),
     "T_set": (0.0, 2.0),
     "tau_act": (0.0, 1.0),
     "c_2": (-2.0, 2.0),
@@ -189,6 +190,9 @@ def question_of(
             continue
         if elements.get(name, name in SMOOTH) and name != "sampling":
             always += [parameter.name for parameter in element.parameters if parameter.name not in always]
+    if "T_d" in always:
+        # A governor that samples holds its command: what the record shows of that beside half a period's delay.
+        always.insert(always.index("T_d") + 1, "hold")
     tried = tuple(name for name in TRIED if name not in elements)
     if "tau_twist" in always and "tau_prop" not in always:
         always.append("tau_prop")

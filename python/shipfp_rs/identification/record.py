@@ -7,7 +7,7 @@ and the same taper, as spectra at the frequencies of a band. No filter stands be
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -175,6 +175,13 @@ class Record:
         # The mean is a real number, with twice the variance of either part of the others.
         found[..., 0] *= np.sqrt(0.5)
         return np.asarray(found)
+
+    def driven_by(self, water: Array) -> Record:
+        """Return the record with what moving water adds to the load's torque, at the decimated data's rate, shape (K,)."""
+        fine = _interpolated(water, self.stride * self.down)
+        count = len(self.u)
+        fine = np.pad(fine, (0, max(count - len(fine), 0)), mode="edge")[:count]
+        return replace(self, load=np.ascontiguousarray(fine + self.load if self.load.size else fine))
 
     def simulated(self, parameters: Array, outputs: Sequence[int], wrt: Sequence[int]) -> Array:
         """Return the decimated outputs and their derivatives, shape (O, 1 + W, K).

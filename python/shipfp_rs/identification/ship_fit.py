@@ -29,6 +29,10 @@ PART, FINE_PART = 0.4, 0.15
 """Step over the loop's quickest time constant, of the search and of the last descent."""
 UNSEEN_PCT = 0.3
 """Where the model misses less than this of every response no element is tried: gauge and calibration leave as much open."""
+LIMITS = {"torque_limit", "rack_rate"}
+"""Elements that moving water sets off, so that its part is none that adds."""
+ROUNDS = 3
+"""Descents with an element that was taken, the noise and the water from the end before."""
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is taken. Chance gives 14 once in 1,000 with two parameters; what
 the model leaves out elsewhere gives as much again."""
@@ -95,7 +99,7 @@ def fit_ship(question: Question, *, time_limit_s: float | None = None) -> ShipFi
 DEFAULTS: Mapping[str, float] = {
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
     "vK_d": 0.01, "damping": 0.0, "T_M": 1e-3, "T_n": 1e-3, "v": 1.2, "k_L": 1.0,
-    "M_max": 1.2, "M_soft": 5e-3, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
+    "M_max": 1.2, "M_soft": 5e-3, "hold": 0.5, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
 }  # fmt: skip
 """Where a parameter begins that no regression tells."""
 
@@ -121,10 +125,12 @@ def _with_elements(fit: ShipFit, until: float | None) -> ShipFit:
             return replace(fit, gains=gains)
         _, element, likelihood, end = min(trials, key=lambda trial: trial[0])
         # With less left over the noise is less, and what else acts is seen.
-        likelihood = likelihood.with_noise(end.vector)
-        basin = descend(likelihood, end.vector, until=until)
-        likelihood = likelihood.with_noise(basin.vector)
-        basin = descend(likelihood, basin.vector, until=until)
+        basin = end
+        for _ in range(ROUNDS):
+            likelihood = likelihood.with_noise(basin.vector)
+            if {element, *fit.elements} & LIMITS:
+                likelihood = likelihood.with_water(basin.vector)
+            basin = descend(likelihood, basin.vector, until=until)
         fit = replace(fit, likelihood=likelihood, basins=(basin,), elements=(*fit.elements, element))
 
 
@@ -206,6 +212,8 @@ def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
     if not ends:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
     likelihood = likelihood.with_noise(ends[0].vector)
+    if set(fit.elements) & LIMITS:
+        likelihood = likelihood.with_water(ends[0].vector)
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in ends])
     return replace(fit, likelihood=likelihood, basins=tuple(ends))
 

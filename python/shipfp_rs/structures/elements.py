@@ -35,7 +35,11 @@ class Element:
 ELEMENTS: dict[str, Element] = {
     element.name: element
     for element in (
-        Element("dead_time_loop", "dead time in the loop", (Parameter("T_d", "s", 0.05, 0.0, 0.5),)),
+        Element(
+            "dead_time_loop",
+            "dead time in the loop",
+            (Parameter("T_d", "s", 0.05, 0.0, 0.5), Parameter("hold", "-", 0.0, 0.0, 1.0, fixed=True)),
+        ),
         Element(
             "dead_time_set_point", "dead time of the set point", (Parameter("T_set", "s", 0.05, 0.0, 2.0),)
         ),

@@ -26,6 +26,10 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "T_s": ("sampling period of the governor", "Abtastzeit des Reglers"),
     "T_0": ("first sample of the governor", "erster Abtastzeitpunkt des Reglers"),
     "c_2": ("second-order coefficient of the load", "Beiwert zweiter Ordnung der Last"),
+    "hold": (
+        "share of T_d for which the command is held",
+        "Anteil von T_d, über den der Befehl gehalten wird",
+    ),
     "M_soft": ("rounding of the torque limit", "Rundung der Momentengrenze"),
     "T_M": ("delay of the torque channel", "Verzug des Drehmomentkanals"),
     "T_n": ("delay of the speed channel", "Verzug des Drehzahlkanals"),

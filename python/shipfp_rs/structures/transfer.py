@@ -138,7 +138,7 @@ class _Loop(_Part):
         q, s = self.q, self.s
         if name.removeprefix("v") in GAINS:
             return self._change_of_governor(name.removeprefix("v"))
-        if name in ("T_d", "tau_act", "T_s"):
+        if name in ("T_d", "hold", "tau_act", "T_s"):
             return _Part(path=self.path * self._relative_change_of_path(name))
         propeller = {"p": 1.0 + 0.0 * s, "tau_prop": s}.get(name, 0.0 * s)
         twisted = _yield(q, s) * propeller

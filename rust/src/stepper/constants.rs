@@ -95,6 +95,7 @@ pub struct Acting {
     pub curvature: bool,
     pub damping: bool,
     pub lag: bool,
+    pub hold: bool,
     /// A command that jumps moves the rack at once.
     pub at_once: bool,
     pub torque_limit: bool,
@@ -119,6 +120,7 @@ impl Acting {
             curvature: acts(at::CURVATURE),
             damping: acts(at::DAMPING),
             lag: acts(at::TAU_ACT),
+            hold: acts(at::HOLD) && parameters.is_off(at::T_S),
             at_once: parameters.of(at::TAU_ACT) == 0.0 && !rate,
             torque_limit: acts(at::M_MAX) || acts(at::M_MIN),
             rate,

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, require};
 
 /// Number of parameters.
-pub const COUNT: usize = 36;
+pub const COUNT: usize = 37;
 
 const INF: f64 = f64::INFINITY;
 const NAN: f64 = f64::NAN;
@@ -46,6 +46,7 @@ const TABLE: [(&str, f64); COUNT] = [
     ("initial_E", 0.0),
     ("u_0", 0.0),
     ("M_soft", 0.0),
+    ("hold", 0.0),
 ];
 
 /// Names of the parameters, in the order of every parameter vector.
@@ -109,6 +110,7 @@ pub mod at {
     pub const INITIAL_E: usize = 33;
     pub const U_0: usize = 34;
     pub const M_SOFT: usize = 35;
+    pub const HOLD: usize = 36;
 }
 
 /// A checked parameter vector, by the places of [`at`].
@@ -133,6 +135,7 @@ fn expected(place: usize) -> (fn(f64) -> bool, &'static str) {
         at::RATE_UP | at::RATE_DOWN => (|value| value > 0.0, "a positive number, infinity for none"),
         at::M_MAX | at::X_MAX => (|value| value > -INF, "a number, infinity for none"),
         at::M_MIN | at::X_MIN => (|value| value < INF, "a number, minus infinity for none"),
+        at::HOLD => (|value| (0.0..=1.0).contains(&value), "0 to 1"),
         at::ANTI_WINDUP | at::UPDATE => (|value| [0.0, 1.0].contains(&value), "0 or 1"),
         _ => (f64::is_finite, "a finite number"),
     }

@@ -88,7 +88,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
         );
         let (speed, rack) = (number(at::INITIAL_N), number(at::INITIAL_F) / c.v);
         let still = Span { start: zero, end: zero, mean: zero };
-        let dead_time = DeadTime::new(number(at::T_D), h, rack);
+        let dead_time = DeadTime::new(number(at::T_D), acting.hold.then(|| number(at::HOLD)), h, rack);
         let law = law_of.at(speed)[0];
         let mut ship = Self {
             at_once: dead_time.at_once() * c.lag.follows,

@@ -1,0 +1,91 @@
+"""Moving water that a record shows: the load's torque beyond its law, which drives the ship where something limits it.
+
+A linear ship adds water's part of speed and torque to what the set point brings about, and the likelihood takes it for
+noise. A limit of torque or rate does not add: whether it acts depends on the water, too. There the ship is driven by the
+water that speed and torque show: torque on the load less the inertia's and the law's. What of that goes with the response
+to the set point would come from parameters that are not right yet, and is taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from shipfp_rs.identification.coordinates import Coordinates
+from shipfp_rs.identification.record import Record
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+PAD_S = 10.0
+"""By which signals are turned back about their ends before their spectrum is taken [s]."""
+TOP = 0.8
+"""From this part of the band on its end shows the noise."""
+WIDTH, LEAST_REACH = 0.1, 10
+"""Frequencies on either side over which a power is averaged, as a part of the own one, and at least."""
+
+
+def moving_water(
+    record: Record, coordinates: Coordinates, vector: Array, index: int, response: Array, *, gauge: bool
+) -> Array:
+    """Return the load's torque beyond its law, in units of the measured load's or of the operating point, at the rate of the decimated data, shape (K,).
+
+    Parameters
+    ----------
+    record, index
+        The record, with speed and torque its first outputs, and its place among all.
+    coordinates, vector
+        The ship.
+    response
+        Its decimated speed and torque without water, shape (2, K).
+    gauge
+        Whether the torque is a gauge's between the inertias.
+    """
+    values = coordinates.values(vector)
+    states = dict(
+        zip(("dn", "fuel", "sum", "offset", "scale"), vector[coordinates.states(index)], strict=True)
+    )
+    speed, torque = record.decimated[:2, : response.shape[1]]
+    rate = record.data_hz / record.down
+    inertia = values["tau_prop"] if gauge else values["tau_n"]
+    load = (1.0 + torque) / (1.0 + states["scale"]) - inertia * _slope(speed, rate)
+    ahead = np.maximum(1.0 + speed, 1e-3)
+    found = load - ahead ** values["p"] - values["c_2"] * speed**2 - values.get("damping", 0.0) * speed
+    if record.load.size:
+        at = np.arange(len(speed)) / rate
+        measured = np.interp(at, np.arange(len(record.load)) / record.rate_hz, record.load)
+        found -= values.get("k_L", 1.0) * measured
+    n, m = response
+    shown = np.array([np.ones_like(n), n, n**2, _slope(n, rate), m, _slope(m, rate)])
+    found -= np.linalg.lstsq(shown.T, found, rcond=None)[0] @ shown
+    by_load = values.get("k_L", 1.0)
+    return _by_frequency(found, rate, partial(_without_noise, band_hz=record.band_hz)) / by_load
+
+
+def _without_noise(frequency: Array, spectrum: ComplexArray, band_hz: float) -> ComplexArray:
+    """Wiener's filter; the noise, of torque and of the speed's slope, is no more than what stands at the band's end."""
+    power = np.abs(spectrum) ** 2
+    place = np.arange(len(power))
+    reach = np.maximum((WIDTH * place).astype(int), LEAST_REACH)
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    first, last = np.maximum(place - reach, 0), np.minimum(place + reach + 1, len(power))
+    smooth = (sums[last] - sums[first]) / (last - first)
+    noise = np.mean(power[(frequency > TOP * band_hz) & (frequency <= band_hz)])
+    kept = np.maximum(1.0 - noise / np.maximum(smooth, 1e-300), 0.0)
+    return np.asarray(spectrum * kept * (frequency <= band_hz))
+
+
+def _slope(signal: Array, rate: float) -> Array:
+    """Derivative of a band-limited signal."""
+    return _by_frequency(signal, rate, lambda frequency, spectrum: 2j * np.pi * frequency * spectrum)
+
+
+def _by_frequency(signal: Array, rate: float, change: Callable[[Array, ComplexArray], ComplexArray]) -> Array:
+    """A signal whose spectrum is changed; its ends are turned back about their last values."""
+    pad = min(int(PAD_S * rate), len(signal) - 1)
+    wide = np.pad(signal, pad, mode="reflect", reflect_type="odd")
+    # Twice as long and even it has no jump where it begins again.
+    both = np.concatenate([wide, wide[-2:0:-1]])
+    frequency = np.fft.rfftfreq(len(both), 1.0 / rate)
+    changed = np.fft.irfft(change(frequency, np.fft.rfft(both)), len(both))
+    return np.asarray(changed[pad : pad + len(signal)])
