@@ -160,6 +160,10 @@ def structure_of(fit: ShipFit) -> Structure:
     given = {
         name: value for name, value in fit.likelihood.coordinates.given.items() if name in structure.names
     }
+    # What is searched along and declared as fixed stands where the search left it.
+    given |= {
+        one.name: fit.values[one.name] for one in structure.parameters if one.fixed and one.name in fit.values
+    }
     return structure.with_fixed(**given) if given else structure
 
 

@@ -28,7 +28,9 @@ WIDTH, LEAST_REACH = 0.1, 10
 def moving_water(
     record: Record, coordinates: Coordinates, vector: Array, index: int, response: Array, *, gauge: bool
 ) -> Array:
-    """Return the load's torque beyond its law, in units of the measured load's or of the operating point, at the rate of the decimated data, shape (K,).
+    """Return the load's torque beyond its law, over the operating point's (over k_L beside a measured load), shape (K,).
+
+    It comes at the rate of the decimated data, without what is no more than noise.
 
     Parameters
     ----------
@@ -59,7 +61,8 @@ def moving_water(
     shown = np.array([np.ones_like(n), n, n**2, _slope(n, rate), m, _slope(m, rate)])
     found -= np.linalg.lstsq(shown.T, found, rcond=None)[0] @ shown
     by_load = values.get("k_L", 1.0)
-    return _by_frequency(found, rate, partial(_without_noise, band_hz=record.band_hz)) / by_load
+    filtered = _by_frequency(np.asarray(found), rate, partial(_without_noise, band_hz=record.band_hz))
+    return np.asarray(filtered / by_load)
 
 
 def _without_noise(frequency: Array, spectrum: ComplexArray, band_hz: float) -> ComplexArray:
