@@ -89,6 +89,6 @@ def _by_frequency(signal: Array, rate: float, change: Callable[[Array, ComplexAr
     wide = np.pad(signal, pad, mode="reflect", reflect_type="odd")
     # Twice as long and even it has no jump where it begins again.
     both = np.concatenate([wide, wide[-2:0:-1]])
-    frequency = np.fft.rfftfreq(len(both), 1.0 / rate)
+    frequency = np.asarray(np.fft.rfftfreq(len(both), 1.0 / rate), dtype=float)
     changed = np.fft.irfft(change(frequency, np.fft.rfft(both)), len(both))
     return np.asarray(changed[pad : pad + len(signal)])
