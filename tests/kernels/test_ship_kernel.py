@@ -302,7 +302,8 @@ def test_a_set_point_that_stands_leaves_the_ship_at_rest(data):
     )
     hold = data.draw(st.sampled_from(["zero", "first"]))
     found = _core.simulate_ship(vector(**values), np.ones(200), NO_LOAD, 0.02, 0, hold, ALL)
-    assert np.abs(found).max() < 1e-12
+    # A loop that is not stable lets a rounding error of the start grow.
+    assert np.abs(found).max() < 1e-9
 
 
 def test_a_sample_late_in_a_long_record_costs_what_an_early_one_does():
