@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -29,6 +30,10 @@ settings.register_profile(
     "shared", deadline=None, suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow]
 )
 settings.load_profile("shared")
+
+# In the background of a shell Ctrl-C is ignored, and so it would be by every command that a test starts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 KERNEL_MODULES = ("_kernel", ".test_drive_train_sensitivities", ".test_long_records", ".test_events")
