@@ -3,10 +3,12 @@
     python -m tests.families --family tug --draws 20 --seed 1000 --experiments
     python -m tests.families --family all --draws 5 --raw
     python -m tests.families --family wrong --draws 200
+    python -m tests.families --family tug --draws 20 --windows
 
 Each draw runs in a process of its own with a time limit, so that an abort or an endless search is a result, too. Every
 draw's truth, answer and score go into a file of its own as soon as they are there: a study that was stopped goes on where it
-was when it is called again.
+was when it is called again. With `--windows` each ship is answered four times, from windows that begin later and later in
+the excitation, and the answers are held against each other.
 """
 
 from __future__ import annotations
@@ -22,9 +24,18 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tests.families.draw import FAMILIES
+from tests.families.late_windows import LATE_S, agreement
 from tests.families.score import is_known, score, summary, table
 from tests.families.wrong import KINDS
 
+CIRCUMSTANCES = {
+    "a limited rate": lambda truth: "rate" in truth["on"],
+    "a drifting exponent": lambda truth: "c_2" in truth["on"],
+    "steps off every clock": lambda truth: not truth["excitation"]["keeps_time"],
+    "a late window": lambda truth: truth["late_s"] is not None,
+    "a channel without noise": lambda truth: truth["noise_free"],
+}
+"""What makes a trial harder, by the truth that it is read from."""
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -44,6 +55,9 @@ def main() -> None:
     parser.add_argument(
         "--load", default="", help="name of the load torque's signal, where the package takes one"
     )
+    parser.add_argument(
+        "--windows", action="store_true", help=f"windows begun {LATE_S} s into the excitation"
+    )
     parser.add_argument("--no-matters", action="store_true", help="take every element that is on to matter")
     parser.add_argument("--longest", type=float, help="longest excitation [s], at least 200")
     parser.add_argument("--processes", type=int, default=2)
@@ -51,7 +65,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=None, help="folder; default below target/families")
     options = parser.parse_args()
     families = FAMILIES if options.family == "all" else (options.family,)
-    tasks = [(family, options.seed + k) for family in families for k in range(options.draws)]
+    late = LATE_S if options.windows and options.family != "wrong" else (None,)
+    seeds = range(options.seed, options.seed + options.draws)
+    tasks = [(family, seed, late_s) for family in families for seed in seeds for late_s in late]
     began = time.perf_counter()
     out = options.out or ROOT / "target" / "families" / f"{options.family}-{options.mode}-{options.structure}"
     out.mkdir(parents=True, exist_ok=True)
@@ -60,14 +76,17 @@ def main() -> None:
     print(report(families, results))
     if families != ("wrong",):
         print(judged(results))
+        print(by_circumstance(results))
+    if options.windows:
+        print(agreement(results))
     print(f"\n{len(results)} draws in {time.perf_counter() - began:.0f} s; wrote {out}")
 
 
-def kept(family, seed, options, out) -> dict:
+def kept(family, seed, late_s, options, out) -> dict:
     """Return a draw's result, from its file where a study before has written it."""
-    file = out / f"{family}-{seed}.json"
+    file = out / (f"{family}-{seed}.json" if late_s is None else f"{family}-{seed}-{late_s}s.json")
     if not file.is_file():
-        result = answered(family, seed, options)
+        result = answered(family, seed, late_s, options)
         part = file.with_suffix(".part")
         part.write_text(json.dumps(result), encoding="utf-8")
         part.rename(file)
@@ -99,7 +118,21 @@ def judged(results) -> str:
     )
 
 
-def answered(family, seed, options) -> dict:
+def by_circumstance(results) -> str:
+    """Return how many answers were grossly wrong among the trials that have what makes them harder, and among the rest."""
+    scored = [one for one in results if "score" in one]
+    lines = []
+    for name, has in CIRCUMSTANCES.items():
+        counts = []
+        for wanted in (True, False):
+            mine = [one["score"]["parameters"] for one in scored if bool(has(one["truth"])) == wanted]
+            wrong = sum(any(row["gross_as_told"] for row in rows.values()) for rows in mine)
+            counts.append(f"{wrong} of {len(mine)}")
+        lines.append(f"grossly wrong with {name}: {counts[0]}, without: {counts[1]}")
+    return "\n".join(lines)
+
+
+def answered(family, seed, late_s, options) -> dict:
     """Run one draw in a process of its own, and score it."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "result.json"
@@ -107,6 +140,7 @@ def answered(family, seed, options) -> dict:
         command += ["--structure", options.structure, "--load", options.load]
         command += ["--no-matters"] if options.no_matters else []
         command += ["--longest", str(options.longest)] if options.longest else []
+        command += [] if late_s is None else ["--late", str(late_s)]
         problem = ""
         try:
             done = subprocess.run(
@@ -126,7 +160,8 @@ def answered(family, seed, options) -> dict:
     if family != "wrong" and result["answer"]:
         result["score"] = score(result["answer"], result["truth"], result["matters"])
     told = result["error"]["type"] if result["error"] else f"{result.get('seconds', 0.0):.1f} s"
-    print(f"{family} {seed}: {told}", file=sys.stderr, flush=True)
+    begun = "" if late_s is None else f", window begun {late_s} s late"
+    print(f"{family} {seed}{begun}: {told}", file=sys.stderr, flush=True)
     return result
 
 

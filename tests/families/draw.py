@@ -5,8 +5,8 @@
     draw("tug", 7).truth()         parameters at the operating point of the steady stretch, elements that are on
 
 Draws that no trial would have are left out and drawn again: a loop with little stability margin, a brake torque below
-15 per cent or above 2.5 times the operating one, a torque limit that acts less than 0.3 per cent of the time or more
-than 40. That makes fast loops rarer on heavy drive trains.
+15 per cent or above 2.5 times the operating one, a limit of torque or rate that acts less than 0.3 per cent of the time
+or more than 40. That makes fast loops rarer on heavy drive trains.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tests.families import excitations, sensors
-from tests.families.plant import ELEMENTS, Plant, normalised, physical
+from tests.families.plant import ELEMENTS, LIMITS, Plant, normalised, physical
 from tests.families.water import Water
 
 FAMILIES = ("tug", "launch", "genset", "lab_drive")
@@ -27,6 +27,15 @@ SET_POINT_NOISE = 5e-5
 """Of the logged set point in experiments, over the operating point, white."""
 STEP_S = 5e-4
 """Of the simulation where no raw log is asked for [s]."""
+CHANNELS = ("n_set", "n_e", "torque")
+LATEST_S = 7.1
+"""Of a window that begins in the middle of the excitation [s]."""
+LIKELY = {"rate": 0.35, "c_2": 0.4, "late": 0.3, "noise_free": 0.1}
+"""How often a draw has them; everything else is there with probability 1/2."""
+DRIFT = 0.5
+"""Largest drift of the load's exponent per unit of relative speed."""
+_SETTLED = 1e-3
+"""A rate within this of its limit is held by it."""
 _TRIES = 400
 
 
@@ -71,6 +80,10 @@ class Draw:
     torque_delay_s: float
     noise: tuple[sensors.Noise, sensors.Noise]
     """Of speed and torque, in experiments."""
+    late_s: float | None = None
+    """When the window begins, after the excitation does [s]; None: with the steady stretch before it."""
+    noise_free: tuple[str, ...] = ()
+    """Some of `CHANNELS`."""
 
     @property
     def module(self):
@@ -82,17 +95,18 @@ class Draw:
 
     @property
     def on(self) -> tuple[str, ...]:
-        """Elements that act, by the names of `plant.ELEMENTS`, with "water" and "load"."""
+        """Elements that act, by the names of `plant.ELEMENTS`, with "c_2" for the drift, "water" and "load"."""
         there = normalised(self.plant)
-        named = [name for name in ELEMENTS if name != "M_max" and there[name] > 0.0]
-        named += ["M_max"] if np.isfinite(there["M_max"]) else []
+        named = [name for name in ELEMENTS if name not in LIMITS and there[name] > 0.0]
+        named += [name for name in LIMITS if np.isfinite(there[name])]
+        named += ["c_2"] if there["c_2"] else []
         named += ["water"] if self.water else []
         return tuple(named + (["load"] if self.loads else []))
 
     def truth(self) -> dict[str, Any]:
         """Return the truth: parameters in a fingerprint's names and how the trial was made; JSON can hold it."""
         values = normalised(self.plant)
-        values["M_max"] = values["M_max"] if np.isfinite(values["M_max"]) else None
+        values |= {name: values[name] if np.isfinite(values[name]) else None for name in LIMITS}
         values |= {
             "K_p/K_i": values["vK_p"] / values["vK_i"],
             "T_n": 0.0,
@@ -109,6 +123,8 @@ class Draw:
             if self.water is None
             else {"share": self.water.share, "memory_s": self.water.memory_s},
             "excitation": self.excitation.described(),
+            "late_s": self.late_s,
+            "noise_free": list(self.noise_free),
             "operating_point": {
                 "n_e_rpm": 60.0 * self.plant.engine_speed,
                 "M_Nm": self.plant.shaft_torque if self.place == "gauge" else self.plant.brake_torque,
@@ -145,9 +161,9 @@ class Draw:
         random = self.random(2)
         speed = speed + self.noise[0].samples(random, len(speed))
         torque = torque + self.noise[1].samples(random, len(torque))
-        asked = asked + SET_POINT_NOISE * np.sqrt(
-            sensors.MIDDLE_HZ / sensors.COMMON_HZ
-        ) * random.standard_normal(len(asked))
+        if "n_set" not in self.noise_free:
+            density = SET_POINT_NOISE * np.sqrt(sensors.MIDDLE_HZ / sensors.COMMON_HZ)
+            asked = asked + density * random.standard_normal(len(asked))
         rpm = 60.0 * self.plant.engine_speed
         name = "M_g" if self.place == "gauge" else "M_b"
         scale = self.plant.shaft_torque if self.place == "gauge" else self.plant.brake_torque
@@ -161,9 +177,15 @@ class Draw:
             "name": f"{self.family}-{self.seed}",
             "rate_hz": sensors.COMMON_HZ,
             "kind": self.excitation.kind,
-            "signals": signals,
+            "signals": {key: self.windowed(one) for key, one in signals.items()},
             "operating_point": {key: float(one[steady].mean()) for key, one in signals.items()},
         }
+
+    def windowed(self, samples):
+        """Return what the window holds of a signal at `COMMON_HZ`."""
+        if self.late_s is None:
+            return samples
+        return samples[round((self.excitation.start_s + self.late_s) * sensors.COMMON_HZ) :]
 
     def raw(self) -> sensors.RawLog:
         """Return the trial as a logger records it."""
@@ -198,7 +220,9 @@ def draw(
 
 def _tried(family, seed, module, ranges, random, load, kind, longest_s):
     excitation = excitations.drawn(random, kind, longest_s)
-    on = {name: random.random() < 0.5 for name in (*ELEMENTS, "water", "load")}
+    on = {
+        name: random.random() < LIKELY.get(name, 0.5) for name in (*ELEMENTS, "c_2", "water", "load", "late")
+    }
     relative = module.law(random, ranges) | _elements(random, ranges, on)
     relative["tau_prop"] = relative["tau_n"] * random.uniform(0.2, 0.6)
     if on["tau_twist"]:
@@ -207,6 +231,8 @@ def _tried(family, seed, module, ranges, random, load, kind, longest_s):
     if gains is None:
         return None
     relative = {name: float(value) for name, value in (relative | gains).items()}
+    if excitation.kind == "steps" and excitation.keeps_time and on["T_s"]:
+        excitation = excitation.in_time(relative["T_s"], relative["T_0"])
     scale = {name: float(value) for name, value in module.scale(random).items()}
     plant = physical(relative, **scale)
     water = None
@@ -226,8 +252,14 @@ def _tried(family, seed, module, ranges, random, load, kind, longest_s):
         loads=loads,
         torque_delay_s=float(random.uniform(0.0, module.LATEST_TORQUE_S)),
         noise=(sensors.speed_noise(random), sensors.torque_noise(random)),
+        late_s=float(random.uniform(0.0, LATEST_S)) if on["late"] else None,
+        noise_free=tuple(name for name in CHANNELS if random.random() < LIKELY["noise_free"]),
     )
-    return _moderate(found, random, on["M_max"])
+    noise = tuple(
+        sensors.Noise(()) if name in found.noise_free else one
+        for name, one in zip(CHANNELS[1:], found.noise, strict=True)
+    )
+    return _moderate(replace(found, noise=noise), random, on)
 
 
 def _elements(random, ranges, on):
@@ -242,6 +274,8 @@ def _elements(random, ranges, on):
         chosen["update"] = float(random.integers(2))
     if on["tau_act"]:
         chosen["tau_act"] = random.uniform(0.02, 0.2)
+    if on["c_2"]:
+        chosen["c_2"] = random.uniform(-DRIFT, DRIFT)
     return chosen
 
 
@@ -303,26 +337,43 @@ def open_loop(relative, s):
     return (relative["vK_p"] + relative["vK_i"] / s) * way / admittance
 
 
-def _moderate(found, random, limited):
-    """Return the draw, with a torque limit that acts where one is wanted; None where it leaves what an engine can do."""
-    share = random.uniform(0.5, 0.9)
+def _moderate(found, random, on):
+    """Return the draw, with limits that act where they are wanted; None where it leaves what an engine can do."""
+    share, steep = random.uniform(0.5, 0.9), 10.0 ** random.uniform(-2.0, -0.7)
     motion = fast_motion(found)
+    if not _can_be(found, motion):
+        return None
+    if on["rate"]:
+        rate = max(float(np.quantile(np.abs(slopes(found, motion)), 1.0 - steep)), 0.05)
+        at_rack = rate * found.plant.brake_torque / found.plant.rack_slope
+        found = replace(found, plant=found.plant._replace(rack_rate=at_rack))
+        motion = fast_motion(found)
+        acts = np.mean(np.abs(slopes(found, motion)) >= rate * (1.0 - _SETTLED))
+        if not (0.003 < acts < 0.4 and _can_be(found, motion)):
+            return None
+    if not on["M_max"]:
+        return found
+    highest = motion.brake_torque.max() / found.plant.brake_torque
+    limit = float((1.0 + share * (highest - 1.0)) * found.plant.brake_torque)
+    found = replace(found, plant=found.plant._replace(limit=limit))
+    motion = fast_motion(found)
+    acts = np.mean(motion.brake_torque >= limit * (1.0 - 1e-9))
+    before = motion.brake_torque[: int(found.excitation.start_s / motion.step_s)]
+    return found if 0.003 < acts < 0.4 and _can_be(found, motion) and before.max() < limit else None
+
+
+def _can_be(found, motion):
+    """Whether an engine gives these torques, and the speed stays near its operating point."""
     torque = motion.brake_torque / found.plant.brake_torque
     speed = motion.engine_speed / found.plant.engine_speed
-    if torque.min() < 0.15 or torque.max() > 2.5 or not (speed.min() > 0.75 and speed.max() < 1.25):
-        return None
-    if not limited:
-        return found
-    limit = 1.0 + share * (torque.max() - 1.0)
-    found = replace(found, plant=found.plant._replace(limit=float(limit * found.plant.brake_torque)))
-    motion = fast_motion(found)
-    acts = np.mean(motion.brake_torque >= found.plant.limit * (1.0 - 1e-9))
+    return bool(torque.min() > 0.15 and torque.max() < 2.5 and speed.min() > 0.75 and speed.max() < 1.25)
+
+
+def slopes(found, motion):
+    """Rate of the fuel's torque over the operating torque [1/s], at constant speed; where no torque limit acts."""
     speed = motion.engine_speed / found.plant.engine_speed
-    before = motion.brake_torque[: int(found.excitation.start_s / motion.step_s)]
-    fits = (
-        0.003 < acts < 0.4 and speed.min() > 0.75 and speed.max() < 1.25 and before.max() < found.plant.limit
-    )
-    return found if fits else None
+    fuel = motion.brake_torque / found.plant.brake_torque - normalised(found.plant)["g"] * speed
+    return np.diff(fuel) / motion.step_s
 
 
 def fast_motion(found: Draw, plant: Plant | None = None, step_s: float = 1e-3):

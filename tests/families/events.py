@@ -14,6 +14,7 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from tests.families.excitations import Excitation, asked
+from tests.families.plant import LIMITS
 from tests.families.water import Water, changed
 
 RTOL, ATOL = 1e-8, 1e-10
@@ -37,6 +38,8 @@ class Relative(NamedTuple):
     update: float
     tau_act: float
     M_max: float
+    rate: float
+    c_2: float
     tau_twist: float
     zeta_twist: float
 
@@ -91,7 +94,7 @@ def _demand(t, y, q, kind, start, table, held, fed_back, spacing):
 @njit(cache=True)
 def _load(t, N, q, water):
     share = 1.0 + (changed(water, t) if water.shape[1] else 0.0)
-    return share * N**q.p + q.damping * (N - 1.0)
+    return share * N ** (q.p + q.c_2 * (N - 1.0)) + q.damping * (N - 1.0)
 
 
 @njit(cache=True)
@@ -101,7 +104,7 @@ def _rates(t, y, q, kind, start, table, held, fed_back, spacing, limited, water)
     out[1] = asked(kind, start, table, t - q.T_set) - y[0]
     if q.tau_act > 0.0:
         command = _command(t, y[0], y[1], q, kind, start, table, held, fed_back, spacing)
-        out[2] = (command - y[2]) / q.tau_act
+        out[2] = min(max((command - y[2]) / q.tau_act, -q.rate), q.rate)
     if q.tau_twist == 0.0:
         out[0] = (torque - _load(t, y[0], q, water)) / q.tau_n
         out[3] = out[0]
@@ -140,13 +143,15 @@ def simulate(
     excitation
         The set point.
     step_s
-        Between outputs; a dead time of the loop must be longer than five of them.
+        Between outputs; a dead time of the loop must be longer than five of them. A limit of the rate needs a lag beside.
     water
         Changes the load's law.
     """
     q = Relative(
-        **{name: float(relative.get(name, np.inf if name == "M_max" else 0.0)) for name in Relative._fields}
+        **{name: float(relative.get(name, np.inf if name in LIMITS else 0.0)) for name in Relative._fields}
     )
+    if np.isfinite(q.rate) and q.tau_act == 0.0:
+        raise ValueError(f"rate {q.rate} 1/s without a lag, expected tau_act above zero")
     if 0.0 < q.T_d <= 5.0 * step_s:
         raise ValueError(f"dead time {q.T_d} s, expected more than five output steps of {step_s} s")
     return _Run(q, excitation, step_s, np.zeros((4, 0)) if water is None else water.coefficients).run()

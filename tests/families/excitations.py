@@ -5,7 +5,7 @@ Every excitation is relative: 1 is the steady set point. It stands at 1 up to `s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -64,6 +64,8 @@ class Excitation:
     table: np.ndarray
     """chirp: (first frequency [Hz], growth [1/s], amplitude); multisine: frequency, amplitude, phase a row;
     sines: start after `start_s` [s], frequency, amplitude a row; steps: time after `start_s`, level a row."""
+    keeps_time: bool = True
+    """Whether its steps keep the time of a clock, the governor's where it samples."""
 
     @property
     def code(self) -> int:
@@ -78,6 +80,28 @@ class Excitation:
     def __call__(self, times):
         return asked_at(self.code, self.start_s, self.table, np.asarray(times, dtype=float))
 
+    def mean(self, times, width_s):
+        """Return its mean over `width_s` about each instant where it steps, its value where it does not."""
+        if self.kind != "steps":
+            return self(times)
+        at = np.r_[self.start_s + self.table[:, 0], np.inf]
+        levels = np.r_[0.0, self.table[:, 1] - 1.0]
+        whole = np.r_[0.0, np.cumsum(levels[1:-1] * np.diff(at[:-1]))]
+
+        def integral(t):
+            k = np.searchsorted(at[:-1], t, side="right")
+            since = np.maximum(k - 1, 0)
+            return np.where(k > 0, whole[since] + levels[k] * (t - at[since]), 0.0)
+
+        times = np.asarray(times, dtype=float)
+        return 1.0 + (integral(times + 0.5 * width_s) - integral(times - 0.5 * width_s)) / width_s
+
+    def in_time(self, period_s: float, phase_s: float) -> Excitation:
+        """Return steps that all come half a period before a governor takes a sample."""
+        late = np.round((self.start_s + self.table[:, 0] - phase_s) / period_s - 0.5) + 0.5
+        at = np.maximum(late * period_s + phase_s - self.start_s, 0.0)
+        return replace(self, table=np.column_stack([at, self.table[:, 1]]))
+
     @property
     def breaks(self) -> np.ndarray:
         """Instants at which it or its slope jumps [s], shape (B,)."""
@@ -87,7 +111,13 @@ class Excitation:
         return np.array(ends)
 
     def described(self) -> dict:
-        return {"kind": self.kind, "start_s": self.start_s, "stop_s": self.stop_s, "swing": self.swing}
+        return {
+            "kind": self.kind,
+            "start_s": self.start_s,
+            "stop_s": self.stop_s,
+            "swing": self.swing,
+            "keeps_time": self.keeps_time,
+        }
 
 
 def drawn(random: np.random.Generator, kind: str | None = None, longest_s: float = 600.0) -> Excitation:
@@ -98,7 +128,10 @@ def drawn(random: np.random.Generator, kind: str | None = None, longest_s: float
     swing = random.uniform(0.04, 0.08)
     make = {"sines": _sines, "chirp": _chirp, "steps": _steps, "multisine": _multisine}[kind]
     table, duration = make(random, duration, swing)
-    return Excitation(kind, start, start + duration, table)
+    keeps_time = kind != "steps" or bool(random.random() < 0.5)
+    if not keeps_time:
+        table[:, 0] += random.uniform(0.0, 1.0, len(table))
+    return Excitation(kind, start, start + duration, table, keeps_time)
 
 
 def _chirp(random, duration, swing):

@@ -1,6 +1,6 @@
 """Launches: a small diesel whose brake torque is measured at its flange, with a torque limit that may act.
 
-M_b = N^p + tau_n dN/dt over the operating torque. Integrated by scipy's solve_ivp.
+M_b = N^p + tau_n dN/dt over the operating torque. Integrated by scipy's solve_ivp, by small steps where the rate is limited.
 """
 
 from __future__ import annotations
@@ -39,11 +39,13 @@ def place(random):
 def simulated(draw, step_s):
     """Run the trial by solve_ivp, in relative numbers, and return it in physical units."""
     plant = draw.plant
+    if np.isfinite(plant.rack_rate):
+        return tug.simulated(draw, step_s)
     found = events.simulate(normalised(plant), draw.excitation, step_s=step_s, water=draw.water)
     count = len(found.N_e)
     return Motion(
         step_s=step_s,
-        asked=plant.engine_speed * draw.excitation(np.arange(count) * step_s),
+        asked=plant.engine_speed * draw.excitation.mean(np.arange(count) * step_s, step_s),
         engine_speed=plant.engine_speed * found.N_e,
         load_speed=plant.shaft_speed * found.N_p,
         brake_torque=plant.brake_torque * found.M_b,

@@ -14,7 +14,7 @@ Both are in standard deviations: `size` tells whether the record could show the 
 where distinct >= `MATTERS` (a test at the 1 % level then sees it nearly always), is *idle* below `IDLE`, and between them
 is *grey*: there it counts neither as missed nor as found. Because a dead time is always among the others, a sampling
 governor or a lag that acts like a mere dead time does not matter, and a dead time that is on is held against the
-sampling and the lag that are on beside it. Moving water and load steps have a size only.
+sampling and the lag that are on beside it. A drifting exponent, moving water and load steps have a size only.
 
 Raw logs have other noise than experiments (pulses, telemetry); for them the same figures are a proxy.
 """
@@ -31,17 +31,24 @@ from tests.families.plant import ELEMENTS, normalised, physical, without
 
 MATTERS, IDLE = 5.0, 1.0
 BAND_HZ = 18.0
+LEAST_NOISE = 1e-4
+"""Deviation that a channel is taken to have at least, white, over its operating point: no model is right to more."""
 _STEP = 2e-3
 """Relative change for the sensitivities."""
 _LEAST = {"T_d": 2e-3, "T_set": 2e-3}
 """Absolute change of a dead time [s]; of one that is off its first 2 ms."""
+_FIELDS = {"water": "water", "load": "loads"}
+"""Of a draw, that which holds them."""
 
 
 def weighed(draw: Draw, plant=None):
     """Return speed and torque without noise as one vector in standard deviations of the noise, offsets left in."""
     other = draw if plant is None else replace(draw, plant=plant)
     _, speed, torque = (sensors.to_common(one) for one in other.clean(fast_motion(other)))
-    parts = [_weigh(one - 1.0, noise) for one, noise in zip((speed, torque), draw.noise, strict=True)]
+    parts = [
+        _weigh(other.windowed(one) - 1.0, noise)
+        for one, noise in zip((speed, torque), draw.noise, strict=True)
+    ]
     return np.concatenate(parts)
 
 
@@ -49,7 +56,8 @@ def _weigh(samples, noise):
     """Real and imaginary parts of the Fourier transform over the noise's; white noise has unit variance in each."""
     f = np.fft.rfftfreq(len(samples), 1.0 / sensors.COMMON_HZ)
     use = f <= BAND_HZ
-    lines = np.fft.rfft(samples)[use] / np.sqrt(0.5 * len(samples) * noise.spectrum(f[use]))
+    density = np.maximum(noise.spectrum(f[use]), LEAST_NOISE**2)
+    lines = np.fft.rfft(samples)[use] / np.sqrt(0.5 * len(samples) * density)
     # The mean has no imaginary part and half the lines' weight.
     lines[0] /= np.sqrt(2.0)
     return np.concatenate([lines.real, lines.imag])
@@ -78,7 +86,7 @@ def judged(draw: Draw) -> dict[str, dict]:
     names = ["tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set"]
     names += ["tau_prop"] if draw.place == "gauge" or "tau_twist" in draw.on else []
     names += ["damping"] if relative["damping"] else []
-    names += [name for name in ("T_s", "tau_act", "M_max", "tau_twist") if name in draw.on]
+    names += [name for name in ("T_s", "tau_act", "M_max", "rate", "c_2", "tau_twist") if name in draw.on]
     columns = {}
     for name in names:
         changed, step = _moved(draw, relative, name)
@@ -94,7 +102,9 @@ def judged(draw: Draw) -> dict[str, dict]:
             others = np.column_stack([column for key, column in columns.items() if key != name])
             found[name] = _figures(difference, others)
         else:
-            other = replace(draw, **{"loads" if name == "load" else name: None})
+            other = replace(
+                draw, **({"plant": without(draw.plant, name)} if name == "c_2" else {_FIELDS[name]: None})
+            )
             found[name] = {
                 "size": float(np.linalg.norm(base - weighed(other))),
                 "distinct": None,

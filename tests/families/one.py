@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 from tests.families import genset, recording
@@ -32,6 +33,7 @@ def main() -> None:
     parser.add_argument("--load", default="", help="name of the load torque's signal; '': no load steps")
     parser.add_argument("--no-matters", action="store_true")
     parser.add_argument("--longest", type=float)
+    parser.add_argument("--late", type=float, help="begin the window so long after the excitation [s]")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     result = {"family": options.family, "seed": options.seed, "mode": options.mode}
@@ -41,6 +43,7 @@ def main() -> None:
         result |= identified(made.experiment, None)
     else:
         drawn = draw(options.family, options.seed, load=bool(options.load), longest_s=options.longest)
+        drawn = drawn if options.late is None else replace(drawn, late_s=options.late)
         result["truth"] = drawn.truth()
         result["matters"] = None if options.no_matters else judged(drawn)
         # For the case that no answer comes: the truth is there.
@@ -84,6 +87,8 @@ ELEMENTS = {
     "tau_act": "actuator_lag",
     "T_s": "sampling",
     "M_max": "torque_limit",
+    "rate": "rack_rate",
+    "c_2": "curvature",
     "tau_twist": "twist",
 }
 """Parameters of the elements that may be on, and what the ship model calls these."""

@@ -25,7 +25,7 @@ class Plant(NamedTuple):
     load_inertia: float
     """Load's side: propeller, entrained water, fan, alternator [kg m2]."""
     exponent: float
-    """Load torque goes with speed to this power."""
+    """Load torque goes with speed to this power, at the operating point."""
     load_damping: float
     """And rises by this beside [Nm/(rev/s) of the shaft]."""
     engine_slope: float
@@ -52,6 +52,10 @@ class Plant(NamedTuple):
     """Time constant of the actuator [s]."""
     limit: float = INFINITE
     """Highest brake torque [Nm]."""
+    rack_rate: float = INFINITE
+    """Fastest motion of the rack, up and down [mm/s]."""
+    exponent_drift: float = 0.0
+    """Rise of the load's exponent with speed over the operating point's [per unit]."""
     stiffness: float = 0.0
     """Of the shaft [Nm/rad]; 0: rigid."""
     shaft_damping: float = 0.0
@@ -68,8 +72,10 @@ class Plant(NamedTuple):
         return self.shaft_torque / (self.ratio * self.efficiency)
 
 
-ELEMENTS = ("T_d", "T_set", "T_s", "tau_act", "M_max", "tau_twist")
+ELEMENTS = ("T_d", "T_set", "T_s", "tau_act", "M_max", "rate", "tau_twist")
 """Elements that a fingerprint can find, by the parameter that says how large they are."""
+LIMITS = ("M_max", "rate")
+"""Those of them that are off where they are infinite; the others are off at zero."""
 
 
 def normalised(plant: Plant) -> dict[str, float]:
@@ -77,7 +83,9 @@ def normalised(plant: Plant) -> dict[str, float]:
 
     tau_n = 2 pi I n_s0 / M_s0 (eq. 3.23 of the thesis), g and v the relative slopes of the brake torque (eq. 3.24, 3.25).
     With N, A, M_b, M_t over their operating values: tau_n dN/dt = M_b - L, M_b = 1 + g (N - 1) + vA,
-    L = N^p + damping (N - 1) + w, dM_t/dt = (N_e - N_p) / tau_twist, and zeta_twist (N_e - N_p) beside M_t.
+    L = N^p + damping (N - 1) + w, dM_t/dt = (N_e - N_p) / tau_twist, and zeta_twist (N_e - N_p) beside M_t. vA moves by
+    `rate` a second at most. Where the exponent is p + c_2 (N - 1), p is still the slope at the operating point, and c_2
+    the load's second-order coefficient beside N^p.
     """
     n, torque = plant.shaft_speed, plant.shaft_torque
     turning = 2.0 * math.pi * n / torque
@@ -97,6 +105,8 @@ def normalised(plant: Plant) -> dict[str, float]:
         "update": plant.sums_first,
         "tau_act": plant.lag,
         "M_max": plant.limit / plant.brake_torque,
+        "rate": plant.rack_rate * plant.rack_slope / plant.brake_torque,
+        "c_2": plant.exponent_drift,
         "tau_twist": 1.0 / (turning * plant.stiffness) if plant.stiffness else 0.0,
         "zeta_twist": turning * plant.shaft_damping,
     }
@@ -140,19 +150,23 @@ def physical(
         sums_first=relative.get("update", 0.0),
         lag=relative.get("tau_act", 0.0),
         limit=relative.get("M_max", INFINITE) * brake,
+        rack_rate=relative.get("rate", INFINITE) * brake / rack_slope,
+        exponent_drift=relative.get("c_2", 0.0),
         stiffness=1.0 / (turning * twist) if twist else 0.0,
         shaft_damping=relative.get("zeta_twist", 0.0) / turning,
     )
 
 
 def without(plant: Plant, element: str) -> Plant:
-    """Return the drive train with one of `ELEMENTS` switched off and everything else as it is."""
+    """Return the drive train with one of `ELEMENTS`, or the drift "c_2", switched off and everything else as it is."""
     off = {
         "T_d": {"dead_time": 0.0},
         "T_set": {"set_point_dead_time": 0.0},
         "T_s": {"period": 0.0, "phase": 0.0, "sums_first": 0.0},
         "tau_act": {"lag": 0.0},
         "M_max": {"limit": INFINITE},
+        "rate": {"rack_rate": INFINITE},
+        "c_2": {"exponent_drift": 0.0},
         "tau_twist": {"stiffness": 0.0, "shaft_damping": 0.0},
     }
     return plant._replace(**off[element])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tests.families import sensors
@@ -53,6 +55,9 @@ def logged(draw, motion, random, *, every, torque, trains, telemetry, found, ext
     rate = 1.0 / (every * motion.step_s)
     count = len(motion.asked) // every
     times = np.arange(count) / rate
+    quiet = draw.noise_free
+    found = replace(found, hum_V=0.0, jumps=0) if "n_set" in quiet else found
+    found = replace(found, spikes=0) if "torque" in quiet else found
     line, offset = float(random.uniform(-270.0, -230.0)), float(random.uniform(-120.0, -50.0))
     if draw.family in ("genset", "lab_drive"):
         line, offset = -line, -offset
@@ -61,8 +66,12 @@ def logged(draw, motion, random, *, every, torque, trains, telemetry, found, ext
     rpm = 60.0 * motion.asked[::every][:count]
     heard = telemetry(torque, motion.step_s)[::every][:count]
     columns = {
-        "U_setpoint": sensors.set_point_volts(rpm, line, offset, rate, random, found),
-        "U_torque": sensors.torque_volts(heard, per_volt, rate, random, found),
+        "U_setpoint": sensors.set_point_volts(
+            rpm, line, offset, rate, random, found, noise_V=0.0 if "n_set" in quiet else 1.5e-3
+        ),
+        "U_torque": sensors.torque_volts(
+            heard, per_volt, rate, random, found, noise_V=0.0 if "torque" in quiet else 2e-3
+        ),
     }
     tables = [
         '[channels.set_point]\ncolumn = "U_setpoint"\nunit = "V"\n'
@@ -72,6 +81,7 @@ def logged(draw, motion, random, *, every, torque, trains, telemetry, found, ext
     ]
     units = dict.fromkeys(columns, "V")
     for name, (turns, sensor, shaft) in trains.items():
+        sensor = replace(sensor, noise=0.0, double=0.0, broken=0.0) if "n_e" in quiet else sensor
         columns[name], units[name] = sensor(turns, motion.step_s, times, random), "V"
         tables.append(
             f'[channels.{name}]\ncolumn = "{name}"\npulses_per_rev = {len(sensor.positions)}\nshaft = "{shaft}"'
@@ -87,13 +97,14 @@ def logged(draw, motion, random, *, every, torque, trains, telemetry, found, ext
 def trial_toml(draw, log: sensors.RawLog, *, path: str, vessel: str) -> str:
     """Return TRIAL.toml: channels, calibrations, the steady stretch and one window; nothing of how to identify."""
     start, stop = draw.excitation.start_s, draw.excitation.stop_s
+    begin = start - 5.0 if draw.late_s is None else start + draw.late_s
     return "\n\n".join(
         [
             f'[trial]\nname = "{draw.family} {draw.seed}"\nvessel = "{vessel}"\nlog = "{path}"\nrate_hz = {log.rate_hz}',
             log.tables,
             f"[operating_point]\nsteady_s = [2.0, {start - 1.0:.2f}]",
             f'[[windows]]\nname = "W1"\nkind = "{draw.excitation.kind}"\n'
-            f"start_s = {start - 5.0:.2f}\nstop_s = {stop - 1.0:.2f}\n",
+            f"start_s = {begin:.2f}\nstop_s = {stop - 1.0:.2f}\n",
         ]
     )
 

@@ -41,6 +41,7 @@ NAMES = {
     "lag": "tau_act",
     "torque_limit": "M_max",
     "limit": "M_max",
+    "rack_rate": "rate",
     "twist": "tau_twist",
     "shaft_twist": "tau_twist",
 }

@@ -203,21 +203,21 @@ class Faults:
     """50 Hz on the set point."""
 
 
-def set_point_volts(rpm, scale, offset, rate_hz, random, faults: Faults):
+def set_point_volts(rpm, scale, offset, rate_hz, random, faults: Faults, noise_V=1.5e-3):
     """Return the set point's channel: noise, hum, relay jumps, 16 bits over 20 V."""
     volts = (rpm - offset) / scale
     t = np.arange(len(volts)) / rate_hz
     volts = volts + faults.hum_V * np.sin(2.0 * np.pi * 50.0 * t + random.uniform(0.0, 6.28))
-    volts += 1.5e-3 * random.standard_normal(len(volts))
+    volts += noise_V * random.standard_normal(len(volts))
     for at in random.integers(int(rate_hz), len(volts) - int(rate_hz), faults.jumps):
         long = int(rate_hz * random.uniform(0.004, 0.03))
         volts[at : at + long] += random.choice([-1.0, 1.0]) * random.uniform(0.3, 1.0)
     return _recorded(volts)
 
 
-def torque_volts(torque, per_volt, rate_hz, random, faults: Faults, full_V=10.0):
+def torque_volts(torque, per_volt, rate_hz, random, faults: Faults, full_V=10.0, noise_V=2e-3):
     """Return the torque's channel: noise, radio spikes at full scale, 16 bits."""
-    volts = torque / per_volt + 2e-3 * random.standard_normal(len(torque))
+    volts = torque / per_volt + noise_V * random.standard_normal(len(torque))
     for at in random.integers(int(rate_hz), len(volts) - int(rate_hz), faults.spikes):
         volts[at : at + int(rate_hz * random.uniform(0.004, 0.03))] = random.choice([-0.98, 0.98]) * full_V
     return _recorded(volts, full_V)

@@ -12,7 +12,7 @@ from scipy.signal import csd, welch
 from tests.families import events as by_events
 from tests.families import excitations, matters, recording, sensors, small_steps, wrong
 from tests.families.draw import FAMILIES, Loads, draw, fast_motion, has_margins, open_loop
-from tests.families.plant import ELEMENTS, Plant, normalised, physical, without
+from tests.families.plant import ELEMENTS, LIMITS, normalised, physical, without
 from tests.families.water import Water
 
 BASE = {"tau_n": 1.2, "g": -0.5, "vK_p": 4.5, "vK_i": 10.0, "p": 2.15, "tau_prop": 0.38}
@@ -24,6 +24,7 @@ ALL = {
     "T_set": 0.1,
     "M_max": 1.1,
     "tau_act": 0.05,
+    "rate": 2.0,
     "tau_twist": 0.004,
     "zeta_twist": 0.5,
 }
@@ -55,6 +56,7 @@ def relative_outputs(relative, excitation, step_s=2.5e-4, water=None):
         {"T_s": 0.02, "T_0": 0.003},
         {"T_s": 0.03, "T_0": 0.013, "T_d": 0.05, "T_set": 0.1, "update": 1.0},
         {"tau_act": 0.1, "T_d": 0.03},
+        {"tau_act": 0.1, "rate": 0.4, "c_2": 0.45},
         {"M_max": 1.08},
         {"tau_twist": 0.004, "zeta_twist": 0.5},
         ALL,
@@ -103,7 +105,7 @@ def test_a_step_of_the_load_slows_the_set_as_in_closed_form():
         {"T_d": 0.07, "T_set": 0.3},
         {"tau_act": 0.1, "T_d": 0.03},
         {"tau_twist": 0.004, "zeta_twist": 0.5},
-        {"damping": 0.8, "p": 0.0},
+        {"damping": 0.8, "p": 0.0, "c_2": 0.5},
     ],
     ids=lambda elements: "+".join(elements) or "none",
 )
@@ -145,33 +147,6 @@ def test_a_sampling_governor_is_late_by_half_its_period(update):
     assert np.std(sampled[0] - smooth[0]) < 0.05 * np.std(sampled[0] - plain[0])
 
 
-def test_truth_is_normalised_at_the_operating_point():
-    """Stan Launch 804 (Table 3.5): tau_n = 2 pi 21.2 * 7.222 / 635.77 = 1.513 s; A1, A2 and the gains of section 2."""
-    n_e = 1300.0 / 60.0
-    plant = Plant(
-        engine_speed=n_e,
-        ratio=3.0,
-        efficiency=635.77 / (3.0 * 222.93),
-        shaft_torque=635.77,
-        engine_inertia=15.0,
-        load_inertia=6.2,
-        exponent=2.0,
-        load_damping=0.0,
-        engine_slope=-0.100 * 60.0,
-        rack=13.07,
-        rack_slope=27.0,
-        gain=0.1005 * 60.0,
-        integral_gain=0.01005 * 60.0,
-    )
-    found = normalised(plant)
-    assert found["tau_n"] == pytest.approx(1.513, abs=1e-3)
-    assert found["tau_prop"] == pytest.approx(1.513 * 6.2 / 21.2, abs=1e-3)
-    assert found["g"] == pytest.approx(-0.583, abs=1e-3)
-    assert found["vK_p"] == pytest.approx(15.83, abs=0.02)
-    assert found["vK_i"] == pytest.approx(1.583, abs=0.002)
-    assert plant.brake_torque == pytest.approx(222.93)
-
-
 def test_physical_and_relative_numbers_lead_back_to_each_other():
     relative = BASE | ALL | {"damping": 0.3, "update": 1.0}
     found = normalised(physical(relative, **TUG))
@@ -182,7 +157,7 @@ def test_physical_and_relative_numbers_lead_back_to_each_other():
 def test_an_element_switched_off_is_off_and_nothing_else(element):
     plant = physical(BASE | ALL, **TUG)
     before, after = normalised(plant), normalised(without(plant, element))
-    assert after[element] == (np.inf if element == "M_max" else 0.0)
+    assert after[element] == (np.inf if element in LIMITS else 0.0)
     with_it = {"T_s": {"T_0", "update"}, "tau_twist": {"zeta_twist"}}.get(element, set()) | {element}
     assert all(after[name] == before[name] for name in before if name not in with_it)
 
@@ -212,14 +187,14 @@ def test_draws_are_seeded_and_keep_their_ranges(family):
         assert 200.0 <= one.excitation.stop_s - one.excitation.start_s <= 600.0
         assert has_margins({name: 0.0 if value is None else value for name, value in values.items()})
         on += [name in one.on for name in ELEMENTS]
-    # Each is on with probability 1/2: 0 or 12 of 12 happens once in 2000.
+    # Most are on with probability 1/2: 0 or 12 of 12 happens once in 2000.
     assert ((on > 0) & (on < 12)).all()
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_experiments_hold_the_trial(family):
     # The launch is integrated by solve_ivp, where sampling governors take long.
-    one = draw(family, 0 if family == "launch" else 2, longest_s=200.0)
+    one = replace(draw(family, 0 if family == "launch" else 2, longest_s=200.0), late_s=None)
     made, again = one.experiment(), one.experiment()
     truth = one.truth()
     torque = "M_g" if truth["place"] == "gauge" else "M_b"
@@ -343,7 +318,9 @@ def test_raw_logs_hold_the_trial(family, tmp_path):
 
 def test_an_element_matters_by_its_effect_against_the_noise():
     """A dead time of 0.1 s does, one of a tenth of a millisecond does not; less noise makes more matter."""
-    one = next(d for d in (draw("tug", seed, longest_s=200.0) for seed in range(40)) if d.on == ("T_set",))
+    one = next(
+        d for d in (draw("tug", seed, longest_s=200.0) for seed in range(40)) if set(d.on) == {"T_set"}
+    )
     found = matters.judged(one)
     assert found["T_set"]["verdict"] == "matters"
     assert found["T_set"]["distinct"] <= found["T_set"]["size"]
@@ -359,7 +336,11 @@ def test_the_weight_of_white_noise_is_one_a_degree_of_freedom():
 
 
 def test_launch_agrees_with_small_steps_on_a_draw():
-    one = next(d for d in (draw("launch", seed, longest_s=200.0) for seed in range(20)) if "T_s" not in d.on)
+    one = next(
+        d
+        for d in (draw("launch", seed, longest_s=200.0) for seed in range(20))
+        if not {"T_s", "rate"} & set(d.on)
+    )
     ours, other = one.motion(1e-3), fast_motion(one, step_s=2.5e-4)
     apart = ours.engine_speed - other.engine_speed[::4][: len(ours.engine_speed)]
     assert np.abs(apart).max() < 1e-4 * one.plant.engine_speed
@@ -381,14 +362,15 @@ def test_wrong_data_are_wrong_in_the_way_they_say(seed):
         assert np.corrcoef(signals[torque], signals["n_e"])[0, 1] < 0.0
 
 
-@pytest.mark.parametrize("seed", [14, 22])
-def test_a_third_simulation_finds_the_truth_in_an_experiment(seed):
+@pytest.mark.parametrize("some", [{"T_d", "T_set"}, {"T_d"}], ids=str)
+def test_a_third_simulation_finds_the_truth_in_an_experiment(some):
     """The rival's ship, at the truth and on the set point at 50 Hz, leaves far less than the noise.
 
     What it leaves is its set point's straight lines between samples.
     """
-    one = replace(draw("tug", seed, longest_s=220.0), torque_delay_s=0.0)
-    assert set(one.on) <= {"T_d", "T_set"}
+    drawn = (draw("tug", seed, longest_s=220.0) for seed in range(400))
+    one = next(d for d in drawn if set(d.on) == some and not d.noise_free)
+    one = replace(one, torque_delay_s=0.0)
     asked, speed, torque = (sensors.to_common(signal) for signal in one.clean())
     values = one.truth()["parameters"]
     numbers = np.array([values.get(name, 1.0) for name in rival_ship.NAMES])

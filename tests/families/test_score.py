@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.families import score
+from tests.families.late_windows import agreement, apart
 
 BASE = {"tau_n": 1.2, "g": -0.5, "vK_p": 4.5, "vK_i": 10.0, "p": 2.15, "tau_prop": 0.38}
 
@@ -80,3 +81,22 @@ def test_combinations_are_read_as_arithmetic_only():
     assert score.evaluated("(p-g)/(vK_i)+T_set", BASE | {"T_set": 0.1}) == pytest.approx(0.365)
     assert score.evaluated("v", BASE) is None
     assert score.evaluated("__import__('os')", BASE) is None
+
+
+def test_windows_agree_where_each_value_lies_within_every_interval():
+    one = answer(tau_n=(1.0, 0.1, "free"), p=(2.0, 0.1, "free"), g=(-0.5, 0.1, "prior"))
+    near = answer(tau_n=(1.15, 0.1, "free"), p=(2.0, 0.1, "free"), g=(3.0, 0.1, "prior"))
+    surer = answer(tau_n=(1.15, 0.05, "free"), p=(2.3, 0.2, "free"))
+    assert apart([one, near]) == []
+    assert apart([one, near, surer]) == ["tau_n", "p"]
+    ships = [
+        ("tug", 1, one),
+        ("tug", 1, near),
+        ("tug", 2, one),
+        ("tug", 2, None),
+        ("tug", 3, one),
+        ("tug", 3, surer),
+    ]
+    told = agreement([{"family": family, "seed": seed, "answer": given} for family, seed, given in ships])
+    assert told.splitlines()[-1].endswith("1 of 3 ships")
+    assert "tug 2: 1 of 2 windows without an answer" in told
