@@ -9,6 +9,8 @@ from typing import Any
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.vessel.vessel import Vessel
 
+FAR_OFF = 2.0
+"""Times a torque that draws a word, over the vessel file's or under it."""
 ENGINE_SIDE = "M_b"
 QUANTITIES: Mapping[str, str] = {
     "tau_n": "inertia",
@@ -71,6 +73,24 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
         if estimate is not None and estimate.value is not None:
             rows[QUANTITIES[name]] = _scaled(estimate, factor, unit)
     return rows
+
+
+def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
+    """Return a sentence where the torque is far from the one that the vessel's file has for that speed."""
+    point = operating_point(fingerprint)
+    if point is None or not (
+        vessel.given("operating_point.M_b_Nm") or vessel.given("operating_point.M_s_Nm")
+    ):
+        return []
+    engine_rpm, torque, signal = point
+    expected = vessel.nominal_brake_torque * (1.0 if signal == ENGINE_SIDE else vessel.torque_ratio)
+    expected *= (abs(engine_rpm) / vessel.operating_point.n_e_rpm) ** vessel.propeller.torque_exponent
+    if 1.0 / FAR_OFF < abs(torque) / expected < FAR_OFF:
+        return []
+    return [
+        f"The torque {signal} is {abs(torque):.4g} Nm at {abs(engine_rpm):.4g} rpm, where the vessel's file makes "
+        f"{expected:.4g} Nm: look at its scale; inertias and gains in SI units are wrong by the same factor."
+    ]
 
 
 def _scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:

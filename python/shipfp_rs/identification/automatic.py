@@ -17,7 +17,7 @@ from shipfp_rs.identification.adequacy import explained_pct, misses_pct
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.estimate import KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.gates import require_excited
+from shipfp_rs.identification.gates import doubts, require_excited
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import PART, ShipFit, fit_ship, refined, step_for
@@ -96,7 +96,8 @@ def identified(
             "dispersion": 1.0,
         },
     )
-    return with_verdict(fingerprint)
+    fingerprint = with_verdict(fingerprint)
+    return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(experiments)))
 
 
 def intervals_of(

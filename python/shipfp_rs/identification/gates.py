@@ -22,6 +22,11 @@ LONGEST_DELAY_S = 5.0
 EARLY_S, CLEARLY = 0.15, 0.03
 """The speed moves before the set point if it does by more than the first [s], and the correlation of the slopes is larger
 there by the second than at any delay."""
+SAME_SPEED, SAME_RACK = 5e-3, 1e-4
+"""Part of a swing by which a speed differs from its set point, and a rack from a torque, at least: no governor is so
+quick, and the rack would have the torque's very noise."""
+APART = 0.02
+"""Difference of set point and speed at the operating point that draws a word; an integrating governor leaves none."""
 STILL = 1e-7
 """Standard deviation of a torque over its operating point below which it stands still."""
 SLOW_HZ = 1.0
@@ -55,6 +60,7 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
     for experiment in moving:
         _require_following(experiment)
         _require_moving_torque(experiment)
+        _require_own_rack(experiment)
         _require_torque_sign(experiment)
 
 
@@ -112,6 +118,11 @@ def _require_following(experiment: Experiment) -> None:
     name, values = found
     rate = experiment.rate_hz
     asked, speed = _slow(experiment.dn_set, rate), _slow(values, rate)
+    if _apart(asked, speed) < SAME_SPEED:
+        raise InputError(
+            f"{experiment.name!r}: n_set is {name} to {100 * SAME_SPEED:g} % of its swing, expected a set point that the "
+            "speed follows late; is its column that of the measured speed?"
+        )
     _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
@@ -128,6 +139,44 @@ def _require_following(experiment: Experiment) -> None:
             f"{experiment.name!r}: {name} falls when the set point rises (correlation {best:.2g}), expected it to rise; "
             "turn the sign of the set point's calibration"
         )
+
+
+def _apart(one: Array, other: Array) -> float:
+    """Part of a signal that is no multiple of another."""
+    one, other = one - one.mean(), other - other.mean()
+    factor = float(one @ other) / max(float(other @ other), 1e-300)
+    return float(np.linalg.norm(one - factor * other) / max(float(np.linalg.norm(one)), 1e-300))
+
+
+def _require_own_rack(experiment: Experiment) -> None:
+    """Refuse a rack that is a torque's own samples by another scale."""
+    if "X_f" not in experiment.signals:
+        return
+    rack = experiment.normalised("X_f")
+    for name in ("M_b", "M_s", "M_g"):
+        if name not in experiment.signals:
+            continue
+        torque = experiment.normalised(name)
+        both = np.isfinite(rack) & np.isfinite(torque)
+        if both.sum() > LEAST_SAMPLES // 2 and _apart(rack[both], torque[both]) < SAME_RACK:
+            raise InputError(
+                f"{experiment.name!r}: X_f is {name} by another scale, down to its noise, expected the rack's own channel; "
+                "leave the rack out or name its column"
+            )
+
+
+def doubts(experiments: Sequence[Experiment]) -> list[str]:
+    """Return a sentence for each experiment whose set point and speed lie apart at the operating point."""
+    lines = []
+    for experiment in experiments:
+        asked, speed = (experiment.operating_point.get(name, np.nan) for name in ("n_set", "n_e"))
+        if abs(asked / speed - 1.0) > APART:
+            lines.append(
+                f"Set point and speed lie apart at the operating point of {experiment.name!r}, {asked:.4g} and "
+                f"{speed:.4g} rpm: a governor with an integral part leaves no difference; look at the set point's "
+                "calibration."
+            )
+    return lines
 
 
 def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array) -> None:

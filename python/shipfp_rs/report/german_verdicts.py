@@ -48,6 +48,18 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"^Usable for simulation, control tuning and comparison: the data determine every parameter\.",
         "Brauchbar für Simulation, Reglereinstellung und Vergleich: Die Daten bestimmen jeden Parameter.",
     ),
+    (
+        r"^Set point and speed lie apart at the operating point of (.+), (\S+) and (\S+) rpm: a governor with an integral part "
+        r"leaves no difference; look at the set point's calibration\.",
+        r"Sollwert und Drehzahl liegen im Betriebspunkt von \1 auseinander, \2 und \3 U/min: Ein Regler mit I-Anteil lässt "
+        r"keinen Unterschied; die Kalibrierung des Sollwerts prüfen.",
+    ),
+    (
+        r"^The torque (\S+) is (\S+) Nm at (\S+) rpm, where the vessel's file makes (\S+) Nm: look at its scale; inertias "
+        r"and gains in SI units are wrong by the same factor\.",
+        r"Das Drehmoment \1 ist \2 Nm bei \3 U/min, die Schiffsdatei ergibt \4 Nm: Die Skalierung prüfen; Trägheiten und "
+        r"Verstärkungen in SI-Einheiten sind um denselben Faktor falsch.",
+    ),
     (r"^Known only together: ", "Nur gemeinsam bekannt: "),
     (r"^Known: ", "Bekannt: "),
     (r"^Known together: ", "Gemeinsam bekannt: "),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from shipfp_rs.assessment.prediction import predict
 from shipfp_rs.assessment.prediction import structure_of as rebuilt
-from shipfp_rs.assessment.si import in_si
+from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -118,6 +118,7 @@ def evaluate(
         )
     if trial.channels.torque is None:
         fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
+    fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
     if fingerprint.si == {}:
         fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")

@@ -1,0 +1,104 @@
+"""Answers that were once wrong and called usable: drifting laws, two intervals for one figure, the demo, slow sines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.cli import demo
+from shipfp_rs.identification.estimate import rounded_rows
+from shipfp_rs.identification.verdict import shown
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from tests.families import excitations, sensors
+from tests.families.draw import Draw
+from tests.families.plant import physical
+
+TUG = {"engine_speed": 19.73, "ratio": 3.82, "efficiency": 0.97, "shaft_torque": 1725.0}
+BASE = {
+    "tau_n": 1.328,
+    "g": -0.6,
+    "vK_p": 4.5,
+    "vK_i": 10.0,
+    "p": 2.15,
+    "tau_prop": 0.4,
+    "T_d": 0.05,
+    "T_set": 0.12,
+}
+NOISE = tuple(sensors.Noise(((size, (-0.97,)), (size, ()))) for size in (3e-4, 3e-3))
+
+
+def chirp(seconds):
+    growth = np.log(2.0 / 0.01) / seconds
+    return excitations.Excitation("chirp", 20.0, 20.0 + seconds, np.array([[0.01, growth, 0.06]]))
+
+
+def trial(excitation, place="gauge", **more):
+    """Return a tug's trial, simulated without any code of the package."""
+    made = Draw("tug", 1, physical(BASE | more, **TUG), excitation, place, None, None, 0.002, NOISE)
+    return fp.Experiment(**made.experiment())
+
+
+def misses(found, truth):
+    """Parameters that are told with an interval that the truth is not in."""
+    told = {name: found[name].ci95 for name in truth if name in found and found[name].ci95 is not None}
+    return {name: told[name] for name in told if not told[name][0] <= truth[name] <= told[name][1]}
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    """Return what is told of a tug whose propeller's exponent rises by 0.3 per unit of speed."""
+    return fp.identify(trial(chirp(150.0), c_2=0.3))
+
+
+def test_behind_a_gauge_tau_n_is_as_sure_as_the_law_of_the_load_a5(drifting):
+    assert misses(drifting, BASE | {"c_2": 0.3}) == {}
+    low, high = drifting["tau_n"].ci95
+    assert high / low > 1.2, "no curvature is known to the third digit"
+    # What the curvature has no part in stays sharp.
+    for name, width in {"p": 0.01, "tau_prop": 0.02}.items():
+        low, high = drifting[name].ci95
+        assert high / low - 1.0 < 2.0 * width, name
+
+
+def test_one_quantity_has_one_interval_wherever_it_is_told_a7(drifting):
+    file, text, told = drifting.to_dict(), str(drifting), " ".join(drifting.verdict)
+    for table in ("parameters", "derived"):
+        for name, row in file[table].items():
+            estimate = drifting[name]
+            assert tuple(row["ci95"]) == estimate.ci95, name
+            assert row["std"] == pytest.approx((estimate.ci95[1] - estimate.ci95[0]) / 3.92, rel=1e-3), name
+            (line,) = rounded_rows({name: estimate})
+            assert f"{line.low} to {line.high}" in text, name
+            assert shown(name, estimate) in told, name
+    names = file["covariance"]["names"]
+    deviations = np.sqrt(np.diag(file["covariance"]["matrix"]))
+    assert set(names) >= {"tau_n", "g", "vK_p", "vK_i", "p", "tau_prop"}
+    for name, deviation in zip(names, deviations, strict=True):
+        assert deviation == pytest.approx(drifting[name].std), name
+
+
+def test_a_slow_sine_tells_no_figure_that_the_truth_is_not_in_a15():
+    slow = excitations.Excitation("sines", 20.0, 220.0, np.array([[0.0, 0.02, 0.05]]))
+    found = fp.identify(trial(slow, "brake"), intervals="profile")
+    assert misses(found, BASE) == {}
+    # At 0.02 Hz a fall of the torque with speed and the governor's gains are one figure.
+    low, high = found["g"].ci95 or (-math.inf, math.inf)
+    assert high - low > 2.0
+    assert found.usability == "usable except"
+
+
+def test_gains_of_the_demo_are_told_within_ten_per_cent_a11(tmp_path):
+    """Its own log of five minutes at 2 kHz, with every fault of such logs."""
+    truth = demo._write_log(tmp_path, 0)
+    (log,) = Trial.load(tmp_path / "TRIAL.toml").logs()
+    experiments = process(log, Trial.load(tmp_path / "TRIAL.toml"))
+    found = fp.identify(experiments)
+    for name in ("vK_p", "vK_i"):
+        low, high = found[name].ci95
+        assert low <= truth[name] <= high, name
+        assert found[name].value == pytest.approx(truth[name], rel=0.1), name
+    assert misses(found, {name: truth[name] for name in ("tau_n", "g", "p", "tau_prop")}) == {}

@@ -1,0 +1,96 @@
+"""Channels that are not what they are called, which the record itself can tell: refused, or a word in the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.assessment import si
+from shipfp_rs.identification import gates
+
+LAUNCH = fp.Vessel.load("stan-launch-804")
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Return a chirp on the launch, with rack, noise on all."""
+    chirp = fp.signals.chirp(0.02, 2.0, 80.0, 40.0, rate_hz=50.0)
+    return fp.simulate(LAUNCH, chirp, noise={"n_e": 0.02, "M_b": 0.02, "X_f": 0.02}, seed=3)
+
+
+def with_signal(experiment, name, values, point):
+    return replace(
+        experiment,
+        signals={**experiment.signals, name: values},
+        operating_point={**experiment.operating_point, name: point},
+    )
+
+
+def test_a_good_trial_passes_every_gate(made):
+    gates.require_excited([made])
+    assert gates.doubts([made]) == []
+
+
+@pytest.mark.parametrize("noise_rpm", [0.0, 0.02])
+def test_a_set_point_that_is_the_measured_speed_is_refused_a13(made, noise_rpm):
+    noise = noise_rpm * np.random.default_rng(0).standard_normal(len(made))
+    speed = made.signals["n_e"] + noise
+    with pytest.raises(fp.InputError, match="is its column that of the measured speed"):
+        fp.identify(with_signal(made, "n_set", speed, made.operating_point["n_e"]))
+
+
+def test_a_rack_that_is_the_torque_is_refused_a13(made):
+    """In volts or per cent, it has the torque's very noise."""
+    rack = 3.0 + made.signals["M_b"] / 40.0
+    with pytest.raises(fp.InputError, match="X_f is M_b by another scale"):
+        fp.identify(with_signal(made, "X_f", rack, 3.0 + made.operating_point["M_b"] / 40.0))
+
+
+def test_a_set_point_beside_the_speed_draws_a_word_a15(made):
+    """1184 rpm asked, 1243 turned: less than the tenth from which a calibration is refused."""
+    off = 1184.0 / 1243.0
+    beside = with_signal(made, "n_set", off * made.signals["n_set"], off * made.operating_point["n_set"])
+    found = fp.identify(beside, torque="brake", outputs=["dn", "dM"], intervals="symmetric")
+    (word,) = [line for line in found.verdict if "lie apart" in line]
+    asked, speed = (beside.operating_point[name] for name in ("n_set", "n_e"))
+    assert f"{asked:.4g} and {speed:.4g} rpm" in word
+    right = fp.identify(made, torque="brake", outputs=["dn", "dM"], intervals="symmetric")
+    assert not any("lie apart" in line for line in right.verdict)
+
+
+@pytest.mark.parametrize("scale", [0.1, 10.0])
+def test_a_torque_far_from_the_vessel_files_draws_a_word_a15(made, scale):
+    torque = scale * made.signals["M_b"]
+    wrong = with_signal(made, "M_b", torque, scale * made.operating_point["M_b"])
+    right, found = (
+        fp.identify(one, torque="brake", outputs=["dn", "dM"], intervals="symmetric") for one in (made, wrong)
+    )
+    assert si.doubts(right, LAUNCH) == []
+    (word,) = si.doubts(found, LAUNCH)
+    assert f"{scale * made.operating_point['M_b']:.4g} Nm" in word
+    assert f"makes {LAUNCH.nominal_brake_torque:.4g} Nm" in word
+
+
+def test_gauge_torque_called_brake_torque_fits_as_well_and_cannot_be_known_a13():
+    """L + tau_prop dN/dt is a brake torque of a ship with the inertia tau_prop: the same ratios, another tau_n.
+
+    The record can't know; what must hold is that nothing beside tau_n's scale changes.
+    """
+    tug = fp.Vessel.load("stan-tug-1205")
+    chirp = fp.signals.chirp(0.02, 2.0, 80.0, 40.0, rate_hz=50.0)
+    trial = fp.simulate(tug, chirp, noise={"n_e": 0.02, "M_g": 0.02}, seed=5)
+    kept = {name: trial.signals[name] for name in ("n_set", "n_e", "M_g")}
+    named = {"n_set": kept["n_set"], "n_e": kept["n_e"], "M_b": kept["M_g"]}
+    point = {name: trial.operating_point[name] for name in ("n_set", "n_e")}
+    wrong = replace(
+        trial, signals=named, operating_point={**point, "M_b": trial.operating_point["M_g"]}, provenance={}
+    )
+    true = fp.linearise(tug)
+    found = fp.identify(wrong, intervals="symmetric")
+    assert found["tau_n"].value == pytest.approx(true.tau_prop, rel=0.05)
+    assert found["(p-g)/tau_n"].value == pytest.approx((true.p - true.g) / true.tau_n, rel=0.2)
+    (word,) = si.doubts(found, tug)
+    assert "look at its scale" in word
