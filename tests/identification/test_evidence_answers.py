@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.cli import demo
+from shipfp_rs.cli.demo import _write_log
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.processing.process import process
@@ -93,10 +93,10 @@ def test_a_slow_sine_tells_no_figure_that_the_truth_is_not_in_a15():
 
 def test_gains_of_the_demo_are_told_within_ten_per_cent_a11(tmp_path):
     """Its own log of five minutes at 2 kHz, with every fault of such logs."""
-    truth = demo._write_log(tmp_path, 0)
-    (log,) = Trial.load(tmp_path / "TRIAL.toml").logs()
-    experiments = process(log, Trial.load(tmp_path / "TRIAL.toml"))
-    found = fp.identify(experiments)
+    truth = _write_log(tmp_path, 0)
+    asked = Trial.load(tmp_path / "TRIAL.toml")
+    (log,) = asked.logs()
+    found = fp.identify(process(log, asked))
     for name in ("vK_p", "vK_i"):
         low, high = found[name].ci95
         assert low <= truth[name] <= high, name
