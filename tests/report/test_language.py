@@ -130,10 +130,10 @@ VERDICTS = [
     "The residuals show that something is missing (4.2 % of the speed); every interval is widened by what that can do.",
     "According to this model: tau_n = 1.13 (0.6627 to 1.597) s.",
     "Undecided, with and without it the model fits as well: torsionally flexible shaft; the intervals hold for both.",
-    "Set point and speed lie apart at the operating point of 'W1', 1184 and 1243 rpm: a governor with an integral part leaves "
-    "no difference; look at the set point's calibration.",
-    "The torque M_b is 22.3 Nm at 1300 rpm, where the vessel's file makes 222.9 Nm: look at its scale; inertias and gains in "
-    "SI units are wrong by the same factor.",
+    "Set point and speed lie apart at the operating point of 'W1', 1184 and 1243 rpm: a governor with an integral part "
+    "leaves no difference; look at the set point's calibration.",
+    "The torque M_b is 22.3 Nm at 1300 rpm, where the vessel's file makes 222.9 Nm: look at its scale; inertias and gains "
+    "in SI units are wrong by the same factor.",
 ]
 
 
