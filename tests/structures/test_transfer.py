@@ -71,6 +71,20 @@ def test_every_element_acts_as_its_closed_form_says():
     assert np.allclose(found, [n_s, M_g], rtol=1e-12)
 
 
+def test_a_share_of_the_dead_time_acts_as_a_governor_that_samples():
+    """Held over 2 hold T_d, the command's amplitude falls as the hold's does: both to (f T_s)^4."""
+    late = {name: value for name, value in TUG.items() if name != "T_d"}
+    period, share = 0.05, 0.4
+    equations = Structure.ship([*LOOP, "actuator_lag", "twist"], torque="gauge").equations
+    held, _ = equations.response(late | {"T_d": 0.5 * period / share, "hold": share}, FREQUENCIES[1:], [])
+    sampled = Structure.ship([*LOOP, "actuator_lag", "twist", "sampling"], torque="gauge").equations
+    expected, _ = sampled.response(
+        late | {"T_d": 0.5 * period / share - 0.5 * period, "T_s": period}, FREQUENCIES[1:], []
+    )
+    plain, _ = equations.response(late | {"T_d": 0.5 * period / share}, FREQUENCIES[1:], [])
+    assert np.abs(held - expected).max() < 1e-2 * np.abs(plain - expected).max()
+
+
 def test_a_slow_set_point_is_followed_in_full():
     found, _ = Structure.ship(["twist"], torque="gauge").equations.response(TUG, np.zeros(1), [])
     assert np.allclose(found[:, 0], [1.0, TUG["p"]], rtol=1e-6)
@@ -82,7 +96,7 @@ def test_a_slow_set_point_is_followed_in_full():
 def test_derivatives_are_those_of_finite_differences(speed, gauge, products):
     gains = {"vK_d": 0.2} if products else {"v": 1.2, "K_p": 4.4, "K_i": 10.5, "K_d": 0.17}
     values = {name: value for name, value in TUG.items() if products or not name.startswith("v")}
-    values |= gains | {"T_s": 0.03}
+    values |= gains | {"T_s": 0.03, "hold": 0.3}
     equations = TransferFunctions(("dn", "dM", "dX"), gauge, speed)
     frequency = np.geomspace(0.01, 5.0, 30)
     _, slopes = equations.response(values, frequency, list(values))

@@ -126,6 +126,8 @@ class _Loop(_Part):
         if derivative:
             governor = asked + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
         path = np.exp(-s * q.get("T_d", 0.0)) / (1.0 + q.get("tau_act", 0.0) * s)
+        if q.get("hold"):
+            path = path * np.cosh(_half_apart(q, s))
         if "T_s" in q:
             path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
         propeller = q["p"] + q.get("tau_prop", 0.0) * s
@@ -159,8 +161,9 @@ class _Loop(_Part):
 
     def _relative_change_of_path(self, name: str) -> Spectrum:
         q, s = self.q, self.s
-        if name == "T_d":
-            return -s
+        if name in ("T_d", "hold"):
+            bend = np.tanh(_half_apart(q, s)) * s / np.sqrt(3.0)
+            return np.asarray(q.get("T_d", 0.0) * bend if name == "hold" else q.get("hold", 0.0) * bend - s)
         if name == "tau_act":
             return np.asarray(-s / (1.0 + q["tau_act"] * s))
         return np.asarray(s / np.expm1(s * q["T_s"]) - 1.0 / q["T_s"])
@@ -174,6 +177,11 @@ class _Loop(_Part):
         if gain == "K_d":
             return _Part(governor=filtered * (1.0 - lag * filtered))
         return _Part(governor=1.0 + derivative * lag / proportional * filtered**2, asked=1.0)
+
+
+def _half_apart(q: Values, s: Spectrum) -> Spectrum:
+    """Half of the delay between the two commands that stand for a hold, times s."""
+    return np.asarray(s * q.get("T_d", 0.0) * q.get("hold", 0.0) / np.sqrt(3.0))
 
 
 def _yield(q: Values, s: Spectrum) -> Part:
