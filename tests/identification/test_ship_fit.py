@@ -45,7 +45,9 @@ def test_model_and_data_meet_at_the_truth_without_a_filter_between_them():
     likelihood = question.likelihood((), 0.0025, False)
     c = likelihood.coordinates
     truth = {"tau_n": TRUE.tau_n, "g": TRUE.g, "vK_p": TRUE.v * TRUE.K_p, "vK_i": TRUE.v * TRUE.K_i, "p": 2.0}
-    vector = c.vector({**truth, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0})
+    vector = c.vector(
+        {**truth, "T_d": 0.0, "hold": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0}
+    )
     residual, _ = likelihood.spectra(vector, 0)
     size = np.abs(likelihood.records[0].spectrum).max(axis=1, keepdims=True)
     assert np.abs(residual / size).max() < 1e-3
@@ -63,6 +65,7 @@ def test_the_gradient_of_the_deviance_is_that_of_its_differences(drawn):
         "vK_i": 3.0,
         "p": 1.9,
         "T_d": 0.053,
+        "hold": 0.4,
         "T_set": 0.311,
         "tau_act": 0.07,
     }
@@ -90,7 +93,7 @@ def test_gaps_are_bridged_in_the_model_as_in_the_data():
     for one in (question, whole):
         likelihood = one.likelihood((), 0.005, False)
         vector = likelihood.coordinates.vector(
-            {**truth, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0}
+            {**truth, "T_d": 0.0, "hold": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0}
         )
         residuals.append(np.abs(likelihood.spectra(vector, 0)[0]).max())
     assert residuals[0] < 1.5 * residuals[1] + 1e-6
@@ -133,7 +136,7 @@ def test_a_fit_begun_at_the_truth_does_not_end_lower(drawn):
     c = fit.likelihood.coordinates
     truth = ship.truth()["parameters"]
     states = [fit.best.vector[c.states(0)]]
-    begun = c.vector({**truth, "c_2": 0.0, "M_max": 4.0}, states)
+    begun = c.vector({**truth, "hold": 0.0, "c_2": 0.0, "M_max": 4.0}, states)
     assert descend(fit.likelihood, begun).cost > fit.best.cost - 4.0
 
 

@@ -108,7 +108,7 @@ class Coordinates:
 
     def vector(self, values: Mapping[str, float], states: Sequence[Array] = ()) -> Array:
         """Return the vector of values within the bounds; states are zero unless given."""
-        known = {"hold": 0.0, **self.given, **values}
+        known = {**self.given, **values}
         tau = known["tau_n"]
         vector = np.zeros(self.size)
         for place, name in enumerate(self.names):

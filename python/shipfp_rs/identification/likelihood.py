@@ -32,6 +32,10 @@ FLOOR = 1e-3
 """Least of that matrix, over its median."""
 MOST_BEHIND, WALL = 0.95, 0.01
 """Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
+TORQUES = ("dM_b", "dM_g")
+"""The kernel's torques."""
+LIMITS = {"M_max", "rate"}
+"""Parameters of what moving water sets off, so that its part is none that adds."""
 WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
 
@@ -193,21 +197,22 @@ class Likelihood:
         return replace(self, roots=other.roots, water=other.water)
 
     def with_water(self, vector: Array) -> Likelihood:
-        """Return the likelihood of the ship driven by the water that speed and torque show at a vector."""
-        if len(self.outputs) < 2:
+        """Return the likelihood of the ship driven by the water that speed and torque show at a vector.
+
+        Itself where nothing limits the ship, so that water's part is noise that adds, or where no torque was measured.
+        """
+        values = self.coordinates.values(vector)
+        named = [_core.SHIP_OUTPUTS[output] for output in self.outputs]
+        torque = next((name for name in TORQUES if name in named), None)
+        if torque is None or not LIMITS & set(values):
             return self
-        gauge = self.outputs[1] == _core.SHIP_OUTPUTS.index("dM_g")
-        water = [
-            moving_water(
-                record,
-                self.coordinates,
-                vector,
-                index,
-                self.simulated(vector, index, [], wet=False)[:2, 0],
-                gauge=gauge,
-            )
-            for index, record in enumerate(self.records)
-        ]
+        seen = [named.index("dn"), named.index(torque)]
+        inertia = values["tau_n" if torque == "dM_b" else "tau_prop"]
+        water = []
+        for index, record in enumerate(self.records):
+            response = self.simulated(vector, index, [], wet=False)[seen, 0]
+            scale = vector[self.coordinates.states(index)][list(STATES).index("torque scale")]
+            water.append(moving_water(record, seen, response, values, inertia, 1.0 + float(scale)))
         return replace(self, water=tuple(water))
 
     @cached_property

@@ -190,9 +190,8 @@ def question_of(
             continue
         if elements.get(name, name in SMOOTH) and name != "sampling":
             always += [parameter.name for parameter in element.parameters if parameter.name not in always]
-    if "T_d" in always:
-        # A governor that samples holds its command: what the record shows of that beside half a period's delay.
-        always.insert(always.index("T_d") + 1, "hold")
+    if known.get("T_d") == 0.0:
+        known.setdefault("hold", 0.0)  # a share of nothing
     tried = tuple(name for name in TRIED if name not in elements)
     if "tau_twist" in always and "tau_prop" not in always:
         always.append("tau_prop")

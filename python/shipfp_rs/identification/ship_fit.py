@@ -29,8 +29,6 @@ PART, FINE_PART = 0.4, 0.15
 """Step over the loop's quickest time constant, of the search and of the last descent."""
 UNSEEN_PCT = 0.3
 """Where the model misses less than this of every response no element is tried: gauge and calibration leave as much open."""
-LIMITS = {"torque_limit", "rack_rate"}
-"""Elements that moving water sets off, so that its part is none that adds."""
 ROUNDS = 3
 """Descents with an element that was taken, the noise and the water from the end before."""
 BELIEVED = 25.0
@@ -127,9 +125,7 @@ def _with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         # With less left over the noise is less, and what else acts is seen.
         basin = end
         for _ in range(ROUNDS):
-            likelihood = likelihood.with_noise(basin.vector)
-            if {element, *fit.elements} & LIMITS:
-                likelihood = likelihood.with_water(basin.vector)
+            likelihood = likelihood.with_noise(basin.vector).with_water(basin.vector)
             basin = descend(likelihood, basin.vector, until=until)
         fit = replace(fit, likelihood=likelihood, basins=(basin,), elements=(*fit.elements, element))
 
@@ -211,9 +207,7 @@ def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not ends:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
-    likelihood = likelihood.with_noise(ends[0].vector)
-    if set(fit.elements) & LIMITS:
-        likelihood = likelihood.with_water(ends[0].vector)
+    likelihood = likelihood.with_noise(ends[0].vector).with_water(ends[0].vector)
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in ends])
     return replace(fit, likelihood=likelihood, basins=tuple(ends))
 

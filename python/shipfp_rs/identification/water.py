@@ -8,12 +8,11 @@ to the set point would come from parameters that are not right yet, and is taken
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.record import Record
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -26,7 +25,12 @@ WIDTH, LEAST_REACH = 0.1, 10
 
 
 def moving_water(
-    record: Record, coordinates: Coordinates, vector: Array, index: int, response: Array, *, gauge: bool
+    record: Record,
+    seen: Sequence[int],
+    response: Array,
+    values: Mapping[str, float],
+    inertia: float,
+    scale: float,
 ) -> Array:
     """Return the load's torque beyond its law, over the operating point's (over k_L beside a measured load), shape (K,).
 
@@ -34,35 +38,29 @@ def moving_water(
 
     Parameters
     ----------
-    record, index
-        The record, with speed and torque its first outputs, and its place among all.
-    coordinates, vector
-        The ship.
+    record, seen
+        The record, and the places of speed and torque among its outputs.
     response
-        Its decimated speed and torque without water, shape (2, K).
-    gauge
-        Whether the torque is a gauge's between the inertias.
+        Decimated speed and torque of the ship without water, shape (2, K).
+    values
+        The ship's parameters.
+    inertia, scale
+        Time constant of what turns behind the torque meter [s], and by which factor its torque is read.
     """
-    values = coordinates.values(vector)
-    states = dict(
-        zip(("dn", "fuel", "sum", "offset", "scale"), vector[coordinates.states(index)], strict=True)
-    )
-    speed, torque = record.decimated[:2, : response.shape[1]]
     rate = record.data_hz / record.down
-    inertia = values["tau_prop"] if gauge else values["tau_n"]
-    load = (1.0 + torque) / (1.0 + states["scale"]) - inertia * _slope(speed, rate)
-    ahead = np.maximum(1.0 + speed, 1e-3)
-    found = load - ahead ** values["p"] - values["c_2"] * speed**2 - values.get("damping", 0.0) * speed
+    n, m = response
+    speed, torque = record.decimated[list(seen), : len(n)]
+    found = (1.0 + torque) / scale - inertia * _slope(speed, rate)
+    found -= np.maximum(1.0 + speed, 1e-3) ** values["p"] + values["c_2"] * speed**2
+    found -= values.get("damping", 0.0) * speed
+    by_load = values.get("k_L", 1.0)
     if record.load.size:
         at = np.arange(len(speed)) / rate
-        measured = np.interp(at, np.arange(len(record.load)) / record.rate_hz, record.load)
-        found -= values.get("k_L", 1.0) * measured
-    n, m = response
+        found -= by_load * np.interp(at, np.arange(len(record.load)) / record.rate_hz, record.load)
     shown = np.array([np.ones_like(n), n, n**2, _slope(n, rate), m, _slope(m, rate)])
     found -= np.linalg.lstsq(shown.T, found, rcond=None)[0] @ shown
-    by_load = values.get("k_L", 1.0)
-    filtered = _by_frequency(np.asarray(found), rate, partial(_without_noise, band_hz=record.band_hz))
-    return np.asarray(filtered / by_load)
+    without_noise = partial(_without_noise, band_hz=record.band_hz)
+    return np.asarray(_by_frequency(found, rate, without_noise) / by_load)
 
 
 def _without_noise(frequency: Array, spectrum: ComplexArray, band_hz: float) -> ComplexArray:

@@ -9,8 +9,7 @@
 //! L = N^p + curvature (N - 1)^2 + damping (N - 1) + load_gain w        tau_n dN/dt = M_b - L
 //! ```
 //!
-//! `hold` is the share of `T_d` that is a hold: the mean of a command sampled every `2 hold T_d` and held (`rate` and the
-//! sampling governor itself, `T_s`, apart).
+//! `hold` makes a share of `T_d` a hold, as of a governor that samples every `2 hold T_d`; beside `T_s` it does nothing.
 //!
 //! Before the record the set point stands at its first sample, the rack at `initial_F / v`, the speed at `initial_N`; the sum
 //! starts `initial_E` above where the command is the rack. Outputs: `dn = N - 1`, `dM_b = s_M M_b - 1`,
