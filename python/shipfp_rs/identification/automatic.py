@@ -25,6 +25,7 @@ from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.quantiles import DEVIATIONS_95
@@ -35,6 +36,8 @@ LOWER, RESTARTS = 0.5, 2
 """A profile that meets a deviance lower by this begins again from there, so often."""
 COMBINED_TRIES = 3
 """Tries of a combination's profile: those of its members have found most of its interval already."""
+ALONG = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
+"""What is searched along, or not at all, and told of none."""
 UNTOLD = 0.9
 """An interval that is this part of what the search allows tells nothing."""
 
@@ -53,18 +56,15 @@ def identified(
     fit = fit_ship(question, time_limit_s=time_limit_s)
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
-    figures = figures_of([*c.names, *gains]) | {
+    names = [name for name in c.names if name not in ALONG]
+    figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
     fit, found, possible = intervals_of(fit, figures, intervals)
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
-    told = {name: _estimate(fit, name, found[name]) for name in (*c.names, *gains)}
-    parameters = {
-        one.name: told.get(one.name)
-        or Estimate(c.given.get(one.name, one.start), unit=one.unit, status="fixed", reason="given")
-        for one in structure.parameters
-    }
+    told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}
+    parameters = {one.name: told.get(one.name) or _fixed(fit, one) for one in structure.parameters}
     if "dM" not in question.outputs:
         parameters = _without_torque(parameters, question)
     together = (*(("vK_p", "vK_i") if gains else ()), *TOGETHER)
@@ -161,10 +161,7 @@ def structure_of(fit: ShipFit) -> Structure:
     given = {
         name: value for name, value in fit.likelihood.coordinates.given.items() if name in structure.names
     }
-    # What is searched along and declared as fixed stands where the search left it.
-    given |= {
-        one.name: fit.values[one.name] for one in structure.parameters if one.fixed and one.name in fit.values
-    }
+    given |= {name: value for name, value in fit.values.items() if name in ALONG}
     return structure.with_fixed(**given) if given else structure
 
 
@@ -211,6 +208,12 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     ends = min(ends[0], value), max(ends[1], value)
     std = (ends[1] - ends[0]) / (2.0 * DEVIATIONS_95)
     return Estimate(value, float(std), (float(ends[0]), float(ends[1])), unit, "prior" if prior else "free")
+
+
+def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
+    """What was given, or stands where the search left it."""
+    reason = "fitted along" if parameter.name in fit.likelihood.coordinates.free else "given"
+    return Estimate(parameter.start, unit=parameter.unit, status="fixed", reason=reason)
 
 
 def _combined(interval: Interval, unit: str) -> Estimate:
