@@ -15,7 +15,7 @@ from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.estimate import KNOWN, Estimate, Identifiability
+from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.gates import doubts, require_excited
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
@@ -36,8 +36,8 @@ LOWER, RESTARTS = 0.5, 2
 """A profile that meets a deviance lower by this begins again from there, so often."""
 COMBINED_TRIES = 3
 """Tries of a combination's profile: those of its members have found most of its interval already."""
-ALONG = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
-"""What is searched along, or not at all, and told of none."""
+NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
+"""What elements declare as fixed: fitted along where the search has it, with no interval of its own."""
 UNTOLD = 0.9
 """An interval that is this part of what the search allows tells nothing."""
 
@@ -56,7 +56,7 @@ def identified(
     fit = fit_ship(question, time_limit_s=time_limit_s)
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
-    names = [name for name in c.names if name not in ALONG]
+    names = [name for name in c.names if name not in NUISANCES]
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
@@ -161,7 +161,7 @@ def structure_of(fit: ShipFit) -> Structure:
     given = {
         name: value for name, value in fit.likelihood.coordinates.given.items() if name in structure.names
     }
-    given |= {name: value for name, value in fit.values.items() if name in ALONG}
+    given |= {name: value for name, value in fit.values.items() if name in NUISANCES}
     return structure.with_fixed(**given) if given else structure
 
 
@@ -212,7 +212,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
 
 def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
     """What was given, or stands where the search left it."""
-    reason = "fitted along" if parameter.name in fit.likelihood.coordinates.free else "given"
+    reason = ALONG if parameter.name in fit.likelihood.coordinates.free else "given"
     return Estimate(parameter.start, unit=parameter.unit, status="fixed", reason=reason)
 
 

@@ -20,6 +20,9 @@ STATUS: Mapping[str, str] = {
     "unidentifiable": "not identifiable",
 }
 
+ALONG = "fitted along"
+"""Reason of what is fixed where the search left it, with no interval of its own."""
+
 KNOWN: tuple[Status, ...] = ("free", "prior")
 """States of an estimate that has an interval of its own."""
 
@@ -169,7 +172,7 @@ def rounded_rows(
             low=rounded(low, places),
             high=rounded(high, places),
             unit=estimate.unit,
-            status=STATUS[estimate.status],
+            status=ALONG if estimate.reason == ALONG else STATUS[estimate.status],
             reason=estimate.reason,
             truth=rounded(real, places),
             holds_truth=None if real is None or low is None or high is None else low <= real <= high,

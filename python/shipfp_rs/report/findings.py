@@ -193,7 +193,7 @@ def _estimates(
             )
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
-        reason = f": {row.reason}" if row.reason and row.reason != "given" else ""
+        reason = f": {row.reason}" if row.reason not in ("", "given", row.status) else ""
         end = "" if none or row.status != "estimated" else at_an_end(estimate, say)
         told = say.word(row.status) + say.sentence(reason) + (f", {end}" if end else "")
         if failed and row.status != "given":

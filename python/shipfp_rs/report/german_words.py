@@ -37,6 +37,7 @@ WORDS: Mapping[str, str] = {
     "linear": "linear",
     "estimated": "geschätzt",
     "given": "vorgegeben",
+    "fitted along": "mit angepasst",
     "estimated, with prior knowledge": "geschätzt, mit Vorwissen",
     "on its bound": "auf seiner Grenze",
     "not identifiable": "nicht bestimmbar",
