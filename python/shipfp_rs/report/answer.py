@@ -15,6 +15,7 @@ from shipfp_rs import plot
 from shipfp_rs.assessment.si import QUANTITIES
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification.estimate import (
+    ALONG,
     KNOWN,
     OPEN,
     Estimate,
@@ -158,7 +159,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
     if any(estimate.value is None or is_rough(estimate, OPEN) for estimate in known.values()):
         known |= fingerprint.derived
     for row in rounded_rows(known):
-        if row.name in CHANNELS:
+        if row.name in CHANNELS or row.status == ALONG:
             continue
         value, told = _value_and_interval(row, known[row.name], "\u00a0", say)
         name = say.name(row.name)
