@@ -37,7 +37,7 @@ LOWER, RESTARTS = 0.5, 2
 COMBINED_TRIES = 3
 """Tries of a combination's profile: those of its members have found most of its interval already."""
 NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
-"""What elements declare as fixed: fitted along where the search has it, with no interval of its own."""
+"""What elements declare as fixed: estimated, without an interval, where the search has them."""
 UNTOLD = 0.9
 """An interval that is this part of what the search allows tells nothing."""
 

@@ -20,8 +20,8 @@ STATUS: Mapping[str, str] = {
     "unidentifiable": "not identifiable",
 }
 
-ALONG = "fitted along"
-"""Reason of what is fixed where the search left it, with no interval of its own."""
+ALONG = "estimated, without an interval"
+"""Reason of what stands where the search left it."""
 
 KNOWN: tuple[Status, ...] = ("free", "prior")
 """States of an estimate that has an interval of its own."""

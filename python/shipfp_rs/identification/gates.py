@@ -120,8 +120,8 @@ def _require_following(experiment: Experiment) -> None:
     asked, speed = _slow(experiment.dn_set, rate), _slow(values, rate)
     if _apart(asked, speed) < SAME_SPEED:
         raise InputError(
-            f"{experiment.name!r}: n_set is {name} to {100 * SAME_SPEED:g} % of its swing, expected a set point that the "
-            "speed follows late; is its column that of the measured speed?"
+            f"{experiment.name!r}: n_set equals {name} within {100 * SAME_SPEED:g} % of its swing, expected a set point "
+            "that the speed follows with a delay; is its column that of the measured speed?"
         )
     _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
@@ -160,8 +160,8 @@ def _require_own_rack(experiment: Experiment) -> None:
         both = np.isfinite(rack) & np.isfinite(torque)
         if both.sum() > LEAST_SAMPLES // 2 and _apart(rack[both], torque[both]) < SAME_RACK:
             raise InputError(
-                f"{experiment.name!r}: X_f is {name} by another scale, down to its noise, expected the rack's own channel; "
-                "leave the rack out or name its column"
+                f"{experiment.name!r}: X_f is {name} by another scale, noise included, expected the rack's own channel; "
+                "leave X_f out or give the column of the rack"
             )
 
 

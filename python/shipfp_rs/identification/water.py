@@ -1,9 +1,9 @@
-"""Moving water that a record shows: the load's torque beyond its law, which drives the ship where something limits it.
+"""Moving water, worked out from a record's speed and torque where a limit of torque or rate acts.
 
-A linear ship adds water's part of speed and torque to what the set point brings about, and the likelihood takes it for
-noise. A limit of torque or rate does not add: whether it acts depends on the water, too. There the ship is driven by the
-water that speed and torque show: torque on the load less the inertia's and the law's. What of that goes with the response
-to the set point would come from parameters that are not right yet, and is taken off.
+In a linear ship the responses to set point and water add up, and the likelihood takes the water's for noise. Where a limit
+acts they do not: the water decides, too, when the limit holds. There the model is driven by the water's torque: the
+measured torque less that of the inertia and that of the load's law. Parameters that are not right yet would leave a part
+of the response to the set point in it, so what goes with that response is taken off.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ MEANINGS: Mapping[str, str] = {
     "damping": "Prozent Moment, um die eine Last neben dem Propeller mit 1 % Drehzahl wächst",
     "T_M": "Verzug des Drehmomentkanals",
     "c_2": "Beiwert zweiter Ordnung der Last neben N^p",
-    "hold": "Anteil von T_d, über den der Regler seinen Befehl hält",
+    "hold": "Anteil der Totzeit T_d, der vom Abtasten und Halten des Reglers kommt",
     "M_soft": "Breite, über die Rauschen die Momentengrenze rundet",
     "T_n": "Verzug des Drehzahlkanals",
     "k_L": "Beiwert des gemessenen Lastmoments",

@@ -37,7 +37,7 @@ WORDS: Mapping[str, str] = {
     "linear": "linear",
     "estimated": "geschätzt",
     "given": "vorgegeben",
-    "fitted along": "mit angepasst",
+    "estimated, without an interval": "geschätzt, ohne Intervall",
     "estimated, with prior knowledge": "geschätzt, mit Vorwissen",
     "on its bound": "auf seiner Grenze",
     "not identifiable": "nicht bestimmbar",

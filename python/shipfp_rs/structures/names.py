@@ -27,8 +27,8 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "T_0": ("first sample of the governor", "erster Abtastzeitpunkt des Reglers"),
     "c_2": ("second-order coefficient of the load", "Beiwert zweiter Ordnung der Last"),
     "hold": (
-        "share of T_d for which the command is held",
-        "Anteil von T_d, über den der Befehl gehalten wird",
+        "share of T_d from sampling and holding",
+        "Anteil von T_d durch Abtasten und Halten",
     ),
     "M_soft": ("rounding of the torque limit", "Rundung der Momentengrenze"),
     "T_M": ("delay of the torque channel", "Verzug des Drehmomentkanals"),
