@@ -87,7 +87,7 @@ KERNELS: dict[str, Callable[[], object]] = {
     "linear_products": _linear("linear_products", ..., np.zeros(2), np.ones((2, 32)), WRT, samples=5_000_000),
     "linear_response_sensitivities": lambda: _core.linear_response_sensitivities(
         np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01]),
-        np.linspace(0.01, 9.0, 3_000_000),
+        np.linspace(0.01, 9.0, 300_000),
         [0],
         WRT,
     ),
