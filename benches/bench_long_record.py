@@ -59,11 +59,8 @@ def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object
     plant["Kp_abs"] *= k_p / 10.0
     plant["Ki_abs"] *= k_i
     names = _core.DRIVE_TRAIN_PARAMETERS
-    free = ["inertia", "A1", "A2", "Kp_abs", "Ki_abs", "initial_speed", "initial_error"]
-    directions = np.array([[float(name == wanted) for name in names] for wanted in free])
     n_set = n_e * (1.0 + dn_set)
     common = (n_set, 1.0 / RATE_HZ, 2 if poles == "fast" else 1, "first")
-    measured = np.random.default_rng(1).normal(size=(2, len(n_set)))
 
     def vector(**changes: float) -> np.ndarray:
         start = {
@@ -87,27 +84,8 @@ def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object
         values = OFF | plant | start | changes
         return np.array([values[name] for name in names])
 
-    def products(parameters: np.ndarray) -> Callable[[], object]:
-        return lambda: _core.drive_train_products(
-            parameters,
-            NO_TABLE,
-            NO_TABLE,
-            np.ones(6),
-            NO_QUADRANTS,
-            *common,
-            [0, 2],
-            directions,
-            np.ones(2),
-            measured,
-            np.zeros(2),
-            np.ones((2, 1)),
-        )
-
-    lagging, sampled = vector(fuel_lag=0.005), vector(governor_period=0.005)
+    lagging = vector(fuel_lag=0.005)
     return {
-        "drive_train_products, two states": products(vector()),
-        "drive_train_products, lag": products(lagging),
-        "drive_train_products, sampled governor": products(sampled),
         "simulate_drive_train, lag": lambda: _core.simulate_drive_train(
             lagging, NO_TABLE, NO_TABLE, np.ones(6), NO_QUADRANTS, *common
         ),

@@ -36,7 +36,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-KERNEL_MODULES = ("_kernel", ".test_drive_train_sensitivities", ".test_long_records", ".test_events")
+KERNEL_MODULES = ("_kernel", ".test_long_records", ".test_events")
 """Ends of the names of modules whose tests run with every instruction set that this machine has."""
 OWN_CHOICE = ("test_pulse_kernel",)
 """Of kernels that choose their instruction set themselves."""

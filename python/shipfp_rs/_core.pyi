@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 __all__ = [
     "DRIVE_TRAIN_PARAMETERS",
-    "GREY_BOX_OUTPUTS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "PLANT_PARAMETERS",
@@ -27,8 +26,6 @@ __all__ = [
     "_set_instruction_set",
     "_spin_for_test",
     "coarser_extremes",
-    "drive_train_products",
-    "drive_train_sensitivities",
     "find_spikes",
     "interval_speeds",
     "leftover_sums",
@@ -95,39 +92,6 @@ def _drive_train_rates(
     fuel: float,
 ) -> NDArray[np.float64]: ...
 
-GREY_BOX_OUTPUTS: tuple[str, ...]
-
-def drive_train_sensitivities(
-    parameters: NDArray[np.float64],
-    limit_speed: NDArray[np.float64],
-    limit_torque: NDArray[np.float64],
-    strength: NDArray[np.float64],
-    quadrants: NDArray[np.float64],
-    n_set: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-    outputs: Sequence[int],
-    directions: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def drive_train_products(
-    parameters: NDArray[np.float64],
-    limit_speed: NDArray[np.float64],
-    limit_torque: NDArray[np.float64],
-    strength: NDArray[np.float64],
-    quadrants: NDArray[np.float64],
-    n_set: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-    outputs: Sequence[int],
-    directions: NDArray[np.float64],
-    scale: NDArray[np.float64],
-    measured: NDArray[np.float64],
-    offsets: NDArray[np.float64],
-    filters: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], int]: ...
-
 LINEAR_PARAMETERS: tuple[str, ...]
 LINEAR_OUTPUTS: tuple[str, ...]
 
@@ -182,6 +146,7 @@ def simulate_ship(
     substeps: int,
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
+    envelope: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]: ...
 def ship_sensitivities(
     parameters: NDArray[np.float64],
@@ -192,6 +157,7 @@ def ship_sensitivities(
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
     wrt: Sequence[int],
+    envelope: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def ship_observed(
     parameters: NDArray[np.float64],

@@ -6,7 +6,6 @@
 //! combinations of these sums, so many parameters cost no more than few.
 
 pub(crate) mod columns;
-pub(crate) mod measured;
 mod products;
 pub(crate) mod sums;
 

@@ -15,7 +15,6 @@ pub mod pulse;
 pub mod pyramid;
 pub mod residual_correlation;
 pub mod scalar;
-pub mod sensitivity;
 pub mod statespace;
 pub mod stepper;
 pub mod stop;

@@ -68,18 +68,6 @@ KERNELS: dict[str, Callable[[], object]] = {
         np.array([7.0, 0.0]),
     ),
     "simulate_drive_train": _train("simulate_drive_train"),
-    "drive_train_sensitivities": _train(
-        "drive_train_sensitivities", outputs=[0, 2], directions=np.eye(len(_core.DRIVE_TRAIN_PARAMETERS))[:1]
-    ),
-    "drive_train_products": _train(
-        "drive_train_products",
-        outputs=[0, 2],
-        directions=np.eye(len(_core.DRIVE_TRAIN_PARAMETERS))[:1],
-        scale=np.ones(2),
-        measured=np.zeros((2, 1000)),
-        offsets=np.zeros(2),
-        filters=np.ones((2, 1)),
-    ),
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),
     "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
     "ship_observed": _ship("ship_observed"),

@@ -15,7 +15,6 @@ from tests.twins.plant import N_E, UNLIMITED
 SIX = np.ones(6)
 LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.0, 0.0])
 LINEAR_RUN = (np.zeros(8), 0.01, "zero", np.zeros(2))
-ONE = np.array([[float(name == "A1") for name in _core.DRIVE_TRAIN_PARAMETERS]])
 
 
 def leftover_arguments():
@@ -35,14 +34,6 @@ KERNELS = {
     "simulate_plant": (plant.vector(), *UNLIMITED, np.full(4, N_E), 0.01, 1, "rk4", "zero", np.zeros(2)),
     "simulate_drive_train": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
     "_drive_train_rates": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), N_E, 10.0),
-    "drive_train_sensitivities": (
-        *(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
-        *([0], ONE),
-    ),
-    "drive_train_products": (
-        *(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
-        *([0], ONE, np.ones(1), np.ones((1, 4)), np.zeros(1), np.ones((1, 1))),
-    ),
     "simulate_linear": (LINEAR, *LINEAR_RUN, [0]),
     "linear_sensitivities": (LINEAR, *LINEAR_RUN, [0], [0]),
     "linear_products": (LINEAR, *LINEAR_RUN, [0], np.ones((1, 8)), np.zeros(1), np.ones((1, 1)), [0]),

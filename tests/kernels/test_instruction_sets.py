@@ -24,12 +24,6 @@ RUN = (N_SET, 1.0 / RATE_HZ, 2, "first")
 TRAIN = vector(
     fuel_lag=0.05, set_dead_time=0.013, torque_exponent=2.17, torque_coefficient=8.7, shaft_stiffness=2e5
 )
-DIRECTIONS = np.array(
-    [
-        [float(name == wanted) for name in _core.DRIVE_TRAIN_PARAMETERS]
-        for wanted in ("inertia", "A1", "Kp_abs", "torque_exponent", "initial_speed", "set_dead_time")
-    ]
-)
 EDGES = np.cumsum(RNG.uniform(0.01, 0.02, size=400))
 CUBICS = RNG.normal(size=(4, len(EDGES) - 1))
 
@@ -57,22 +51,6 @@ def repeats():
     once = N_SET.astype(np.float32)
     scan.feed(np.concatenate([once, once[1000:]]))
     return scan.candidates()
-
-
-def products_of_train():
-    return _core.drive_train_products(
-        TRAIN,
-        *UNLIMITED,
-        np.ones(6),
-        NO_QUADRANTS,
-        *RUN,
-        [0, 2],
-        DIRECTIONS,
-        np.ones(2),
-        MEASURED,
-        np.zeros(2),
-        FILTERS,
-    )
 
 
 def leftover():
@@ -116,15 +94,6 @@ FUSED = {
     "linear products without a dead time": lambda: _core.linear_products(
         without_dead_time(), *COMMON, [0, 2], MEASURED, np.array([0.1, 0.2]), FILTERS, [0, 1, 3, 4]
     )[0],
-    "sensitivities of the drive train": lambda: np.concatenate(
-        [
-            part.ravel()
-            for part in _core.drive_train_sensitivities(
-                TRAIN, *UNLIMITED, np.ones(6), NO_QUADRANTS, *RUN, [0, 2, 3], DIRECTIONS
-            )
-        ]
-    ),
-    "products of the drive train": lambda: products_of_train()[0],
     "sensitivities of the ship": lambda: _core.ship_sensitivities(*SHIP, [0, 2, 3], SHIP_WRT)[1],
     "ship as a record shows it": lambda: _core.ship_observed(
         *SHIP, 1, [0, 2], SHIP_WRT, np.zeros((SAMPLES, 2), dtype=bool), np.full(9, 0.1), 2

@@ -263,6 +263,38 @@ def test_what_makes_no_sense_is_refused_in_a_line(place, wrong, message):
     assert "\n" not in str(caught.value)
 
 
+def test_an_envelope_is_the_limit_it_draws_and_bends_where_it_does():
+    u, _ = record()
+    wrt = places("tau_n", "g", "K_p", "K_i", "p")
+    arguments = (u, NO_LOAD, DT, 10, "first", ALL)
+    line = _core.ship_sensitivities(vector(M_max=1.05, M_max_slope=-0.5), *arguments, wrt)
+    straight = np.array([[0.5, 1.0, 1.5], [1.3, 1.05, 0.8]])
+    for found, expected in zip(
+        _core.ship_sensitivities(vector(), *arguments, wrt, straight), line, strict=True
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
+    bent = np.array([[0.9, 1.0, 1.1], [1.02, 1.05, 1.05]])
+    values, slopes = _core.ship_sensitivities(vector(), *arguments, wrt, bent)
+    np.testing.assert_array_equal(values, _core.simulate_ship(vector(), *arguments, bent))
+    highest = np.interp(1.0 + values[0], *bent)
+    reached = 1.0 + values[1] > highest - 1e-9
+    assert 0.1 < reached.mean() < 0.9
+    assert (1.0 + values[1] <= highest + 1e-12).all()
+    for place, slope in zip(wrt, slopes, strict=True):
+        moved = [vector() for _ in range(2)]
+        for one, step in zip(moved, (1e-6, -1e-6), strict=True):
+            one[place] += step
+        high, low = (_core.simulate_ship(one, *arguments, bent) for one in moved)
+        np.testing.assert_allclose(slope[0], (high[0] - low[0]) / 2e-6, atol=1e-4 * np.abs(slope[0]).max())
+
+
+def test_an_envelope_stands_in_place_of_a_limit():
+    with pytest.raises(InputError, match="M_max beside an envelope"):
+        _core.simulate_ship(
+            vector(M_max=1.1), np.ones(5), NO_LOAD, DT, 1, "first", [0], np.array([[1.0], [1.2]])
+        )
+
+
 @pytest.mark.parametrize("name", ["M_max", "T_s", "tau_twist", "anti_windup", "zeta_twist"])
 def test_what_has_no_derivative_is_refused(name):
     with pytest.raises(InputError, match=name):

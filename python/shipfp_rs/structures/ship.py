@@ -56,6 +56,10 @@ class ShipEquations(Equations):
     """Whether the experiment's load torque drives the model, too."""
     mean_sampling: bool = False
     """Whether a governor that samples acts as one that is half a period late."""
+    envelope: tuple[tuple[float, float], ...] = ()
+    """Points of the highest torque by speed, both over the operating point's; none: no limit but M_max."""
+    substeps: int = 0
+    """Steps a sample; 0 leaves it to the kernel."""
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
@@ -91,7 +95,11 @@ class ShipEquations(Equations):
 
     def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
         load = experiment.normalised("M_load") if self.loaded else np.empty(0)
-        return 1.0 + experiment.dn_set, load, 1.0 / experiment.rate_hz, 0, experiment.hold
+        return 1.0 + experiment.dn_set, load, 1.0 / experiment.rate_hz, self.substeps, experiment.hold
+
+    @property
+    def _limit(self) -> Array | None:
+        return np.ascontiguousarray(np.array(self.envelope).T) if self.envelope else None
 
     def stable(self, values: Values) -> bool:
         """Whether the loop is stable about the operating point, judged without lag and sampling."""
@@ -132,7 +140,7 @@ class ShipEquations(Equations):
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         inputs = self._inputs(experiment)
-        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs)
+        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self._limit)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
@@ -141,6 +149,7 @@ class ShipEquations(Equations):
             *self._inputs(experiment),
             self._kernel_outputs,
             self._columns(names),
+            self._limit,
         )
 
     def response(

@@ -1,7 +1,6 @@
 //! Sums of products of a record's residuals and sensitivities: all that a search needs to know of a record, however it weighs.
 
 use super::columns::Columns;
-use super::measured::{require_filters, require_numbers};
 use super::sums::{Combination, Sums};
 use crate::error::{Error, Result, require};
 use crate::linear::basis::{Basis, Span};
@@ -169,4 +168,22 @@ impl<'a> Record<'a> {
         }
         Products { values, columns: all.len() / outputs, count: sums.count }
     }
+}
+
+/// Refuse another number of values, or values that are not finite.
+fn require_numbers(name: &str, values: &[f64], count: usize) -> Result<()> {
+    require(values.len() == count && values.iter().all(|value| value.is_finite()), || {
+        format!("{name} is {values:?}, expected {count} finite numbers")
+    })
+}
+
+/// Refuse filters that are not one row of 1 to `most` finite taps for each output.
+fn require_filters(filters: &[f64], outputs: usize, most: usize) -> Result<()> {
+    let taps = filters.len() / outputs.max(1);
+    require(filters.len() == outputs * taps && (1..=most).contains(&taps), || {
+        format!("filters has {} values, expected {outputs} rows of 1 to {most}", filters.len())
+    })?;
+    require(filters.iter().all(|tap| tap.is_finite()), || {
+        "filters holds a value that is not finite, expected finite numbers".to_owned()
+    })
 }

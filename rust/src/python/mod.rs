@@ -16,7 +16,6 @@ mod plant;
 mod pulse;
 mod pyramid;
 mod residual_correlation;
-mod sensitivity;
 mod statespace;
 mod stepper;
 mod streaming;
@@ -37,7 +36,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     pulse::register(module)?;
     duplicate_rows::register(module)?;
     pyramid::register(module)?;
-    sensitivity::register(module)?;
     statespace::register(module)?;
     stepper::register(module)?;
     Ok(())

@@ -4,15 +4,16 @@ use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Sensitivities, Vector, borrow, expect_shape, filled, filled_with_derivatives};
+use super::arrays::{Matrix, Sensitivities, Vector, borrow, expect_shape, filled, filled_with_derivatives};
 use crate::error::require;
 use crate::memory::zeros;
 use crate::stepper::{
-    Decimation, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe, simulate,
+    Decimation, Envelope, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe, simulate,
 };
 
 /// Simulate the ship; [O, N].
 #[pyfunction]
+#[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, envelope=None))]
 #[allow(clippy::too_many_arguments)]
 fn simulate_ship<'py>(
     py: Python<'py>,
@@ -23,12 +24,15 @@ fn simulate_ship<'py>(
     substeps: usize,
     hold: &str,
     outputs: Vec<usize>,
+    envelope: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![])?.0)
+    Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![], envelope)?.0)
 }
 
-/// Simulated outputs [O, N] and their derivatives [W, O, N] by the parameters of index `wrt`.
+/// Simulated outputs [O, N] and their derivatives [W, O, N] by the parameters of index `wrt`; `envelope` [2, K] has the
+/// highest torque by speed.
 #[pyfunction]
+#[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, wrt, envelope=None))]
 #[allow(clippy::too_many_arguments)]
 fn ship_sensitivities<'py>(
     py: Python<'py>,
@@ -40,11 +44,14 @@ fn ship_sensitivities<'py>(
     hold: &str,
     outputs: Vec<usize>,
     wrt: Vec<usize>,
+    envelope: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Sensitivities<'py>> {
     let parameters = vector(parameters)?;
     let (u, load): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("load", load)?);
     let substeps = if substeps == 0 { parameters.substeps(dt) } else { substeps };
     let run = Run::new(u.as_slice()?, load.as_slice()?, dt, substeps, hold.parse()?, 1)?;
+    let envelope = limit(envelope.as_ref())?;
+    let run = run.below(&envelope);
     let outputs = Output::from_indices(&outputs)?;
     let task = Task { parameters, outputs: &outputs, wrt: &wrt };
     let (width, count, samples) = (1 + wrt.len(), outputs.len(), run.seen());
@@ -97,6 +104,16 @@ fn ship_observed<'py>(
         simulate(&task, &run, &mut rows, stop)?;
         observe(&mut rows, masked, outputs.len(), &low_pass, seen, stop)
     })
+}
+
+/// Rows of speeds and of torques; without them no limit.
+fn limit(envelope: Option<&Bound<'_, PyAny>>) -> PyResult<Envelope> {
+    let Some(envelope) = envelope else { return Ok(Envelope::new(&[], &[])?) };
+    let points: Matrix<'_> = borrow("envelope", envelope)?;
+    let count = points.shape()[1];
+    expect_shape("envelope", points.shape(), [2, count], "speed, torque; points")?;
+    let (speed, torque) = points.as_slice()?.split_at(count);
+    Ok(Envelope::new(speed, torque)?)
 }
 
 fn vector(parameters: &Bound<'_, PyAny>) -> PyResult<Parameters> {

@@ -122,7 +122,7 @@ impl Acting {
             lag: acts(at::TAU_ACT),
             hold: acts(at::HOLD) && parameters.is_off(at::T_S),
             at_once: parameters.of(at::TAU_ACT) == 0.0 && !rate,
-            torque_limit: acts(at::M_MAX) || acts(at::M_MIN),
+            torque_limit: acts(at::M_MAX) || acts(at::M_MIN) || run.envelope.is_some(),
             rate,
             rack_limit: acts(at::X_MAX) || acts(at::X_MIN),
             anti_windup: parameters.of(at::ANTI_WINDUP) == 1.0,

@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! e(t) = s_u u(t - T_set) + u_0 - N    dI/dt = e          X = K_p e + K_i I - K_d dN/dt
-//! tau_act dA/dt = X(t - T_d) - A, |dA/dt| <= rate          M_b = 1 + g (N - 1) + v A, M_min <= M_b <= M_max
+//! tau_act dA/dt = X(t - T_d) - A, |dA/dt| <= rate          M_b = 1 + g (N - 1) + v A, M_min <= M_b <= M_max or envelope(N)
 //! L = N^p + curvature (N - 1)^2 + damping (N - 1) + load_gain w        tau_n dN/dt = M_b - L
 //! ```
 //!
@@ -24,6 +24,7 @@
 
 mod command;
 mod constants;
+mod envelope;
 mod inputs;
 mod late;
 mod law;
@@ -36,6 +37,7 @@ mod shaft;
 mod step;
 mod torque;
 
+pub use envelope::Envelope;
 pub use observe::{Decimation, observe};
 pub use output::{OUTPUTS, Output};
 pub use parameters::{OFF, PARAMETERS, Parameters};

@@ -9,6 +9,7 @@ use crate::integrate::Hold;
 use crate::scalar::{Dual, Scalar, Tangent};
 use crate::stop::Stop;
 
+use super::envelope::Envelope;
 use super::late::Late;
 use super::output::{OUTPUTS, Output};
 use super::parameters::{Parameters, at};
@@ -37,6 +38,8 @@ pub struct Run<'a> {
     pub hold: Hold,
     /// Every so manieth sample is seen.
     pub stride: usize,
+    /// Highest torque by speed, both over the operating point's, in place of `M_max`.
+    pub envelope: Option<&'a Envelope>,
 }
 
 impl<'a> Run<'a> {
@@ -71,7 +74,13 @@ impl<'a> Run<'a> {
                 )));
             }
         }
-        Ok(Self { set, load, dt, substeps, hold, stride })
+        Ok(Self { set, load, dt, substeps, hold, stride, envelope: None })
+    }
+
+    /// Below a torque-speed envelope.
+    #[must_use]
+    pub fn below(self, envelope: &'a Envelope) -> Self {
+        Self { envelope: (!envelope.is_unlimited()).then_some(envelope), ..self }
     }
 
     /// The step [s].
@@ -113,6 +122,9 @@ impl Task<'_> {
 /// [`Error::Stopped`] on request.
 pub fn simulate(task: &Task<'_>, run: &Run<'_>, rows: &mut [f64], stop: &Stop) -> Result<()> {
     task.parameters.check_wrt(task.wrt)?;
+    require(run.envelope.is_none() || task.parameters.is_off(at::M_MAX), || {
+        "found M_max beside an envelope, expected one of them".to_owned()
+    })?;
     let length = run.seen() * task.outputs.len() * (1 + task.wrt.len());
     require(rows.len() == length, || format!("found room for {} values, expected {length}", rows.len()))?;
     require(task.wrt.len() <= MOST_DIRECTIONS, || {

@@ -4,6 +4,7 @@ use crate::scalar::Scalar;
 
 use super::command::{Clock, DeadTime};
 use super::constants::{Acting, Constants};
+use super::envelope::Envelope;
 use super::inputs::{Input, Span};
 use super::law::Law;
 use super::output::Output;
@@ -31,6 +32,7 @@ pub struct Ahead<T> {
 pub struct Ship<'a, T> {
     pub(super) c: Constants<T>,
     pub(super) acting: Acting,
+    pub(super) envelope: Option<&'a Envelope>,
     channel_delays: [T; 2],
     pub(super) set: Input<'a, T>,
     load: Input<'a, T>,
@@ -118,6 +120,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
             law_of,
             c,
             acting,
+            envelope: run.envelope,
             set,
             load,
         };

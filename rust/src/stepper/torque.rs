@@ -20,7 +20,7 @@ impl<T: Scalar> Ship<'_, T> {
     #[inline(always)]
     pub(super) fn within_torque(&self, torque: T, apart: T) -> (T, i8) {
         if self.acting.torque_limit {
-            let highest = self.c.highest.plus_product(self.c.highest_slope, apart);
+            let highest = self.highest(apart);
             if self.c.softness.value() > 0.0 {
                 return self.softly_within(torque, highest);
             }
@@ -32,6 +32,17 @@ impl<T: Scalar> Ship<'_, T> {
             }
         }
         (torque, 0)
+    }
+
+    #[inline(always)]
+    fn highest(&self, apart: T) -> T {
+        match self.envelope {
+            Some(envelope) => {
+                let [torque, slope] = envelope.at(apart.value() + 1.0);
+                apart.function(torque, slope)
+            }
+            None => self.c.highest.plus_product(self.c.highest_slope, apart),
+        }
     }
 
     /// The mean torque below a limit that noise reaches now and then: highest - softness ln(1 + exp z) with

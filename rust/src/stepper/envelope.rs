@@ -1,0 +1,93 @@
+//! Torque-speed envelope of the engine (Fig. 3.3): the torque it can't exceed, linear between points, constant outside.
+
+use crate::error::{Error, Result, require};
+
+/// Points by ascending speed; none means unlimited.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Envelope {
+    speed: Vec<f64>,
+    torque: Vec<f64>,
+}
+
+impl Envelope {
+    /// Check and collect.
+    ///
+    /// # Errors
+    /// Where the points differ in number, are not finite, or the speeds don't ascend.
+    pub fn new(speed: &[f64], torque: &[f64]) -> Result<Self> {
+        require(speed.len() == torque.len(), || {
+            format!("limit_torque has {} values, expected {} as in limit_speed", torque.len(), speed.len())
+        })?;
+        for (name, values) in [("limit_speed", speed), ("limit_torque", torque)] {
+            if let Some(bad) = values.iter().position(|value| !value.is_finite()) {
+                let found = values[bad];
+                return Err(Error::Invalid(format!("{name}[{bad}] is {found}, expected a finite number")));
+            }
+        }
+        if let Some(bad) = (1..speed.len()).find(|&i| speed[i] <= speed[i - 1]) {
+            let (found, before) = (speed[bad], speed[bad - 1]);
+            return Err(Error::Invalid(format!(
+                "limit_speed[{bad}] is {found} after {before}, expected ascending speeds"
+            )));
+        }
+        Ok(Self { speed: speed.to_vec(), torque: torque.to_vec() })
+    }
+
+    /// Whether there is no limit at any speed.
+    #[must_use]
+    pub const fn is_unlimited(&self) -> bool {
+        self.speed.is_empty()
+    }
+
+    /// Highest torque at a speed, and its slope; at a point the slope of the piece above it.
+    #[inline(always)]
+    #[must_use]
+    pub fn at(&self, speed: f64) -> [f64; 2] {
+        let above = self.speed.iter().position(|&point| speed < point).unwrap_or(self.speed.len());
+        let below = above.checked_sub(1).map(|below| (self.speed[below], self.torque[below]));
+        match (below, self.torque.get(above)) {
+            (Some((from, torque)), Some(next)) => {
+                let slope = (next - torque) / (self.speed[above] - from);
+                [torque + slope * (speed - from), slope]
+            }
+            (Some((_, torque)), None) | (None, Some(&torque)) => [torque, 0.0],
+            (None, None) => [f64::INFINITY, 0.0],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const SPEED: [f64; 4] = [10.0, 15.0, 15.5, 30.0];
+    const TORQUE: [f64; 4] = [100.0, 460.0, 440.0, 300.0];
+
+    proptest! {
+        #[test]
+        fn every_lookup_is_the_interpolation(speed in -5.0..40.0) {
+            let [torque, slope] = Envelope::new(&SPEED, &TORQUE).unwrap().at(speed);
+            let within = speed.clamp(SPEED[0], SPEED[3]);
+            let i = (0..3).rev().find(|&i| within >= SPEED[i]).unwrap_or(0);
+            let part = (within - SPEED[i]) / (SPEED[i + 1] - SPEED[i]);
+            let expected = TORQUE[i] * (1.0 - part) + TORQUE[i + 1] * part;
+            prop_assert!((torque - expected).abs() < 1e-12 * expected);
+            let steepness = (TORQUE[i + 1] - TORQUE[i]) / (SPEED[i + 1] - SPEED[i]);
+            let expected = if (SPEED[0]..SPEED[3]).contains(&speed) { steepness } else { 0.0 };
+            prop_assert!((slope - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    #[allow(clippy::float_cmp)] // Exact on purpose.
+    fn no_point_is_no_limit_one_is_a_constant_and_any_speed_is_survived() {
+        assert_eq!(Envelope::new(&[], &[]).unwrap().at(20.0), [f64::INFINITY, 0.0]);
+        assert_eq!(Envelope::new(&[20.0], &[446.0]).unwrap().at(7.0), [446.0, 0.0]);
+        let table = Envelope::new(&SPEED, &TORQUE).unwrap();
+        for speed in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+            let _ = table.at(speed);
+        }
+    }
+}
