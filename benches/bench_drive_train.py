@@ -14,7 +14,7 @@ from numba import njit
 from benches.bench_plant import DT, PARAMETERS, UNLIMITED
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import _core
-from shipfp_rs.vessel.drive_train import OFF
+from shipfp_rs.vessel.drive_train import OFF, PLANT_PARAMETERS
 
 SUBSTEPS = 10
 EVERY, LATE = 20, 50
@@ -38,7 +38,6 @@ IDLE = {
     "inflow": 1.0,
     "thrust_coefficient": 144.0,
     "ship_resistance": 0.0,
-    "limit_factor": 1.0,
 }
 SAMPLED = {
     "propeller_inertia": 2.81,
@@ -66,7 +65,7 @@ CASES["and ripple, exponent 2.17, drag"] = CASES["and firing, flexible shaft"] |
 
 def vector(**changes: float) -> np.ndarray:
     """Parameters of the launch with some elements on."""
-    plant = dict(zip(_core.PLANT_PARAMETERS, PARAMETERS.tolist(), strict=True))
+    plant = dict(zip(PLANT_PARAMETERS, PARAMETERS.tolist(), strict=True))
     values = plant | OFF | IDLE | START | changes
     return np.array([values[name] for name in _core.DRIVE_TRAIN_PARAMETERS])
 
@@ -165,7 +164,7 @@ def main() -> None:
         own = ("rack_rate", "fuel_lag", "torque_rate", "firing_interval", "firing_width")
         own += ("shaft_stiffness", "shaft_damping", "propeller_inertia")
         own += ("shaft_ripple", "blade_ripple", "drag_coefficient", "drag_exponent", "blades")
-        q = np.array([named[key] for key in (*_core.PLANT_PARAMETERS, *own)])
+        q = np.array([named[key] for key in (*PLANT_PARAMETERS, *own)])
 
         def twin(q=q):
             out = np.empty((5, samples))

@@ -18,7 +18,7 @@ import numpy as np
 
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import Vessel, _core
-from shipfp_rs.vessel.drive_train import OFF
+from shipfp_rs.vessel.drive_train import OFF, PLANT_PARAMETERS
 
 RATE_HZ = 200.0
 SHORT_S, LONG_S = 100.0, 1600.0
@@ -54,7 +54,7 @@ def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object
     tau_n, k_p, k_i = POLES[poles]
     vessel = Vessel.load("stan-launch-804")
     n_e = vessel.nominal_shaft_speed * vessel.plant_parameters()[1]
-    plant = dict(zip(_core.PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
+    plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     plant["inertia"] *= tau_n / 1.5
     plant["Kp_abs"] *= k_p / 10.0
     plant["Ki_abs"] *= k_i
@@ -79,7 +79,6 @@ def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object
             "ship_resistance": 500.0,
             "initial_ship_speed": 0.0,
             "crank_angle": 0.0,
-            "limit_factor": 1.0,
         }
         values = OFF | plant | start | changes
         return np.array([values[name] for name in names])

@@ -64,9 +64,7 @@ def plant(short: bool, repeats: int, adds: float) -> None:
     parameters, out = bench_plant.PARAMETERS, np.empty((4, samples))
 
     def ours() -> np.ndarray:
-        return _core.simulate_plant(
-            parameters, none, none, n_set, 0.01, 1, "rk4", "zero", bench_plant.INITIAL
-        )
+        return bench_plant.by_the_ship(parameters, (none, none), n_set, 1)
 
     def numba() -> np.ndarray:
         bench_plant.simulate(parameters, none, none, n_set, 0.01, 1, bench_plant.INITIAL, out)

@@ -10,7 +10,6 @@ __all__ = [
     "DRIVE_TRAIN_PARAMETERS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
-    "PLANT_PARAMETERS",
     "SHIP_OFF",
     "SHIP_OUTPUTS",
     "SHIP_PARAMETERS",
@@ -40,8 +39,8 @@ __all__ = [
     "ship_sensitivities",
     "simulate_drive_train",
     "simulate_linear",
-    "simulate_plant",
     "simulate_ship",
+    "simulate_ship_by",
     "simulate_statespace",
     "slope_at_even_times",
     "statespace_response",
@@ -53,20 +52,6 @@ def _instruction_sets() -> tuple[str, ...]: ...
 def _set_instruction_set(name: str | None) -> None: ...
 def _panic_for_test(message: str) -> None: ...
 def _spin_for_test() -> None: ...
-
-PLANT_PARAMETERS: tuple[str, ...]
-
-def simulate_plant(
-    parameters: NDArray[np.float64],
-    limit_speed: NDArray[np.float64],
-    limit_torque: NDArray[np.float64],
-    n_set: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    method: Literal["rk4", "heun", "euler"],
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-) -> NDArray[np.float64]: ...
 
 DRIVE_TRAIN_PARAMETERS: tuple[str, ...]
 
@@ -145,6 +130,17 @@ def simulate_ship(
     dt: float,
     substeps: int,
     hold: Literal["zero", "first"],
+    outputs: Sequence[int],
+    envelope: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]: ...
+def simulate_ship_by(
+    parameters: NDArray[np.float64],
+    u: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    method: Literal["rk4", "heun", "euler"],
+    hold: Literal["zero", "first"],
+    initial: NDArray[np.float64],
     outputs: Sequence[int],
     envelope: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]: ...

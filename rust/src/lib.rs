@@ -1,4 +1,4 @@
-//! Kernels of `shipfp_rs`: plant stepping, linear structure and its sums of products, pulse extraction.
+//! Kernels of `shipfp_rs`: the ship, linear structure and its sums of products, pulse extraction.
 
 pub mod cost;
 pub mod drive_train;
@@ -6,11 +6,11 @@ pub mod duplicate_rows;
 pub mod error;
 pub mod filter;
 mod finite;
+pub mod hold;
 pub mod instruction_set;
-pub mod integrate;
 pub mod linear;
 pub mod memory;
-pub mod plant;
+pub mod power;
 pub mod pulse;
 pub mod pyramid;
 pub mod residual_correlation;

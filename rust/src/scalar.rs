@@ -2,9 +2,8 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
-use crate::plant::{Polynomial, Power, Square, power_and_slopes};
 use crate::subnormal::{cut, cut_all};
 
 /// What the equations of a component ask of a number.
@@ -18,9 +17,6 @@ pub trait Scalar:
     + Add<f64, Output = Self>
     + Mul<f64, Output = Self>
 {
-    /// Whether numbers of this kind carry derivatives at all.
-    const CARRIES: bool;
-
     /// A number of the same kind that depends on nothing.
     #[must_use]
     fn constant(self, value: f64) -> Self;
@@ -58,29 +54,9 @@ pub trait Scalar:
     /// The number with its value and derivatives set to zero where they are tiny.
     #[must_use]
     fn cut(self) -> Self;
-
-    /// Run a long operation that several places need; for numbers with derivatives it is compiled once, not at each place.
-    fn apart<Op: WithSimd>(self, op: Op) -> Op::Output;
-
-    /// `self` |`self`|^(`exponent` - 1).
-    #[must_use]
-    fn power(self, exponent: Self) -> Self;
-
-    /// `self` |`self`|.
-    #[must_use]
-    fn square(self) -> Self;
-}
-
-/// The smaller of two; `other` where a comparison with it fails.
-#[inline(always)]
-#[must_use]
-pub fn smaller<T: Scalar>(number: T, other: T) -> T {
-    if number.value() < other.value() { number } else { other }
 }
 
 impl Scalar for f64 {
-    const CARRIES: bool = false;
-
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         value
@@ -119,26 +95,6 @@ impl Scalar for f64 {
     #[inline(always)]
     fn cut(self) -> f64 {
         cut(self)
-    }
-
-    #[inline(always)]
-    fn apart<Op: WithSimd>(self, op: Op) -> Op::Output {
-        op.with_simd(pulp::Scalar::new())
-    }
-
-    #[inline(always)]
-    fn power(self, exponent: f64) -> f64 {
-        // A branch that is always foreseen.
-        match exponent {
-            1.0 => self,
-            2.0 => self.square(),
-            _ => Polynomial::of(self, exponent),
-        }
-    }
-
-    #[inline(always)]
-    fn square(self) -> f64 {
-        Square::of(self, 2.0)
     }
 }
 
@@ -227,8 +183,6 @@ impl<S: Simd, const N: usize> Dual<S, N> {
 }
 
 impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
-    const CARRIES: bool = N > 0;
-
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         Self { value, slopes: Lanes([0.0; N]), ..self }
@@ -284,25 +238,6 @@ impl<S: Simd, const N: usize> Scalar for Dual<S, N> {
     fn cut(mut self) -> Self {
         cut_all(&mut self.slopes.0);
         Self { value: cut(self.value), ..self }
-    }
-
-    #[inline(always)]
-    fn apart<Op: WithSimd>(self, op: Op) -> Op::Output {
-        self.simd.vectorize(op)
-    }
-
-    #[inline(always)]
-    fn power(self, exponent: Self) -> Self {
-        if exponent == exponent.constant(1.0) {
-            return self;
-        }
-        let [value, by_base, by_exponent] = power_and_slopes(self.value, exponent.value);
-        self.function_with(exponent, value, [by_base, by_exponent])
-    }
-
-    #[inline(always)]
-    fn square(self) -> Self {
-        self.function(Square::of(self.value, 2.0), 2.0 * self.value.abs())
     }
 }
 
@@ -371,9 +306,10 @@ mod tests {
 
     /// Every operation at once, smooth for positive numbers.
     fn formula<T: Scalar>(x: T, y: T) -> T {
-        let sum = (x * y + x / y).plus(y, -3.0).plus_product(x, y + 1.0) + 2.0 + x.square();
+        let sum = (x * y + x / y).plus(y, -3.0).plus_product(x, y + 1.0) + 2.0;
         let both = x.function_with(y, x.value() * y.value(), [y.value(), x.value()]);
-        sum.power(y) - x.power(x.constant(2.17)) / y + both
+        let [value, slope] = [x.value().powf(2.17), 2.17 * x.value().powf(1.17)];
+        sum * sum - x.function(value, slope) / y + both
     }
 
     struct Formula([Tangent<8>; 2]);

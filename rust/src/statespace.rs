@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Complex, DMatrix, DVector};
 
 use crate::error::{Error, Result, require};
-use crate::integrate::Hold;
+use crate::hold::Hold;
 use crate::stop::Stop;
 use crate::subnormal::cut_all;
 

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from shipfp_rs import _core
-from tests.twins import drive_train, plant, ship
+from tests.twins import drive_train, ship
 
 NO_TABLE, NO_QUADRANTS = np.empty(0), np.empty((3, 0))
 STEPS = 1_000_000
@@ -57,15 +57,8 @@ def _linear(call: str, *given: object, samples: int = 8_000_000) -> Callable[[],
 WRT = [0, 1, 3, 4, 7]
 KERNELS: dict[str, Callable[[], object]] = {
     "spin": lambda: _core._spin_for_test(),
-    "simulate_plant": lambda: _core.simulate_plant(
-        plant.vector(),
-        *plant.UNLIMITED,
-        np.full(1000, 1300.0 / 60.0),
-        0.01,
-        STEPS,
-        "rk4",
-        "first",
-        np.array([7.0, 0.0]),
+    "simulate_ship_by": lambda: _core.simulate_ship_by(
+        ship.vector(), np.ones(10_000), 0.01, 60_000, "rk4", "first", np.array([0.99, 0.0]), [0]
     ),
     "simulate_drive_train": _train("simulate_drive_train"),
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),

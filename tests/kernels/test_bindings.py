@@ -8,7 +8,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from tests.twins import plant, ship
+from tests.twins import ship
 from tests.twins.drive_train import NO_QUADRANTS, vector
 from tests.twins.plant import N_E, UNLIMITED
 
@@ -31,7 +31,7 @@ def leftover_arguments():
 
 
 KERNELS = {
-    "simulate_plant": (plant.vector(), *UNLIMITED, np.full(4, N_E), 0.01, 1, "rk4", "zero", np.zeros(2)),
+    "simulate_ship_by": (ship.vector(), np.ones(4), 0.01, 1, "rk4", "zero", np.ones(2), [0]),
     "simulate_drive_train": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
     "_drive_train_rates": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), N_E, 10.0),
     "simulate_linear": (LINEAR, *LINEAR_RUN, [0]),

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from tests.kernels.test_plant_kernel import ENVELOPES, SEVEN_POINTS, assert_close, wander
+from tests.kernels.test_plant_kernel import simulate as simulate_plant
 from tests.twins import drive_train as twin
 from tests.twins import plant as plant_twin
 from tests.twins.drive_train import NO_QUADRANTS, vector
@@ -147,7 +148,7 @@ def test_with_all_elements_off_it_is_the_plant(exponent, hold, envelope):
     n_set, start = wander(400, scale=0.1), np.array([N_E / 3.0, 0.0])
     found = simulate(n_set, hold=hold, envelope=ENVELOPES[envelope], torque_exponent=exponent)
     parameters = plant_twin.vector(torque_exponent=exponent)
-    plant = _core.simulate_plant(parameters, *ENVELOPES[envelope], n_set, 0.02, 4, "rk4", hold, start)
+    plant = simulate_plant(parameters, ENVELOPES[envelope], n_set, 0.02, 4, "rk4", hold, start)
     assert_close(np.array([found[name] for name in ("n_s", "E_n", "X_f", "M_b")]), plant, 1e-10)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from tests.twins import plant, ship
+from tests.twins import ship
 from tests.twins.drive_train import NO_QUADRANTS, vector
 from tests.twins.plant import N_E, UNLIMITED
 
@@ -76,6 +76,9 @@ EXACT = {
     "spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
     "running median": lambda: _core.running_median(N_SET, 31),
     "drive train": lambda: _core.simulate_drive_train(TRAIN, *UNLIMITED, np.ones(6), NO_QUADRANTS, *RUN),
+    "ship by Heun": lambda: _core.simulate_ship_by(
+        ship.vector(), 1.0 + DN_SET, 0.01, 2, "heun", "first", np.array([1.0, 0.0]), [0, 1, 2, 3, 4]
+    ),
     "ship": lambda: _core.simulate_ship(*SHIP, [0, 1, 2, 3, 4]),
     "frequency response": lambda: _core.linear_response(LINEAR, np.linspace(0.0, 20.0, 99), [0, 2]),
     "state space": lambda: _core.simulate_statespace(
@@ -98,17 +101,6 @@ FUSED = {
     "ship as a record shows it": lambda: _core.ship_observed(
         *SHIP, 1, [0, 2], SHIP_WRT, np.zeros((SAMPLES, 2), dtype=bool), np.full(9, 0.1), 2
     ),
-    "plant": lambda: _core.simulate_plant(
-        plant.vector(torque_exponent=2.01),
-        *UNLIMITED,
-        N_SET,
-        0.01,
-        2,
-        "rk4",
-        "first",
-        np.array([N_E / 3.0, 0.0]),
-    ),
-    "leftover": lambda: np.concatenate([part.ravel() for part in leftover()]),
 }
 """The same bits wherever multiply-adds are fused, within rounding of them elsewhere."""
 

@@ -1,4 +1,4 @@
-"""The plant kernel against its NumPy twin, an independent solution of high order, and what physics demands."""
+"""The thesis's plant as a ship with a method of one's choice: its NumPy twin, a solution of high order, and physics."""
 
 import csv
 from itertools import pairwise
@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS
 from tests.twins import plant as twin
 from tests.twins.plant import M_B, N_E, UNLIMITED, vector
+from tests.twins.ship import vector as ship_vector
 
 METHODS = ["euler", "heun", "rk4"]
 HOLDS = ["zero", "first"]
@@ -37,7 +39,29 @@ def wander(samples, seed=804, scale=0.06):
 
 
 def simulate(parameters, envelope, n_set, dt=0.01, substeps=1, method="rk4", hold="first", initial=AT_REST):
-    return _core.simulate_plant(parameters, *envelope, n_set, dt, substeps, method, hold, initial)
+    """Rows n_s, E_n, X_f, M_b of the plant, divided by its steady state at N_E for the kernel."""
+    q = dict(zip(PLANT_PARAMETERS, parameters.tolist(), strict=True))
+    n_s, ratio = N_E / q["gear_ratio"], q["gear_ratio"] * q["transmission_efficiency"]
+    torque = q["torque_coefficient"] * n_s ** q["torque_exponent"] / ratio
+    rack = (torque - q["A2"] * N_E - q["A3"]) / q["A1"]
+    # A rack that is not the steady one without an error is a sum that is not zero.
+    sum_of_rack = (q["X_0"] - rack) / q["Ki_abs"] if q["Ki_abs"] else 0.0
+    ship = ship_vector(
+        tau_n=2.0 * np.pi * q["inertia"] * n_s / (torque * ratio),
+        g=q["A2"] * N_E / torque,
+        v=q["A1"] * rack / torque,
+        K_p=q["Kp_abs"] * N_E / rack,
+        K_i=q["Ki_abs"] * N_E / rack,
+        p=q["torque_exponent"],
+        M_min=q["minimum_torque"] / torque,
+    )
+    start = np.array([initial[0] / n_s, (initial[1] + sum_of_rack) / N_E])
+    limit = np.array([envelope[0] / N_E, envelope[1] / torque])
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dE", "dX", "dM_b")]
+    rows = _core.simulate_ship_by(ship, n_set / N_E, dt, substeps, method, hold, start, outputs, limit)
+    scale = np.array([[n_s], [N_E], [rack], [torque]])
+    shift = np.array([[n_s], [-sum_of_rack], [rack], [torque]])
+    return rows * scale + shift
 
 
 def assert_close(found, expected, tolerance=1e-12):
@@ -49,7 +73,7 @@ def assert_close(found, expected, tolerance=1e-12):
 def similar_ship(seed):
     """A launch of which each parameter but the exponent lies up to a fifth from the launch's."""
     parameters = vector() * (1.0 + 0.2 * np.random.default_rng(seed).uniform(-1.0, 1.0, 12))
-    parameters[_core.PLANT_PARAMETERS.index("torque_exponent")] = 2.0
+    parameters[PLANT_PARAMETERS.index("torque_exponent")] = 2.0
     return parameters
 
 
@@ -65,10 +89,9 @@ def similar_ship(seed):
     ],
 )
 def test_agrees_with_the_equations_as_they_stand(method, hold, envelope, substeps, changes):
-    arguments = (vector(**changes), *ENVELOPES[envelope], wander(300), 0.02, substeps, method, hold)
-    initial = np.array([6.5, 0.8])
-    found = _core.simulate_plant(*arguments, initial)
-    expected = twin.simulate(*arguments, initial)
+    run = (wander(300), 0.02, substeps, method, hold, np.array([6.5, 0.8]))
+    found = simulate(vector(**changes), ENVELOPES[envelope], *run)
+    expected = twin.simulate(vector(**changes), *ENVELOPES[envelope], *run)
     limited = 0 < np.count_nonzero(expected[3] == expected[3].max()) < 300
     assert limited or envelope != "constant"
     assert_close(found, expected)
@@ -218,58 +241,43 @@ def test_divergence_names_sample_and_time(envelope, exponent):
 
 
 GOOD = {
-    "parameters": vector(),
-    "limit_speed": SEVEN_POINTS[0],
-    "limit_torque": SEVEN_POINTS[1],
-    "n_set": np.full(10, N_E),
+    "parameters": ship_vector(),
+    "u": np.ones(10),
     "dt": 0.01,
     "substeps": 1,
     "method": "rk4",
     "hold": "zero",
-    "initial": AT_REST,
+    "initial": np.array([1.0, 0.0]),
+    "outputs": [0],
+    "envelope": np.array([[0.5, 1.0, 1.5], [1.0, 2.0, 1.5]]),
 }
-
-
-def changed(values, index, value):
-    values = np.array(values)
-    values[index] = value
-    return values
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"parameters": np.ones(11)}, "parameters has 11 values, expected 12: inertia, gear_ratio,"),
-        ({"parameters": vector(inertia=0.0)}, "parameters: inertia is 0, expected a positive number"),
-        ({"parameters": vector(gear_ratio=-3.0)}, "gear_ratio is -3, expected a positive number"),
-        ({"parameters": vector(A1=np.nan)}, "A1 is NaN, expected a finite number"),
-        ({"parameters": vector(minimum_torque=np.inf)}, "minimum_torque is inf, expected a number, or minus"),
-        ({"limit_speed": np.array([1.0])}, "limit_torque has 7 values, expected 1 as in limit_speed"),
+        ({"parameters": np.ones(11)}, "parameters: found 11 values, expected 37"),
+        ({"parameters": ship_vector(tau_n=0.0)}, "found tau_n = 0, expected a positive number"),
+        ({"parameters": ship_vector(T_d=0.1)}, "found T_d, expected a ship without it"),
+        ({"parameters": ship_vector(anti_windup=1.0)}, "found anti_windup, expected a ship without it"),
+        ({"parameters": ship_vector(M_max=1.1)}, "found M_max beside an envelope"),
+        ({"envelope": np.ones((3, 4))}, r"envelope: found an array of shape \[3, 4\], expected \[2, 4\]"),
         (
-            {"limit_speed": changed(SEVEN_POINTS[0], 3, 18.0)},
-            r"limit_speed\[3\] is 18 after 18, expected asc",
+            {"envelope": np.array([[1.0, 1.0], [2.0, 2.0]])},
+            r"limit_speed\[1\] is 1 after 1, expected ascending",
         ),
-        ({"limit_torque": changed(SEVEN_POINTS[1], 2, np.nan)}, r"limit_torque\[2\] is NaN, expected a fini"),
-        ({"n_set": changed(np.full(10, N_E), 7, np.nan)}, "n_set is NaN at sample 7, expected finite"),
-        ({"n_set": np.empty(0)}, "n_set has no samples, expected at least 1"),
-        (
-            {"n_set": np.ones((2, 10))},
-            r"n_set: found float64 of shape \[2, 10\], expected a C-contiguous flo",
-        ),
-        ({"n_set": np.ones(20)[::2]}, "n_set: found float64 .* not C-contiguous, expected"),
-        (
-            {"n_set": np.ones(10, dtype=np.float32)},
-            "n_set: found float32 .*, expected a C-contiguous float64",
-        ),
-        ({"n_set": [1.0, 2.0]}, "n_set: found .*list.*, expected"),
+        ({"envelope": np.array([[1.0], [np.nan]])}, r"limit_torque\[0\] is NaN, expected a finite"),
+        ({"u": np.array([1.0, np.nan])}, r"u\[1\] is NaN, expected a finite number"),
+        ({"u": np.empty(0)}, "u has no samples, expected at least 1"),
+        ({"u": [1.0, 2.0]}, "u: found .*list.*, expected"),
         ({"dt": 0.0}, "dt is 0, expected a positive sample time"),
-        ({"dt": np.nan}, "dt is NaN, expected a positive"),
-        ({"substeps": 0}, "substeps is 0, expected at least 1"),
+        ({"substeps": 0}, "substeps is 0, expected 1 to"),
         ({"method": "rk45"}, "method is 'rk45', expected 'rk4', 'heun' or 'euler'"),
         ({"hold": "second"}, "hold is 'second', expected 'zero' or 'first'"),
         ({"initial": np.array([1.0])}, r"initial is \[1.0\], expected two finite numbers"),
+        ({"outputs": [9]}, "outputs: found 9, expected 0 to 5"),
     ],
 )
 def test_bad_arguments_are_named(changes, message):
     with pytest.raises(InputError, match=message):
-        _core.simulate_plant(*(GOOD | changes).values())
+        _core.simulate_ship_by(*(GOOD | changes).values())

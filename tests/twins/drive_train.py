@@ -34,7 +34,6 @@ DEFAULTS = {
     "initial_ship_speed": 0.0,
     "set_point_before": N_E,
     "crank_angle": 0.0,
-    "limit_factor": 1.0,
 }
 """Stan Launch 804, everything that can be added to the plant off."""
 
@@ -107,11 +106,7 @@ class _Run:
         return rack, (self.envelope_torque(n_e) - q["A2"] * n_e - q["A3"]) / q["A1"]
 
     def envelope_torque(self, n_e):
-        return (
-            self.q["limit_factor"] * float(np.interp(n_e, *self.envelope))
-            if self.envelope[0].size
-            else math.inf
-        )
+        return float(np.interp(n_e, *self.envelope)) if self.envelope[0].size else math.inf
 
     def command(self, miss, integrated, lead, filter_s, highest):
         """Rack that the governor orders, and whether its integral may go on."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from shipfp_rs._core import PLANT_PARAMETERS
+from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS
 from tests.twins.vectors import vectors
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.drive_train import DriveTrain, drive_train
 from shipfp_rs.vessel.linear_model import linearise
-from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
+from shipfp_rs.vessel.steady_state import OperatingPoint, ship_about, steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 Method = Literal["rk4", "heun", "euler"]
@@ -158,42 +158,33 @@ def _plant(
     vessel: Vessel, point: OperatingPoint, envelope: _Limit, run: _Run, method: Method
 ) -> dict[str, Array]:
     """Signals of the plant of eq. 3.1-3.11."""
-    n_s, E_n, X_f, M_b = _core.simulate_plant(
-        plant_about(vessel, point),
-        *envelope,
-        run.set_point,
+    rows = _core.simulate_ship_by(
+        ship_about(vessel, point),
+        run.set_point / point.n_e,
         run.dt,
         run.steps,
         method,
         run.hold,
-        np.array([point.n_s, 0.0]),
+        np.array([1.0, 0.0]),
+        [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dM_b", "dM_g", "dX", "dE")],
+        np.array([envelope[0] / point.n_e, envelope[1] / point.M_b]),
     )
-    M_s = M_b * vessel.gearbox.ratio * vessel.gearbox.efficiency
-    M_p = vessel.torque_coefficient * n_s * np.abs(n_s) ** (vessel.propeller.torque_exponent - 1.0)
-    propeller_side = vessel.propeller_side_inertia / vessel.inertia
+    N, M_b, M_g, X = 1.0 + rows[:4]
     return {
         "n_set": 60.0 * run.set_point,
-        "n_e": 60.0 * vessel.gearbox.ratio * n_s,
-        "n_s": n_s,
-        "M_b": M_b,
-        "M_s": M_s,
-        "M_g": M_p + propeller_side * (M_s - M_p),
-        "X_f": X_f,
-        "E_n": E_n,
+        "n_e": 60.0 * point.n_e * N,
+        "n_s": point.n_s * N,
+        "M_b": point.M_b * M_b,
+        "M_s": point.M_s * M_b,
+        "M_g": point.M_s * M_g,
+        "X_f": point.X_f * X,
+        "E_n": point.n_e * rows[4],
     }
 
 
 def _whole(train: DriveTrain, point: OperatingPoint, envelope: _Limit, run: _Run) -> dict[str, Array]:
     """Signals of the whole drive train."""
-    start = {
-        "X_0": point.X_f,
-        "initial_speed": point.n_s,
-        "initial_error": 0.0,
-        "initial_ship_speed": point.ship_speed,
-        "set_point_before": point.n_e,
-        "crank_angle": 0.0,
-    }
-    rows = _core.simulate_drive_train(*train.tables(envelope, **start), *run)
+    rows = _core.simulate_drive_train(*train.tables(envelope, **point.start), *run)
     found = dict(zip(("n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"), rows, strict=False))
     return {"n_set": 60.0 * run.set_point, **found, "n_e": 60.0 * found["n_e"]}
 

@@ -13,6 +13,11 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
+PLANT_PARAMETERS = _core.DRIVE_TRAIN_PARAMETERS[:12]
+"""Those of the plant of eq. 3.1-3.11: kg m2, -, -, Nm/mm, Nm/(rev/s), Nm, Nm/(rev/s)^p, -, mm, mm/(rev/s), mm/rev, Nm.
+
+M_p = torque_coefficient n_s |n_s|^(p - 1); M_b = A1 X + A2 n_e + A3 below the envelope, not below minimum_torque.
+"""
 OFF: Mapping[str, float] = {
     "shaft_stiffness": math.inf,
     "shaft_damping": 0.0,
@@ -127,7 +132,7 @@ def drive_train(vessel: Vessel) -> DriveTrain:
     propeller, ship, water = vessel.propeller, vessel.ship, vessel.water
     gearbox, firing = vessel.gearbox, vessel.engine.firing
     period = 0.0 if governor.sample_rate_hz is None else 1.0 / governor.sample_rate_hz
-    values = dict(zip(_core.PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True)) | {
+    values = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True)) | {
         "propeller_inertia": vessel.propeller_side_inertia,
         "shaft_stiffness": _or(shaft.stiffness_Nm_rad, math.inf),
         "shaft_damping": shaft.damping_Nms_rad,
@@ -160,7 +165,6 @@ def drive_train(vessel: Vessel) -> DriveTrain:
         * propeller.K_T,
         "ship_mass": ship.mass_kg if ship else math.inf,
         "ship_resistance": ship.resistance_N_s2_m2 if ship else 0.0,
-        "limit_factor": 1.0,
     }
     return DriveTrain(values, _strength(vessel), _quadrants(vessel))
 

@@ -17,8 +17,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.tables import package
-from shipfp_rs.vessel.drive_train import drive_train
-from shipfp_rs.vessel.steady_state import OperatingPoint, plant_about, steady_state
+from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
+from shipfp_rs.vessel.steady_state import OperatingPoint, steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
@@ -258,7 +258,7 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     (1.514, -0.583, 15.83)
     """
     point = steady_state(vessel, n_e_rpm)
-    plant = dict(zip(_core.PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
+    plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     time_per_inertia = 2.0 * math.pi * point.n_s / point.M_s
     drag = vessel.drag_torque(point.n_s) / point.M_s
     return LinearModel(
@@ -318,13 +318,11 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
 def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) -> Array:
     """Plant (dn/dt, X, M_b, M_g) over the steady state at relative deviations of (n, E, n_set) from it."""
     dn, dE, dn_set = deviation
-    plant, state = plant_about(vessel, point), np.array([point.n_s * (1.0 + dn), point.n_e * dE])
-    set_point = np.full(2, point.n_e * (1.0 + dn_set))
-    # One Euler step of one second gives the right-hand side, to rounding.
-    rows = _core.simulate_plant(plant, *vessel.envelope(), set_point, 1.0, 1, "euler", "zero", state)
-    n_s, _, X_f, M_b = rows
-    acceleration = (n_s[1] - n_s[0]) / point.n_s
-    M_p = vessel.torque_coefficient * n_s[0] ** vessel.propeller.torque_exponent
-    M_s = M_b[0] * vessel.gearbox.ratio * vessel.gearbox.efficiency
-    M_g = M_p + vessel.propeller_side_inertia / vessel.inertia * (M_s - M_p)
-    return np.array([acceleration, X_f[0] / point.X_f, M_b[0] / point.M_b, M_g / point.M_s])
+    n_s, n_set = point.n_s * (1.0 + dn), point.n_e * (1.0 + dn_set)
+    n_e = n_s * vessel.gearbox.ratio
+    state = np.array([n_s, n_s, 0.0, 0.0, 0.0, point.X_f, point.X_f, point.n_e * dE, n_e, 0.0])
+    tables = drive_train(vessel).tables(vessel.envelope(), **point.start)
+    command = _core._drive_train_rates(*tables, state, n_set, point.X_f)[len(state)]
+    rates = _core._drive_train_rates(*tables, state, n_set, float(command))
+    _, M_b, M_g, _, X_f = rates[len(state) :]
+    return np.array([rates[0] / point.n_s, X_f / point.X_f, M_b / point.M_b, M_g / point.M_s])

@@ -15,7 +15,7 @@ from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import positive
-from shipfp_rs.vessel.drive_train import drive_train
+from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
 _FASTEST_SHIP = 100.0
@@ -69,6 +69,18 @@ class OperatingPoint:
             "M_g": self.M_s,
             "X_f": self.X_f,
             "E_n": self.n_e,
+        }
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Where a simulation of the whole drive train begins, by the kernel's names."""
+        return {
+            "X_0": self.X_f,
+            "initial_speed": self.n_s,
+            "initial_error": 0.0,
+            "initial_ship_speed": self.ship_speed,
+            "set_point_before": self.n_e,
+            "crank_angle": 0.0,
         }
 
     @property
@@ -164,11 +176,24 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
     return float(brentq(surplus, 0.0, highest, xtol=1e-14, rtol=1e-15)) if pull else 0.0
 
 
-def plant_about(vessel: Vessel, point: OperatingPoint) -> Array:
-    """Return the plant's parameters with the governor's integral zero at `point`, shape (12,)."""
-    plant = vessel.plant_parameters()
-    plant[_core.PLANT_PARAMETERS.index("X_0")] = point.X_f
-    return plant
+def ship_about(vessel: Vessel, point: OperatingPoint) -> Array:
+    """Return the plant of eq. 3.1-3.11 divided by `point`, as parameters of the ship's kernel.
+
+    Its rack is the deviation from that at `point` over it, its envelope is not among the parameters.
+    """
+    plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
+    time_per_inertia = 2.0 * math.pi * point.n_s / point.M_s
+    values = dict(zip(_core.SHIP_PARAMETERS, _core.SHIP_OFF, strict=True)) | {
+        "tau_n": time_per_inertia * vessel.inertia,
+        "tau_prop": time_per_inertia * vessel.propeller_side_inertia,
+        "g": plant["A2"] * point.n_e / point.M_b,
+        "v": plant["A1"] * point.X_f / point.M_b,
+        "K_p": plant["Kp_abs"] * point.n_e / point.X_f,
+        "K_i": plant["Ki_abs"] * point.n_e / point.X_f,
+        "p": plant["torque_exponent"],
+        "M_min": plant["minimum_torque"] / point.M_b,
+    }
+    return np.array([values[name] for name in _core.SHIP_PARAMETERS])
 
 
 @dataclass(frozen=True)

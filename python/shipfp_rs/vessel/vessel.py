@@ -365,7 +365,7 @@ class Vessel(Sparse):
         return np.array(table.speed_rpm) / 60.0, np.array(table.torque_Nm)
 
     def plant_parameters(self) -> Array:
-        """Return the nonlinear plant's parameters in the order of `_core.PLANT_PARAMETERS`, shape (12,).
+        """Return the nonlinear plant's parameters in the order of `drive_train.PLANT_PARAMETERS`, (12,).
 
         The engine map (eq. 3.5) is the plane through the operating point with the relative slopes v and g.
         """

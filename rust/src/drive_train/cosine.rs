@@ -2,8 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::plant::polynomial;
-use crate::scalar::Scalar;
+use crate::power::polynomial;
 
 /// 1.5 2^52: adding it rounds to a whole number.
 const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -14,15 +13,8 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 /// the sine is s times a polynomial in s^2.
 #[inline(always)]
 #[must_use]
-pub fn cosine<T: Scalar>(turns: T) -> T {
-    let angle = from_whole(turns.value());
-    turns.function(sine_of_quarter(0.25 - angle.abs()), -TAU * sine(angle))
-}
-
-/// Sine of an angle of at most half a turn [rev].
-#[inline(always)]
-fn sine(angle: f64) -> f64 {
-    sine_of_quarter(0.25 - (angle.abs() - 0.25).abs()).copysign(angle)
+pub fn cosine(turns: f64) -> f64 {
+    sine_of_quarter(0.25 - from_whole(turns).abs())
 }
 
 /// Angle from the nearest whole turn [rev].

@@ -1,21 +1,13 @@
 //! Steps of the classical Runge-Kutta method, which end where signals jump or bend: at delayed samples and the governor's.
-//!
-//! Times are numbers that may carry derivatives, too, since the time of such a break depends on a dead time or on the
-//! crankshaft, and steps end at it. Before a sample is taken, the state moves to the time that
-//! stands still, at the rates from behind the break: what it loses at the rates before and gains at those behind is its
-//! derivative by the break's time. These moves have no length; plain numbers know nothing of them.
 
 use crate::error::Result;
-use pulp::{Simd, WithSimd};
-
-use crate::plant::Slope;
-use crate::scalar::{Scalar, smaller};
+use crate::stepper::Envelope;
 use crate::stop::Stop;
-use crate::subnormal::CUT_EVERY;
+use crate::subnormal::{CUT_EVERY, cut};
 
 use super::delay::Delay;
 use super::governor::{self, Timing};
-use super::motion::{Flow, FlowAt, Instant, Memory};
+use super::motion::{Flow, Instant, Memory};
 use super::set_point::SetPoint;
 use super::{DriveTrain, Run, State};
 
@@ -28,53 +20,38 @@ pub const NAMES: [&str; ROWS] = ["n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"
 
 /// Events closer than this share of a step are at one time.
 pub const SAME: f64 = 1e-8;
-/// Steps between two looks at the flag to stop; with many derivatives a step takes several microseconds.
+/// Steps between two looks at the flag to stop.
 const LOOK_EVERY: usize = 1 << 10;
 /// A time is moved by this share of a step to choose the side of a jump.
 const NUDGE: f64 = 1e-6;
 /// The error of a time is surely less than so many of its relative roundings.
 const ROUNDINGS: f64 = 8.0;
 
-/// The end of a step to be remembered, in one place.
-struct Remember<'m, 'a, L, T> {
-    march: &'m mut March<'a, L, T>,
-    time: T,
-    at: &'m Instant<T>,
-}
-
-impl<L: Slope, T: Scalar> WithSimd for Remember<'_, '_, L, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        self.march.remember(self.time, self.at);
-    }
-}
-
 /// A simulation under way.
-pub struct March<'a, L, T = f64> {
-    train: &'a DriveTrain<T>,
-    limit: L,
+pub struct March<'a> {
+    train: &'a DriveTrain,
+    limit: &'a Envelope,
     run: &'a Run<'a>,
-    set_point: SetPoint<'a, T>,
+    set_point: SetPoint<'a>,
     step: f64,
-    state: State<T>,
-    memory: Memory<T>,
-    delay: Delay<T>,
-    governor: governor::Memory<T>,
+    state: State,
+    memory: Memory,
+    delay: Delay,
+    governor: governor::Memory,
     /// Time of the governor's last and next sample [s], and of the next sample of the set point to arrive.
-    last_sample: T,
+    last_sample: f64,
     next_sample: f64,
-    next_arrival: T,
+    next_arrival: f64,
     samples_taken: u64,
     /// Whether the end of each step must be looked at.
     remembers: bool,
 }
 
-impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
+impl<'a> March<'a> {
     /// Before the first sample.
     #[inline(always)]
-    pub fn new(train: &'a DriveTrain<T>, limit: L, run: &'a Run<'a>) -> Self {
+    #[must_use]
+    pub fn new(train: &'a DriveTrain, limit: &'a Envelope, run: &'a Run<'a>) -> Self {
         let (state, memory) = train.start();
         let step = run.dt / run.substeps as f64;
         let set_point = SetPoint {
@@ -84,12 +61,12 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
             dead_time: train.set_dead_time,
             hold: run.hold,
         };
-        let zero = state.engine_side.constant(0.0);
         let dead_time = train.actuator.dead_time;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Saturates; a capacity only.
-        let steps = (dead_time.value() / step).min(1e4) as usize;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        // Saturates; a capacity only.
+        let steps = (dead_time / step).min(1e4) as usize;
         let mut delay = Delay::new(dead_time, memory.held, 2 * steps);
-        delay.push_break(zero);
+        delay.push_break(0.0);
         Self {
             train,
             limit,
@@ -101,7 +78,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                 filtered: state.filtered,
                 miss: train.set_point_before - state.engine_side * train.gearbox.ratio,
             },
-            last_sample: zero,
+            last_sample: 0.0,
             next_sample: if matches!(train.governor.timing, Timing::Every(_)) { 0.0 } else { f64::INFINITY },
             next_arrival: set_point.next_break(SAME * step),
             samples_taken: 0,
@@ -119,7 +96,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     #[inline(always)]
     pub fn through(
         mut self,
-        mut record: impl FnMut(usize, &[T; ROWS]) -> Result<()>,
+        mut record: impl FnMut(usize, &[f64; ROWS]) -> Result<()>,
         stop: &Stop,
     ) -> Result<()> {
         let (dt, substeps, samples) = (self.run.dt, self.run.substeps, self.run.set_speed.len());
@@ -132,16 +109,12 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                 stop.check()?;
             }
             if !shown {
-                self.move_to(&mut time, sample as f64 * dt);
+                time = sample as f64 * dt;
                 if sample % CUT_EVERY == 0 {
                     self.cut();
                 }
             }
             loop {
-                if self.is_sample_due(time.value()) {
-                    let now = time.value();
-                    self.move_to(&mut time, now);
-                }
                 let begin = self.begin(time);
                 if !shown {
                     record(sample, &self.row(&begin))?;
@@ -152,10 +125,10 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
                 }
                 let end = self.next_end(time, border, &begin);
                 // Time must advance even if rounding puts an event before it.
-                let end = if end.value() > time.value() { end } else { end.constant(border) };
+                let end = if end > time { end } else { border };
                 self.advance(time, end - time, &begin);
                 time = end;
-                if time.value() >= border {
+                if time >= border {
                     break;
                 }
             }
@@ -169,8 +142,8 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         self.state = self.state.cut();
         let governor::Memory { integrated, filtered, miss } = self.governor;
         self.governor =
-            governor::Memory { integrated: integrated.cut(), filtered: filtered.cut(), miss: miss.cut() };
-        self.memory.held = self.memory.held.cut();
+            governor::Memory { integrated: cut(integrated), filtered: cut(filtered), miss: cut(miss) };
+        self.memory.held = cut(self.memory.held);
     }
 
     /// Whether a governor that samples at times of its own is to do so.
@@ -187,50 +160,44 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
 
     /// By how much a time is moved to say which side of a jump is meant.
     #[inline(always)]
-    fn nudge(&self, time: T) -> f64 {
-        (NUDGE * self.step).max(2.0 * ROUNDINGS * f64::EPSILON * time.value())
+    fn nudge(&self, time: f64) -> f64 {
+        (NUDGE * self.step).max(2.0 * ROUNDINGS * f64::EPSILON * time)
     }
 
     /// The time at which a step must end, the border at the latest.
     #[inline(always)]
-    fn next_end(&mut self, now: T, border: f64, begin: &Flow<T>) -> T {
+    fn next_end(&mut self, now: f64, border: f64, begin: &Flow) -> f64 {
         let same = self.same(border);
-        let soon = now.value() + same;
-        if self.next_arrival.value() <= soon {
+        let soon = now + same;
+        if self.next_arrival <= soon {
             self.next_arrival = self.set_point.next_break(soon);
         }
-        let mut cut = smaller(self.next_arrival, self.delay.next_break(soon));
-        if self.next_sample > soon && self.next_sample < cut.value() - same {
-            cut = cut.constant(self.next_sample);
+        let mut cut = self.next_arrival.min(self.delay.next_break(soon));
+        if self.next_sample > soon && self.next_sample < cut - same {
+            cut = self.next_sample;
         }
         // If cylinders fired at the end of the step that passes their angle, the steps would show as a beat.
         let speed = begin.engine_speed;
         let wait = self.memory.firing.left(self.state.crank) / speed;
-        if wait.value() > 0.0 && wait.value() < 2.0 * self.step {
+        if wait > 0.0 && wait < 2.0 * self.step {
             let acceleration = begin.rates.engine_side * self.train.gearbox.ratio;
             let firing = now + wait / (acceleration * wait / speed * 0.5 + 1.0);
-            if firing.value() > soon {
-                cut = smaller(firing, cut);
+            if firing > soon {
+                cut = cut.min(firing);
             }
         }
-        if border - cut.value() >= same {
-            cut
-        } else if (cut.value() - border).abs() < same {
-            cut + (border - cut.value())
-        } else {
-            cut.constant(border)
-        }
+        if border - cut >= same { cut } else { border }
     }
 
     /// The signals at a time from which a step starts, once what is due there is done.
     #[inline(always)]
-    fn begin(&mut self, now: T) -> Flow<T> {
+    fn begin(&mut self, now: f64) -> Flow {
         if self.delay.acts() {
-            self.delay.forget(now.value());
+            self.delay.forget(now);
         }
         let timing = self.train.governor.timing;
         if let Timing::Every(period) = timing
-            && self.is_sample_due(now.value())
+            && self.is_sample_due(now)
         {
             self.samples_taken += 1;
             self.next_sample = self.samples_taken as f64 * period;
@@ -257,39 +224,17 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
 
     /// The signals at a time, behind what jumps there.
     #[inline(always)]
-    fn flow(&mut self, time: T) -> Flow<T> {
-        let at = self.instant(time, time.constant(0.0), self.nudge(time));
-        let Self { train, limit, memory, state, .. } = self;
-        time.apart(FlowAt { train, limit, memory, at: &at, state })
-    }
-
-    /// Move the state to a time that stands still, from one that may move but has the same value.
-    #[inline(always)]
-    fn move_to(&mut self, time: &mut T, still: f64) {
-        let still = time.constant(still);
-        if !time.is_constant() {
-            self.shift(*time, still - *time);
-        }
-        *time = still;
-    }
-
-    /// Move the state by a time without length, at the rates from behind what jumps there.
-    #[inline(always)]
-    fn shift(&mut self, time: T, lead: T) {
-        let flow = self.flow(time);
-        self.state = self.state.after(lead, &flow.rates);
-        if self.remembers {
-            let at = self.instant(time, lead, self.nudge(time));
-            time.apart(Remember { march: self, time: time + lead, at: &at });
-        }
+    fn flow(&mut self, time: f64) -> Flow {
+        let at = self.instant(time, 0.0, self.nudge(time));
+        self.train.flow(self.limit, &self.memory, &at, &self.state)
     }
 
     /// Let the governor compute.
     #[inline(always)]
-    fn sample(&mut self, time: T) {
+    fn sample(&mut self, time: f64) {
         let speed = self.state.engine_side * self.train.gearbox.ratio;
-        let ceiling = self.train.ceiling(&mut self.limit, speed, self.state.charge);
-        let set_speed = self.set_point.at(time, time.value() + self.nudge(time));
+        let ceiling = self.train.ceiling(self.limit, speed, self.state.charge);
+        let set_speed = self.set_point.at(time, time + self.nudge(time));
         let elapsed = time - self.last_sample;
         let held = self.memory.held;
         self.memory.held =
@@ -304,49 +249,33 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
     }
 
     #[inline(always)]
-    fn instant(&self, begin: T, elapsed: T, nudge: f64) -> Instant<T> {
+    fn instant(&self, begin: f64, elapsed: f64, nudge: f64) -> Instant {
         let time = begin + elapsed;
         Instant {
             elapsed,
-            set_speed: if self.samples_always() {
-                self.set_point.at(time, time.value() + nudge)
-            } else {
-                time.constant(f64::NAN)
-            },
+            set_speed: if self.samples_always() { self.set_point.at(time, time + nudge) } else { f64::NAN },
             arriving: if self.delay.acts() { Some(self.delay.at(time, nudge)) } else { None },
         }
     }
 
     /// A step of the classical Runge-Kutta method that starts with `begin`.
     #[inline(always)]
-    fn advance(&mut self, time: T, step: T, begin: &Flow<T>) {
-        let waits = T::CARRIES && self.train.governor.anti_windup && self.samples_always();
-        let begun = if waits {
-            Some(self.wait(&self.instant(time, time.constant(0.0), self.nudge(time))))
-        } else {
-            None
-        };
+    fn advance(&mut self, time: f64, step: f64, begin: &Flow) {
         let half = step * 0.5;
         let middle = self.instant(time, half, 0.0);
         let end = self.instant(time, step, -self.nudge(time));
-        let (mut rates, mut sum, mut torn) = (begin.rates, begin.rates, false);
+        let (mut rates, mut sum) = (begin.rates, begin.rates);
         // One place for the flow: in a closure that is called thrice it is not inlined.
         for stage in 0..3 {
             let last = stage == 2;
             let (at, by, weight) = if last { (&end, step, 1.0) } else { (&middle, half, 2.0) };
-            let state = self.state.after(by, &rates);
-            let Self { train, limit, memory, .. } = self;
-            rates = step.apart(FlowAt { train, limit, memory, at, state: &state }).rates;
-            torn |= (rates.error.value() == 0.0) != (begin.rates.error.value() == 0.0);
+            let state = self.state.plus(by, &rates);
+            rates = self.train.flow(self.limit, &self.memory, at, &state).rates;
             sum = sum.plus(weight, &rates);
         }
-        self.state = self.state.after(step * (1.0 / 6.0), &sum);
-        if let Some(begun) = begun {
-            let ended = self.wait(&end);
-            self.state.error = self.state.error + self.train.governor.switched(&begun, &ended, step, torn);
-        }
+        self.state = self.state.plus(step * (1.0 / 6.0), &sum);
         if self.remembers {
-            step.apart(Remember { march: self, time: time + step, at: &end });
+            self.remember(time + step, &end);
         }
     }
 
@@ -356,26 +285,17 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
         self.train.governor.timing == Timing::Continuous
     }
 
-    /// What decides now whether the governor's integral waits.
-    #[inline(always)]
-    fn wait(&mut self, at: &Instant<T>) -> governor::Wait<T> {
-        let Self { train, limit, state, .. } = self;
-        let speed = state.engine_side * train.gearbox.ratio;
-        let ceiling = train.ceiling(limit, speed, state.charge);
-        train.governor.wait(at.set_speed, speed, state.error, state.filtered, &ceiling)
-    }
-
     /// Keep what later steps need of the end of one.
     #[inline(always)]
-    fn remember(&mut self, time: T, at: &Instant<T>) {
-        let reached = self.train.fuel_path(&mut self.limit, &self.memory, at, &self.state);
+    fn remember(&mut self, time: f64, at: &Instant) {
+        let reached = self.train.fuel_path(self.limit, &self.memory, at, &self.state);
         self.memory.rack.advance(reached.fuel, at.elapsed);
         self.memory.torque.advance(reached.demand, at.elapsed);
         if self.delay.acts() && self.samples_always() {
             self.delay.push(time, reached.command.rack);
             // A continuous governor's command bends where a sample of the set point reaches it.
-            let since = (time.value() - self.set_point.dead_time.value()) / self.run.dt;
-            if (since - since.round()).abs() * self.run.dt < self.same(time.value()) {
+            let since = (time - self.set_point.dead_time) / self.run.dt;
+            if (since - since.round()).abs() * self.run.dt < self.same(time) {
                 self.delay.push_break(time);
             }
         }
@@ -383,7 +303,7 @@ impl<'a, L: Slope, T: Scalar> March<'a, L, T> {
 
     /// The outputs, in the order of [`NAMES`].
     #[inline(always)]
-    fn row(&self, flow: &Flow<T>) -> [T; ROWS] {
+    fn row(&self, flow: &Flow) -> [f64; ROWS] {
         let State { propeller, error, ship, .. } = self.state;
         [flow.engine_speed, propeller, flow.brake, flow.gauge, flow.shaft, flow.rack, error, ship]
     }

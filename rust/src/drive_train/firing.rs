@@ -1,7 +1,5 @@
 //! Torque of single firings: each takes its fuel at one moment and turns it into torque over its stroke.
 
-use crate::scalar::Scalar;
-
 use super::cosine::cosine;
 
 /// Angles closer than this are one [rev]: 50 ns at 20 rev/s.
@@ -9,7 +7,7 @@ const SAME_ANGLE: f64 = 1e-6;
 
 /// Firings in turn, equally spaced.
 #[derive(Debug, Clone)]
-pub struct Firing<T = f64> {
+pub struct Firing {
     /// Angle between firings [rev of the engine], zero for a torque without pulses.
     interval: f64,
     /// Angle over which a firing works [rev of the engine].
@@ -17,16 +15,16 @@ pub struct Firing<T = f64> {
     /// Each cylinder's torque over the mean of all, in the order of firing.
     strength: Vec<f64>,
     /// Torque for which each cylinder was last fuelled [Nm].
-    fuelled: Vec<T>,
+    fuelled: Vec<f64>,
     /// Number of the latest firing, the first one of the record being zero, and its cylinder.
     count: f64,
     latest: usize,
 }
 
-impl<T: Scalar> Firing<T> {
+impl Firing {
     /// Running steadily at a torque [Nm], a firing due at angle zero.
     #[must_use]
-    pub fn new(interval: f64, width: f64, strength: &[f64], torque: T) -> Self {
+    pub fn new(interval: f64, width: f64, strength: &[f64], torque: f64) -> Self {
         let fuelled = strength.iter().map(|&strength| torque * strength).collect();
         let latest = strength.len().saturating_sub(1);
         Self { interval, width, strength: strength.to_vec(), fuelled, count: -1.0, latest }
@@ -42,24 +40,20 @@ impl<T: Scalar> Firing<T> {
     /// Whether the next firing is due at an angle of the crankshaft [rev].
     #[inline(always)]
     #[must_use]
-    pub fn due(&self, crank: T) -> bool {
-        self.left(crank).value() <= SAME_ANGLE
+    pub fn due(&self, crank: f64) -> bool {
+        self.left(crank) <= SAME_ANGLE
     }
 
     /// Angle that is left to the next firing [rev], infinite where there is none.
     #[inline(always)]
     #[must_use]
-    pub fn left(&self, crank: T) -> T {
-        if self.acts() {
-            crank * -1.0 + (self.count + 1.0) * self.interval
-        } else {
-            crank.constant(f64::INFINITY)
-        }
+    pub fn left(&self, crank: f64) -> f64 {
+        if self.acts() { (self.count + 1.0) * self.interval - crank } else { f64::INFINITY }
     }
 
     /// Fire the next cylinder with the fuel for a mean torque [Nm].
     #[inline(always)]
-    pub fn fire(&mut self, torque: T) {
+    pub fn fire(&mut self, torque: f64) {
         self.count += 1.0;
         self.latest = if self.latest + 1 < self.strength.len() { self.latest + 1 } else { 0 };
         self.fuelled[self.latest] = torque * self.strength[self.latest];
@@ -68,15 +62,15 @@ impl<T: Scalar> Firing<T> {
     /// Torque at an angle of the crankshaft [rev]: a raised cosine over each working stroke, of mean one in their sum.
     #[inline(always)]
     #[must_use]
-    pub fn torque(&self, crank: T) -> T {
-        let mut torque = crank.constant(0.0);
+    pub fn torque(&self, crank: f64) -> f64 {
+        let mut torque = 0.0;
         let (mut firing, mut cylinder, per_width) = (self.count, self.latest, 1.0 / self.width);
         for _ in 0..self.fuelled.len() {
             let age = crank + firing * -self.interval;
-            if age.value() >= self.width {
+            if age >= self.width {
                 break;
             }
-            torque = torque + (cosine(age * per_width) * -1.0 + 1.0) * self.fuelled[cylinder];
+            torque += (1.0 - cosine(age * per_width)) * self.fuelled[cylinder];
             firing -= 1.0;
             cylinder = if cylinder == 0 { self.fuelled.len() } else { cylinder } - 1;
         }

@@ -1,7 +1,6 @@
 //! Speed governor: proportional, integral, and derivative of the filtered speed, between the limits of the rack.
 
-use crate::plant::limited;
-use crate::scalar::{Scalar, smaller};
+use super::engine::limited;
 
 /// When the governor computes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,19 +16,19 @@ pub enum Timing {
 /// Turns engine speed and its set point into the commanded fuel rack.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs)]
-pub struct Governor<T = f64> {
+pub struct Governor {
     /// Rack position without any error, `X_0` [mm].
-    pub base_rack: T,
+    pub base_rack: f64,
     /// [mm/(rev/s)].
-    pub proportional: T,
+    pub proportional: f64,
     /// [mm/rev].
-    pub integral: T,
+    pub integral: f64,
     /// Derivative gain, on the speed alone, so that a step of the set point gives no peak [mm s/(rev/s)].
-    pub derivative: T,
+    pub derivative: f64,
     /// Time constant of the derivative's filter [s].
-    pub filter: T,
-    pub minimum_rack: T,
-    pub maximum_rack: T,
+    pub filter: f64,
+    pub minimum_rack: f64,
+    pub maximum_rack: f64,
     /// Whether the integral is held while a limit acts on the command.
     pub anti_windup: bool,
     pub timing: Timing,
@@ -37,95 +36,38 @@ pub struct Governor<T = f64> {
 
 /// Limits of the command at a time: of the rack, and of the engine's torque.
 #[derive(Debug, Clone, Copy)]
-pub struct Ceiling<T = f64> {
+pub struct Ceiling {
     /// Limit of the rack [mm]: its stop and the smoke limit.
-    pub rack: T,
+    pub rack: f64,
     /// The rack at which the engine's torque meets its envelope [mm].
-    pub torque: T,
+    pub torque: f64,
 }
 
 /// A command and how the governor's memory changes.
 #[derive(Debug, Clone, Copy)]
-pub struct Command<T = f64> {
+pub struct Command {
     /// [mm].
-    pub rack: T,
+    pub rack: f64,
     /// Rate of the integrated error [rev/s].
-    pub error_rate: T,
+    pub error_rate: f64,
     /// Rate of the filtered speed [rev/s2].
-    pub filter_rate: T,
+    pub filter_rate: f64,
 }
 
-/// What decides whether anti-windup holds the integral.
-#[derive(Debug, Clone, Copy)]
-pub struct Wait<T = f64> {
-    /// Speed error [rev/s].
-    miss: T,
-    /// Excess of the command over the limit in the direction of the error [mm]; the integral is held where it is positive.
-    excess: T,
-}
-
-impl<T: Scalar> Governor<T> {
-    /// Whether the integral is held, for a governor that computes continuously.
+impl Governor {
     #[inline(always)]
-    #[must_use]
-    pub fn wait(&self, set_speed: T, speed: T, integrated: T, filtered: T, ceiling: &Ceiling<T>) -> Wait<T> {
-        let (miss, lead) = (set_speed - speed, speed - filtered);
-        let wanted = self.wanted(miss, integrated, lead, self.filter);
-        let excess = if miss.value() > 0.0 {
-            wanted - smaller(ceiling.rack, ceiling.torque)
-        } else {
-            self.minimum_rack - wanted
-        };
-        Wait { miss, excess }
-    }
-
-    /// A correction of the integral after a step from `begin` to `end`; its value is zero, it has derivatives only.
-    ///
-    /// Where the integral begins or ceases to be held its rate jumps. So the integral depends on the time of the jump, which a
-    /// step does not know. The derivative of this time is that of the excess over the excess' rate (di Bernardo et al. 2008,
-    /// *Piecewise-smooth Dynamical Systems*, section 2.5, the saltation matrix). Where the excess comes straight back, the
-    /// command slides along its limit, and the excess depends on nothing: so it does where the integral waited in some
-    /// stages of the step, `torn`, and yet not more at its end than at its begin.
-    #[inline(always)]
-    #[must_use]
-    pub fn switched(&self, begin: &Wait<T>, end: &Wait<T>, step: T, torn: bool) -> T {
-        let (from, to) = (begin.excess.value(), end.excess.value());
-        let switches = (from > 0.0) != (to > 0.0);
-        let turned = begin.miss.value() * end.miss.value() <= 0.0;
-        if turned || !(switches || torn) || !(from - to).is_finite() {
-            return step.constant(0.0);
-        }
-        let slides = |excess: T, by_integral: f64| (excess + -excess.value()) * (-1.0 / by_integral);
-        if !switches {
-            return slides(end.excess, self.integral.value() * end.miss.value().signum());
-        }
-        let part = from / (from - to);
-        let excess = begin.excess * (1.0 - part) + end.excess * part;
-        let miss = begin.miss.value() * (1.0 - part) + end.miss.value() * part;
-        let jump = if to > 0.0 { -miss } else { miss };
-        let by_integral = self.integral.value() * if miss > 0.0 { 1.0 } else { -1.0 };
-        let rate = (to - from) / step.value();
-        let after = rate + by_integral * jump;
-        if after * rate > 0.0 {
-            (excess + -excess.value()) * (jump / rate)
-        } else {
-            slides(excess, by_integral)
-        }
-    }
-
-    #[inline(always)]
-    fn wanted(&self, miss: T, integrated: T, lead: T, filter: T) -> T {
+    fn wanted(&self, miss: f64, integrated: f64, lead: f64, filter: f64) -> f64 {
         let wanted = self.base_rack + self.proportional * miss + self.integral * integrated;
-        if self.derivative.is_zero() { wanted } else { wanted - self.derivative * lead / filter }
+        if self.derivative == 0.0 { wanted } else { wanted - self.derivative * lead / filter }
     }
 
     /// What is ordered at a speed error [rev/s], its integral [rev] and a lead of the speed over the filtered one [rev/s],
     /// over so long a filter time [s]; and whether the integral may go on.
     #[inline(always)]
-    fn order(&self, miss: T, integrated: T, lead: T, filter: T, ceiling: &Ceiling<T>) -> (T, bool) {
+    fn order(&self, miss: f64, integrated: f64, lead: f64, filter: f64, ceiling: &Ceiling) -> (f64, bool) {
         let wanted = self.wanted(miss, integrated, lead, filter);
-        let held = (wanted.value() > smaller(ceiling.rack, ceiling.torque).value() && miss.value() > 0.0)
-            || (wanted.value() < self.minimum_rack.value() && miss.value() < 0.0);
+        let held = (wanted > ceiling.rack.min(ceiling.torque) && miss > 0.0)
+            || (wanted < self.minimum_rack && miss < 0.0);
         (limited(wanted, self.minimum_rack, ceiling.rack), !(self.anti_windup && held))
     }
 
@@ -134,18 +76,18 @@ impl<T: Scalar> Governor<T> {
     #[must_use]
     pub fn command(
         &self,
-        set_speed: T,
-        speed: T,
-        integrated: T,
-        filtered: T,
-        ceiling: &Ceiling<T>,
-    ) -> Command<T> {
+        set_speed: f64,
+        speed: f64,
+        integrated: f64,
+        filtered: f64,
+        ceiling: &Ceiling,
+    ) -> Command {
         let (miss, lead) = (set_speed - speed, speed - filtered);
         let (rack, free) = self.order(miss, integrated, lead, self.filter, ceiling);
         Command {
             rack,
-            error_rate: if free { miss } else { miss.constant(0.0) },
-            filter_rate: if self.derivative.is_zero() { miss.constant(0.0) } else { lead / self.filter },
+            error_rate: if free { miss } else { 0.0 },
+            filter_rate: if self.derivative == 0.0 { 0.0 } else { lead / self.filter },
         }
     }
 
@@ -156,12 +98,12 @@ impl<T: Scalar> Governor<T> {
     #[must_use]
     pub fn sample(
         &self,
-        set_speed: T,
-        speed: T,
-        memory: &mut Memory<T>,
-        elapsed: T,
-        ceiling: &Ceiling<T>,
-    ) -> T {
+        set_speed: f64,
+        speed: f64,
+        memory: &mut Memory,
+        elapsed: f64,
+        ceiling: &Ceiling,
+    ) -> f64 {
         let (miss, lead) = (set_speed - speed, speed - memory.filtered);
         let filter = self.filter + elapsed;
         let integrated = memory.integrated + elapsed * 0.5 * (miss + memory.miss);
@@ -171,8 +113,8 @@ impl<T: Scalar> Governor<T> {
         } else {
             (rack, _) = self.order(miss, memory.integrated, lead, filter, ceiling);
         }
-        if !self.derivative.is_zero() {
-            memory.filtered = memory.filtered + elapsed / filter * lead;
+        if self.derivative != 0.0 {
+            memory.filtered += elapsed / filter * lead;
         }
         memory.miss = miss;
         rack
@@ -181,13 +123,13 @@ impl<T: Scalar> Governor<T> {
 
 /// What a sampling governor keeps between samples.
 #[derive(Debug, Clone, Copy)]
-pub struct Memory<T = f64> {
+pub struct Memory {
     /// Integrated error [rev].
-    pub integrated: T,
+    pub integrated: f64,
     /// Filtered speed [rev/s].
-    pub filtered: T,
+    pub filtered: f64,
     /// Error at the last sample [rev/s].
-    pub miss: T,
+    pub miss: f64,
 }
 
 #[cfg(test)]

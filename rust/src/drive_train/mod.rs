@@ -1,12 +1,15 @@
-//! The whole drive train: the plant of `plant/` with what it leaves out, each element off unless its parameters say so.
+//! The whole drive train: the plant of eq. 3.1-3.11 with what it leaves out, each element off unless its
+//! parameters say so.
 //!
 //! Set point -> dead time -> governor -> dead time -> rate limit -> lag -> engine -> rate limit -> firing -> gearbox ->
-//! shaft -> propeller -> ship. Where all elements are off the equations are those of `plant/`.
+//! shaft -> propeller -> ship. Where all elements are off the equations are the plant's.
 
 mod cosine;
 mod delay;
+mod engine;
 mod event_stepper;
 mod firing;
+mod gearbox;
 mod governor;
 mod motion;
 mod parameters;

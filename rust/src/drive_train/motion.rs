@@ -1,11 +1,11 @@
 //! The equations of motion of the drive train between two events.
 
-use pulp::{Simd, WithSimd};
+use crate::power::power;
+use crate::stepper::Envelope;
 
-use crate::plant::{Engine, Envelope, Gearbox, Slope, limited};
-use crate::scalar::{Scalar, smaller};
-
+use super::engine::{Engine, limited};
 use super::firing::Firing;
+use super::gearbox::Gearbox;
 use super::governor::{Ceiling, Command, Timing};
 use super::ramp::Ramp;
 use super::shaft::Shaft;
@@ -14,131 +14,122 @@ use super::{Governor, Propeller, STATES, State};
 
 /// Path of the command to the fuel rack.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Actuator<T = f64> {
+pub struct Actuator {
     /// [s].
-    pub dead_time: T,
+    pub dead_time: f64,
     /// Time constant [s].
-    pub lag: T,
+    pub lag: f64,
     /// Of the rack [mm/s].
-    pub rate: T,
+    pub rate: f64,
 }
 
 /// All components and where they start.
 #[derive(Debug, Clone)]
 #[allow(missing_docs)]
-pub struct DriveTrain<T = f64> {
-    pub governor: Governor<T>,
+pub struct DriveTrain {
+    pub governor: Governor,
     /// Dead time of the set point [s].
-    pub set_dead_time: T,
-    pub actuator: Actuator<T>,
-    pub engine: Engine<T>,
-    /// On the torque envelope.
-    pub limit_factor: T,
+    pub set_dead_time: f64,
+    pub actuator: Actuator,
+    pub engine: Engine,
     /// Fuel that the smoke limiter allows beyond what the charge air can burn [mm of rack].
-    pub smoke_margin: T,
+    pub smoke_margin: f64,
     /// Time constant of the charge air behind the rack [s].
-    pub turbocharger_lag: T,
+    pub turbocharger_lag: f64,
     /// Of the brake torque [Nm/s].
-    pub torque_rate: T,
+    pub torque_rate: f64,
     /// [rev of the engine], zero for a torque without pulses.
     pub firing_interval: f64,
     pub firing_width: f64,
     pub strength: Vec<f64>,
-    pub gearbox: Gearbox<T>,
+    pub gearbox: Gearbox,
     /// Torque lost at the shaft [Nm/(rev/s)^`drag_exponent`], beside the gearbox's efficiency.
-    pub drag: T,
-    pub drag_exponent: T,
-    pub shaft: Shaft<T>,
-    pub propeller: Propeller<T>,
-    pub ship: Ship<T>,
+    pub drag: f64,
+    pub drag_exponent: f64,
+    pub shaft: Shaft,
+    pub propeller: Propeller,
+    pub ship: Ship,
     /// Shaft speed [rev/s].
-    pub initial_speed: T,
+    pub initial_speed: f64,
     /// [rev].
-    pub initial_error: T,
+    pub initial_error: f64,
     /// [m/s].
-    pub initial_ship_speed: T,
+    pub initial_ship_speed: f64,
     /// Set point before the record [rev/s].
-    pub set_point_before: T,
+    pub set_point_before: f64,
     /// At the first sample [rev].
-    pub crank_angle: T,
+    pub crank_angle: f64,
 }
 
 /// The drive train's memory between steps.
 #[derive(Debug, Clone)]
-pub struct Memory<T = f64> {
-    pub rack: Ramp<T>,
-    pub torque: Ramp<T>,
-    pub firing: Firing<T>,
+pub struct Memory {
+    pub rack: Ramp,
+    pub torque: Ramp,
+    pub firing: Firing,
     /// Command that a sampling governor holds [mm].
-    pub held: T,
+    pub held: f64,
 }
 
 /// What acts on the drive train within a step.
 #[derive(Debug, Clone, Copy)]
-pub struct Instant<T = f64> {
+pub struct Instant {
     /// Time since the step began [s].
-    pub elapsed: T,
+    pub elapsed: f64,
     /// Set point at the governor [rev/s]; of no meaning where that computes at times of its own.
-    pub set_speed: T,
+    pub set_speed: f64,
     /// Command that comes out of the actuator's dead time [mm]; None: there is none.
-    pub arriving: Option<T>,
+    pub arriving: Option<f64>,
 }
 
 /// Signals of the governor and of the fuel path at an instant.
 #[derive(Debug, Clone, Copy)]
-pub struct FuelPath<T = f64> {
+pub struct FuelPath {
     /// Of the governor.
-    pub command: Command<T>,
+    pub command: Command,
     /// Behind the dead time, before its rate is limited [mm].
-    pub fuel: T,
+    pub fuel: f64,
     /// [mm].
-    pub rack: T,
+    pub rack: f64,
     /// [mm/s].
-    pub rack_rate: T,
+    pub rack_rate: f64,
     /// Mean brake torque before its rate is limited [Nm].
-    pub demand: T,
+    pub demand: f64,
 }
 
 /// All signals at an instant, and the rates of the state.
 #[derive(Debug, Clone, Copy)]
-pub struct Flow<T = f64> {
+pub struct Flow {
     /// Of the governor [mm].
-    pub command: T,
+    pub command: f64,
     /// Mean brake torque [Nm].
-    pub mean: T,
+    pub mean: f64,
     /// What is recorded.
-    pub engine_speed: T,
-    pub rack: T,
-    pub brake: T,
-    pub shaft: T,
-    pub gauge: T,
-    pub rates: State<T>,
+    pub engine_speed: f64,
+    pub rack: f64,
+    pub brake: f64,
+    pub shaft: f64,
+    pub gauge: f64,
+    pub rates: State,
 }
 
-impl<T: Scalar> DriveTrain<T> {
+impl DriveTrain {
     /// Torque lost at the shaft [Nm].
     #[inline(always)]
-    fn drag_torque(&self, shaft_speed: T) -> T {
-        if self.drag.is_zero() { self.drag } else { self.drag * shaft_speed.power(self.drag_exponent) }
-    }
-
-    /// Torque limit of the envelope at an engine speed [Nm].
-    #[inline(always)]
-    fn limit(&self, limit: &mut impl Slope, engine_speed: T) -> T {
-        let torque = limit.torque(engine_speed.value());
-        engine_speed.function(torque, limit.slope()) * self.limit_factor
+    fn drag_torque(&self, shaft_speed: f64) -> f64 {
+        if self.drag == 0.0 { 0.0 } else { self.drag * power(shaft_speed, self.drag_exponent) }
     }
 
     /// The limits that the governor's command meets at a state.
     #[inline(always)]
     #[must_use]
-    pub fn ceiling(&self, limit: &mut impl Slope, engine_speed: T, charge: T) -> Ceiling<T> {
-        let rack = smaller(charge + self.smoke_margin, self.governor.maximum_rack);
+    pub fn ceiling(&self, limit: &Envelope, engine_speed: f64, charge: f64) -> Ceiling {
+        let rack = self.governor.maximum_rack.min(charge + self.smoke_margin);
         let torque = if self.governor.anti_windup {
             let Engine { rack_gain, speed_gain, offset, .. } = self.engine;
-            (self.limit(limit, engine_speed) - speed_gain * engine_speed - offset) / rack_gain
+            (limit.at(engine_speed)[0] - speed_gain * engine_speed - offset) / rack_gain
         } else {
-            charge.constant(f64::INFINITY)
+            f64::INFINITY
         };
         Ceiling { rack, torque }
     }
@@ -146,10 +137,9 @@ impl<T: Scalar> DriveTrain<T> {
     /// The governor's command, and how its memory changes, at an instant.
     #[inline(always)]
     #[must_use]
-    pub fn command(&self, limit: &mut impl Slope, set_speed: T, held: T, state: &State<T>) -> Command<T> {
+    pub fn command(&self, limit: &Envelope, set_speed: f64, held: f64, state: &State) -> Command {
         if self.governor.timing != Timing::Continuous {
-            let still = held.constant(0.0);
-            return Command { rack: held, error_rate: still, filter_rate: still };
+            return Command { rack: held, error_rate: 0.0, filter_rate: 0.0 };
         }
         let speed = state.engine_side * self.gearbox.ratio;
         let ceiling = self.ceiling(limit, speed, state.charge);
@@ -159,26 +149,20 @@ impl<T: Scalar> DriveTrain<T> {
     /// From the set point to the torque that the engine is to give.
     #[inline(always)]
     #[must_use]
-    pub fn fuel_path(
-        &self,
-        limit: &mut impl Slope,
-        memory: &Memory<T>,
-        at: &Instant<T>,
-        state: &State<T>,
-    ) -> FuelPath<T> {
+    pub fn fuel_path(&self, limit: &Envelope, memory: &Memory, at: &Instant, state: &State) -> FuelPath {
         let engine_speed = state.engine_side * self.gearbox.ratio;
         let command = self.command(limit, at.set_speed, memory.held, state);
         let fuel = at.arriving.unwrap_or(command.rack);
         let ordered = memory.rack.reached(fuel, at.elapsed);
-        let (rack, rack_rate) = if self.actuator.lag.value() > 0.0 {
+        let (rack, rack_rate) = if self.actuator.lag > 0.0 {
             (state.rack, (ordered - state.rack) / self.actuator.lag)
         } else {
-            (ordered, ordered.constant(0.0))
+            (ordered, 0.0)
         };
         let demand = limited(
             self.engine.demand(rack, engine_speed),
             self.engine.minimum_torque,
-            self.limit(limit, engine_speed),
+            limit.at(engine_speed)[0],
         );
         FuelPath { command, fuel, rack, rack_rate, demand }
     }
@@ -186,20 +170,11 @@ impl<T: Scalar> DriveTrain<T> {
     /// Everything at an instant.
     #[inline(always)]
     #[must_use]
-    pub fn flow(
-        &self,
-        limit: &mut impl Slope,
-        memory: &Memory<T>,
-        at: &Instant<T>,
-        state: &State<T>,
-    ) -> Flow<T> {
+    pub fn flow(&self, limit: &Envelope, memory: &Memory, at: &Instant, state: &State) -> Flow {
         let engine_speed = state.engine_side * self.gearbox.ratio;
         let FuelPath { command, rack, rack_rate, demand, .. } = self.fuel_path(limit, memory, at, state);
-        let charge_rate = if self.smoke_margin.value().is_finite() {
-            (rack - state.charge) / self.turbocharger_lag
-        } else {
-            rack.constant(0.0)
-        };
+        let charge_rate =
+            if self.smoke_margin.is_finite() { (rack - state.charge) / self.turbocharger_lag } else { 0.0 };
         let mean = memory.torque.reached(demand, at.elapsed);
         let brake = if memory.firing.acts() { memory.firing.torque(state.crank) } else { mean };
         let shaft = self.gearbox.shaft_torque(brake) - self.drag_torque(state.engine_side);
@@ -231,7 +206,7 @@ impl<T: Scalar> DriveTrain<T> {
 
     /// The state from which a record starts: rack and twist have their steady values.
     #[must_use]
-    pub fn start(&self) -> (State<T>, Memory<T>) {
+    pub fn start(&self) -> (State, Memory) {
         let speed = self.initial_speed;
         let engine_speed = speed * self.gearbox.ratio;
         let Governor { base_rack, proportional, integral, .. } = self.governor;
@@ -244,7 +219,7 @@ impl<T: Scalar> DriveTrain<T> {
             propeller: speed,
             twist: self.shaft.twist(load),
             crank: self.crank_angle,
-            turn: speed.constant(0.0),
+            turn: 0.0,
             rack,
             charge: rack,
             error: self.initial_error,
@@ -258,24 +233,6 @@ impl<T: Scalar> DriveTrain<T> {
             held: rack,
         };
         (state, memory)
-    }
-}
-
-/// The signals at an instant, to be computed in one place.
-pub struct FlowAt<'a, L, T> {
-    pub train: &'a DriveTrain<T>,
-    pub limit: &'a mut L,
-    pub memory: &'a Memory<T>,
-    pub at: &'a Instant<T>,
-    pub state: &'a State<T>,
-}
-
-impl<L: Slope, T: Scalar> WithSimd for FlowAt<'_, L, T> {
-    type Output = Flow<T>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) -> Flow<T> {
-        self.train.flow(self.limit, self.memory, self.at, self.state)
     }
 }
 
@@ -294,10 +251,7 @@ pub fn flow_at(
 ) -> [f64; STATES + FLOW] {
     let (_, memory) = train.start();
     let at = Instant { elapsed: 0.0, set_speed, arriving: Some(fuel) };
-    let flow = match envelope {
-        Envelope::Constant(limit) => train.flow(&mut { *limit }, &memory, &at, state),
-        Envelope::Table(table) => train.flow(&mut table.cursor(), &memory, &at, state),
-    };
+    let flow = train.flow(envelope, &memory, &at, state);
     let mut found = [0.0; STATES + FLOW];
     found[..STATES].copy_from_slice(&flow.rates.to_array());
     found[STATES..].copy_from_slice(&[flow.command, flow.brake, flow.gauge, flow.shaft, flow.rack]);

@@ -1,9 +1,9 @@
 //! Parameter vector of the drive train and its checks.
 
 use crate::error::{Error, Result, require};
-use crate::plant::{self, Engine, Gearbox, Plant};
-use crate::scalar::Scalar;
 
+use super::engine::Engine;
+use super::gearbox::Gearbox;
 use super::governor::Timing;
 use super::motion::{Actuator, DriveTrain};
 use super::propeller::Quadrants;
@@ -11,7 +11,23 @@ use super::shaft::Shaft;
 use super::ship::Ship;
 use super::{Governor, Propeller};
 
-const OWN: [&str; 34] = [
+/// Number of parameters.
+const COUNT: usize = 45;
+
+/// Names of the entries of a parameter vector, in order: those of the plant of eq. 3.1-3.11 first.
+pub const PARAMETERS: [&str; COUNT] = [
+    "inertia",
+    "gear_ratio",
+    "transmission_efficiency",
+    "A1",
+    "A2",
+    "A3",
+    "torque_coefficient",
+    "torque_exponent",
+    "X_0",
+    "Kp_abs",
+    "Ki_abs",
+    "minimum_torque",
     "propeller_inertia",
     "shaft_stiffness",
     "shaft_damping",
@@ -45,20 +61,7 @@ const OWN: [&str; 34] = [
     "initial_ship_speed",
     "set_point_before",
     "crank_angle",
-    "limit_factor",
 ];
-
-/// Names of the entries of a parameter vector, in order: those of the plant first.
-pub const PARAMETERS: [&str; plant::PARAMETERS.len() + OWN.len()] = {
-    let mut names = [""; plant::PARAMETERS.len() + OWN.len()];
-    let mut i = 0;
-    while i < names.len() {
-        names[i] =
-            if i < plant::PARAMETERS.len() { plant::PARAMETERS[i] } else { OWN[i - plant::PARAMETERS.len()] };
-        i += 1;
-    }
-    names
-};
 
 /// Tables that belong to a parameter vector, of lengths that vary.
 #[derive(Debug, Clone, Default)]
@@ -72,13 +75,17 @@ pub struct Tables {
 /// Which numbers a parameter may be, as a test and in words.
 fn expected(name: &str) -> (fn(f64) -> bool, &'static str) {
     match name {
-        "blade_path" | "limit_factor" => (|value| value > 0.0 && value.is_finite(), "a positive number"),
+        "inertia" | "gear_ratio" | "transmission_efficiency" | "torque_exponent" | "blade_path" => {
+            (|value| value > 0.0 && value.is_finite(), "a positive number")
+        }
         "shaft_stiffness" | "rack_rate" | "torque_rate" | "ship_mass" => {
             (|value| value > 0.0, "a positive number, infinity for none")
         }
         "smoke_margin" => (|value| value >= 0.0, "zero or more, infinity for none"),
         "maximum_rack" => (|value| value > f64::NEG_INFINITY, "a number, infinity for none"),
-        "minimum_rack" => (|value| value < f64::INFINITY, "a number, minus infinity for none"),
+        "minimum_rack" | "minimum_torque" => {
+            (|value| value < f64::INFINITY, "a number, minus infinity for none")
+        }
         "governor_period" => (|value| value >= 0.0, "zero or more, infinity for once a firing"),
         "propeller_inertia" | "shaft_damping" | "set_dead_time" | "derivative_filter"
         | "turbocharger_lag" | "fuel_dead_time" | "fuel_lag" | "firing_interval" | "firing_width"
@@ -94,27 +101,16 @@ impl DriveTrain {
     /// # Errors
     /// Where the vector has the wrong length or a value makes no sense.
     pub fn from_parameters(values: &[f64], tables: Tables) -> Result<Self> {
-        let train = Self::of_any_inertias(values, tables)?;
-        train.require_inertias()?;
-        Ok(train)
-    }
-
-    /// The same without checking the inertias: a search may pass through values that no ship has.
-    pub(crate) fn of_any_inertias(values: &[f64], tables: Tables) -> Result<Self> {
-        require(values.len() == PARAMETERS.len(), || {
-            format!("parameters has {} values, expected {}", values.len(), PARAMETERS.len())
+        let numbers: [f64; COUNT] = values.try_into().map_err(|_| {
+            Error::Invalid(format!("parameters has {} values, expected {COUNT}", values.len()))
         })?;
-        let (shared, own) = values.split_at(plant::PARAMETERS.len());
-        Plant::from_parameters(shared, "parameters")?;
-        for (name, &value) in OWN.iter().zip(own) {
+        for (name, value) in PARAMETERS.into_iter().zip(numbers) {
             let (fits, expected) = expected(name);
             require(fits(value), || format!("parameters: {name} is {value}, expected {expected}"))?;
         }
-        let values = values
-            .try_into()
-            .map_err(|_| Error::Internal("the parameter vector changed its length".to_owned()))?;
-        let train = Self::of(values, tables);
+        let train = Self::of(&numbers, tables);
         train.require_agreement()?;
+        train.require_inertias()?;
         Ok(train)
     }
 
@@ -161,11 +157,9 @@ impl DriveTrain {
                 .to_owned()
         })
     }
-}
 
-impl<T: Scalar> DriveTrain<T> {
     /// Build from checked numbers in the order of [`PARAMETERS`].
-    pub(crate) fn of(numbers: [T; PARAMETERS.len()], tables: Tables) -> Self {
+    fn of(numbers: &[f64; COUNT], tables: Tables) -> Self {
         // long: a line for each of the numbers, and one for where it goes.
         let [
             inertia,
@@ -213,9 +207,7 @@ impl<T: Scalar> DriveTrain<T> {
             initial_ship_speed,
             set_point_before,
             crank_angle,
-            limit_factor,
-        ] = numbers;
-        let period = period.value();
+        ] = *numbers;
         let timing = if period == 0.0 {
             Timing::Continuous
         } else if period.is_finite() {
@@ -232,18 +224,17 @@ impl<T: Scalar> DriveTrain<T> {
                 filter,
                 minimum_rack,
                 maximum_rack,
-                anti_windup: anti_windup.value() > 0.5,
+                anti_windup: anti_windup > 0.5,
                 timing,
             },
             set_dead_time,
             actuator: Actuator { dead_time, lag, rate: rack_rate },
             engine: Engine { rack_gain, speed_gain, offset, minimum_torque },
-            limit_factor,
             smoke_margin,
             turbocharger_lag,
             torque_rate,
-            firing_interval: firing_interval.value(),
-            firing_width: firing_width.value(),
+            firing_interval,
+            firing_width,
             strength: tables.strength,
             gearbox: Gearbox { ratio, efficiency },
             drag,
@@ -255,7 +246,7 @@ impl<T: Scalar> DriveTrain<T> {
                 thrust,
                 blade_path,
                 inflow,
-                blades: blades.value(),
+                blades,
                 shaft_ripple,
                 blade_ripple,
                 quadrants: tables.quadrants,

@@ -1,29 +1,29 @@
 //! Propeller behind a ship that may move: torque and thrust in four quadrants, and the ripple of the blades.
 
 use crate::error::{Error, Result, require};
-use crate::scalar::Scalar;
+use crate::power::power;
 
 use super::cosine::cosine;
 
 /// Torque and thrust of a fixed-pitch propeller.
 #[derive(Debug, Clone)]
-pub struct Propeller<T = f64> {
+pub struct Propeller {
     /// Torque in bollard pull [Nm/(rev/s)^exponent].
-    pub coefficient: T,
+    pub coefficient: f64,
     /// Of the torque.
-    pub exponent: T,
+    pub exponent: f64,
     /// Thrust in bollard pull, less thrust deduction, of all propellers [N/(rev/s)^2].
-    pub thrust: T,
+    pub thrust: f64,
     /// Blade speed at 0.7 of the radius over the shaft speed, 0.7 pi D [m].
-    pub blade_path: T,
+    pub blade_path: f64,
     /// Speed of the inflow over that of the ship, less than 1 in its wake.
-    pub inflow: T,
+    pub inflow: f64,
     /// Of the ripple.
     pub blades: f64,
     /// Amplitude of the torque at once a turn, over the mean.
-    pub shaft_ripple: T,
+    pub shaft_ripple: f64,
     /// Amplitude of the torque at blade passage, over the mean.
-    pub blade_ripple: T,
+    pub blade_ripple: f64,
     /// None: bollard pull at any ship speed.
     pub quadrants: Option<Quadrants>,
 }
@@ -61,27 +61,21 @@ impl Quadrants {
     /// Torque and thrust at an angle [rad], straight between points.
     #[inline(always)]
     #[must_use]
-    fn at<T: Scalar>(&self, angle: T) -> [T; 2] {
-        let at = angle.value();
-        let to = self.angle.partition_point(|&point| point <= at).clamp(1, self.angle.len() - 1);
-        let width = self.angle[to] - self.angle[to - 1];
-        let part = (at - self.angle[to - 1]) / width;
+    fn at(&self, angle: f64) -> [f64; 2] {
+        let to = self.angle.partition_point(|&point| point <= angle).clamp(1, self.angle.len() - 1);
+        let part = (angle - self.angle[to - 1]) / (self.angle[to] - self.angle[to - 1]);
         let (torque, thrust) = (&self.torque[to - 1..=to], &self.thrust[to - 1..=to]);
-        let [rise, thrust_rise] = [torque[1] - torque[0], thrust[1] - thrust[0]];
-        [
-            angle.function(torque[0] + part * rise, rise / width),
-            angle.function(thrust[0] + part * thrust_rise, thrust_rise / width),
-        ]
+        [torque[0] + part * (torque[1] - torque[0]), thrust[0] + part * (thrust[1] - thrust[0])]
     }
 }
 
-impl<T: Scalar> Propeller<T> {
+impl Propeller {
     /// Torque [Nm] and thrust [N] at a shaft speed [rev/s], an angle of the shaft [rev] and a ship speed [m/s].
     #[inline(always)]
     #[must_use]
-    pub fn torque_and_thrust(&self, speed: T, turn: T, ship_speed: T) -> [T; 2] {
+    pub fn torque_and_thrust(&self, speed: f64, turn: f64, ship_speed: f64) -> [f64; 2] {
         let [mean, thrust] = self.mean_torque_and_thrust(speed, ship_speed);
-        if self.shaft_ripple.is_zero() && self.blade_ripple.is_zero() {
+        if self.shaft_ripple == 0.0 && self.blade_ripple == 0.0 {
             return [mean, thrust];
         }
         let ripple = self.shaft_ripple * cosine(turn) + self.blade_ripple * cosine(turn * self.blades);
@@ -91,39 +85,18 @@ impl<T: Scalar> Propeller<T> {
     /// The same without the ripple of the blades.
     #[inline(always)]
     #[must_use]
-    pub fn mean_torque_and_thrust(&self, speed: T, ship_speed: T) -> [T; 2] {
+    pub fn mean_torque_and_thrust(&self, speed: f64, ship_speed: f64) -> [f64; 2] {
         match &self.quadrants {
-            None => [self.coefficient * speed.power(self.exponent), self.thrust * speed.square()],
+            None => [self.coefficient * power(speed, self.exponent), self.thrust * speed * speed.abs()],
             Some(quadrants) => {
                 let along = self.blade_path * speed;
                 let across = self.inflow * ship_speed;
-                let [flow, angle] = polar(along, across);
-                let flow = flow / self.blade_path;
-                let [torque, thrust] = quadrants.at(angle);
-                [torque * self.coefficient * flow.power(self.exponent), thrust * self.thrust * flow.square()]
+                let flow = along.hypot(across) / self.blade_path;
+                let [torque, thrust] = quadrants.at(across.atan2(along));
+                [torque * self.coefficient * power(flow, self.exponent), thrust * self.thrust * flow * flow]
             }
         }
     }
-}
-
-/// Flow that counts as none [m/s]: its square and a direction's derivative are still normal numbers.
-const REST: f64 = 1e-150;
-
-/// Length and angle [rad] of a vector.
-#[inline(always)]
-fn polar<T: Scalar>(along: T, across: T) -> [T; 2] {
-    let (x, y) = (along.value(), across.value());
-    let length = x.hypot(y);
-    if length < REST {
-        // At rest the flow has no direction. None is needed: torque and thrust go with a power of the length.
-        return [along.function(length, 1.0), along.constant(y.atan2(x))];
-    }
-    let (cosine, sine) = (x / length, y / length);
-    // Derivatives by both components add up; the value is given to the first, zero to the second.
-    [
-        along.function(length, cosine) + across.function(0.0, sine),
-        along.function(y.atan2(x), -sine / length) + across.function(0.0, cosine / length),
-    ]
 }
 
 #[cfg(test)]

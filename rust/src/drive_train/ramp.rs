@@ -1,19 +1,18 @@
 //! A signal that changes no faster than its rate allows.
 
-use crate::plant::limited;
-use crate::scalar::Scalar;
+use super::engine::limited;
 
 /// Follows a demand at a limited rate, infinite for no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ramp<T = f64> {
-    rate: T,
-    value: T,
+pub struct Ramp {
+    rate: f64,
+    value: f64,
 }
 
-impl<T: Scalar> Ramp<T> {
+impl Ramp {
     /// At rest at a value.
     #[must_use]
-    pub fn new(rate: T, value: T) -> Self {
+    pub fn new(rate: f64, value: f64) -> Self {
         Self { rate, value }
     }
 
@@ -21,13 +20,13 @@ impl<T: Scalar> Ramp<T> {
     #[inline(always)]
     #[must_use]
     pub fn acts(&self) -> bool {
-        self.rate.value().is_finite()
+        self.rate.is_finite()
     }
 
     /// What of the demand is reached so long [s] after the value was.
     #[inline(always)]
     #[must_use]
-    pub fn reached(&self, demand: T, elapsed: T) -> T {
+    pub fn reached(&self, demand: f64, elapsed: f64) -> f64 {
         if self.acts() {
             let reach = self.rate * elapsed;
             limited(demand, self.value - reach, self.value + reach)
@@ -38,7 +37,7 @@ impl<T: Scalar> Ramp<T> {
 
     /// Let time pass, with the demand at its end.
     #[inline(always)]
-    pub fn advance(&mut self, demand: T, elapsed: T) {
+    pub fn advance(&mut self, demand: f64, elapsed: f64) {
         self.value = self.reached(demand, elapsed);
     }
 }

@@ -2,38 +2,36 @@
 
 use std::f64::consts::TAU;
 
-use crate::scalar::Scalar;
-
 /// Two inertias and what joins them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shaft<T = f64> {
+pub struct Shaft {
     /// Engine and gearbox, seen from the propeller [kg m2].
-    pub engine_side: T,
+    pub engine_side: f64,
     /// Propeller, shaft and entrained water [kg m2].
-    pub propeller_side: T,
+    pub propeller_side: f64,
     /// [Nm/rad], infinity for a rigid shaft.
-    pub stiffness: T,
+    pub stiffness: f64,
     /// [Nm s/rad].
-    pub damping: T,
+    pub damping: f64,
 }
 
 /// What the shaft makes of the torques on it.
 #[derive(Debug, Clone, Copy)]
-pub struct Answer<T = f64> {
+pub struct Answer {
     /// Torque at the gauge [Nm].
-    pub gauge: T,
+    pub gauge: f64,
     /// Change of speed on the engine's side [rev/s2].
-    pub engine_side: T,
+    pub engine_side: f64,
     /// Change of speed on the propeller's side [rev/s2].
-    pub propeller_side: T,
+    pub propeller_side: f64,
 }
 
-impl<T: Scalar> Shaft<T> {
+impl Shaft {
     /// Answer to the gearbox's and the propeller's torque [Nm] at a twist [rev] that changes at a slip [rev/s].
     #[inline(always)]
     #[must_use]
-    pub fn answer(&self, drive: T, load: T, twist: T, slip: T) -> Answer<T> {
-        if self.stiffness.value().is_finite() {
+    pub fn answer(&self, drive: f64, load: f64, twist: f64, slip: f64) -> Answer {
+        if self.stiffness.is_finite() {
             let gauge = (self.stiffness * twist + self.damping * slip) * TAU;
             Answer {
                 gauge,
@@ -53,7 +51,7 @@ impl<T: Scalar> Shaft<T> {
 
     /// The twist at which the gauge shows a torque at rest [rev].
     #[must_use]
-    pub fn twist(&self, gauge: T) -> T {
+    pub fn twist(&self, gauge: f64) -> f64 {
         gauge / (self.stiffness * TAU)
     }
 }

@@ -3,9 +3,9 @@
 use pulp::{Simd, WithSimd};
 
 use crate::error::{Error, Result, require};
+use crate::hold::Hold;
 use crate::instruction_set::arch;
-use crate::integrate::Hold;
-use crate::plant::Envelope;
+use crate::stepper::Envelope;
 use crate::stop::Stop;
 
 use super::DriveTrain;
@@ -121,9 +121,6 @@ impl WithSimd for Rows<'_> {
             }
             Ok(())
         };
-        match envelope {
-            Envelope::Constant(limit) => March::new(train, *limit, run).through(record, stop),
-            Envelope::Table(table) => March::new(train, table.cursor(), run).through(record, stop),
-        }
+        March::new(train, envelope, run).through(record, stop)
     }
 }

@@ -1,74 +1,38 @@
 //! State of the drive train between two events.
 
-use crate::scalar::Scalar;
+use crate::subnormal::cut;
 
 /// Number of entries of a [`State`].
 pub const STATES: usize = 10;
 
 /// State of the drive train, or its rate of change.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct State<T = f64> {
+pub struct State {
     /// Speed of the shaft on the engine's side of the gauge [rev/s].
-    pub engine_side: T,
+    pub engine_side: f64,
     /// Speed of the propeller [rev/s].
-    pub propeller: T,
+    pub propeller: f64,
     /// By how much the engine's side leads [rev].
-    pub twist: T,
+    pub twist: f64,
     /// Angle of the crankshaft [rev].
-    pub crank: T,
+    pub crank: f64,
     /// Angle of the propeller [rev].
-    pub turn: T,
+    pub turn: f64,
     /// Fuel rack behind the actuator's lag [mm].
-    pub rack: T,
+    pub rack: f64,
     /// The rack that the charge air is good for [mm].
-    pub charge: T,
+    pub charge: f64,
     /// Integrated error of the engine speed [rev].
-    pub error: T,
+    pub error: f64,
     /// Filtered engine speed [rev/s].
-    pub filtered: T,
+    pub filtered: f64,
     /// Speed of the ship in the direction of the thrust [m/s].
-    pub ship: T,
+    pub ship: f64,
 }
 
-impl<T: Scalar> State<T> {
-    /// The state after `time` at a constant `rate`.
-    // Entry by entry: loops over them are not inlined, and what is not inlined is not compiled for the machine's vectors.
-    #[inline(always)]
-    #[must_use]
-    pub fn after(&self, time: T, rate: &Self) -> Self {
-        Self {
-            engine_side: self.engine_side + rate.engine_side * time,
-            propeller: self.propeller + rate.propeller * time,
-            twist: self.twist + rate.twist * time,
-            crank: self.crank + rate.crank * time,
-            turn: self.turn + rate.turn * time,
-            rack: self.rack + rate.rack * time,
-            charge: self.charge + rate.charge * time,
-            error: self.error + rate.error * time,
-            filtered: self.filtered + rate.filtered * time,
-            ship: self.ship + rate.ship * time,
-        }
-    }
-
-    /// What has decayed cut to zero.
-    #[inline(always)]
-    #[must_use]
-    pub fn cut(&self) -> Self {
-        Self {
-            engine_side: self.engine_side.cut(),
-            propeller: self.propeller.cut(),
-            twist: self.twist.cut(),
-            crank: self.crank.cut(),
-            turn: self.turn.cut(),
-            rack: self.rack.cut(),
-            charge: self.charge.cut(),
-            error: self.error.cut(),
-            filtered: self.filtered.cut(),
-            ship: self.ship.cut(),
-        }
-    }
-
+impl State {
     /// The state plus so many times another.
+    // Entry by entry: loops over them are not inlined, and what is not inlined is not compiled for the machine's vectors.
     #[inline(always)]
     #[must_use]
     pub fn plus(&self, factor: f64, other: &Self) -> Self {
@@ -85,9 +49,14 @@ impl<T: Scalar> State<T> {
             ship: self.ship + other.ship * factor,
         }
     }
-}
 
-impl State {
+    /// What has decayed cut to zero.
+    #[inline(always)]
+    #[must_use]
+    pub fn cut(&self) -> Self {
+        Self::from_array(self.to_array().map(cut))
+    }
+
     /// The entries in the order of the fields.
     #[must_use]
     pub fn to_array(&self) -> [f64; STATES] {

@@ -17,7 +17,7 @@
 pub use super::number::DIRECTIONS;
 use super::number::{Matrix, Number};
 use super::parameters::Parameters;
-use crate::integrate::Hold;
+use crate::hold::Hold;
 
 /// States without a dead time in the loop: n, E.
 pub const DIRECT: usize = 2;

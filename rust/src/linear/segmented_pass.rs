@@ -15,7 +15,7 @@ pub use super::step_kernel::LANES;
 use super::step_kernel::{Advance, Pack, States};
 use crate::error::{Error, Result, require};
 use crate::finite::all_finite;
-use crate::integrate::Hold;
+use crate::hold::Hold;
 use crate::stop::Stop;
 
 /// Steps in a block; its rows then fit into the fastest cache.

@@ -6,12 +6,12 @@ use pyo3::types::PyTuple;
 
 use super::arrays::{Matrix, Vector, borrow, expect_shape, filled, hand_back};
 use super::guard;
-use super::plant::envelope;
 use crate::drive_train::{
     DriveTrain, FLOW, PARAMETERS, Quadrants, ROWS, Run, STATES, State, Tables, flow_at, simulate,
 };
 use crate::error::{Error, require};
-use crate::integrate::Hold;
+use crate::hold::Hold;
+use crate::stepper::Envelope;
 
 /// Simulate one drive train; rows `n_e`, `n_s`, `M_b`, `M_g`, `M_s`, `X_f`, `E_n`, ship speed.
 #[pyfunction]
@@ -68,6 +68,12 @@ fn _drive_train_rates<'py>(
     hand_back(py, flow.to_vec(), [STATES + FLOW])
 }
 
+fn envelope(speed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> PyResult<Envelope> {
+    let speed: Vector<'_> = borrow("limit_speed", speed)?;
+    let torque: Vector<'_> = borrow("limit_torque", torque)?;
+    Ok(Envelope::new(speed.as_slice()?, torque.as_slice()?)?)
+}
+
 fn drive_train(
     parameters: &Bound<'_, PyAny>,
     strength: &Bound<'_, PyAny>,
@@ -77,7 +83,7 @@ fn drive_train(
     Ok(DriveTrain::from_parameters(parameters.as_slice()?, tables(strength, quadrants)?)?)
 }
 
-pub(super) fn tables(strength: &Bound<'_, PyAny>, quadrants: &Bound<'_, PyAny>) -> PyResult<Tables> {
+fn tables(strength: &Bound<'_, PyAny>, quadrants: &Bound<'_, PyAny>) -> PyResult<Tables> {
     let strength: Vector<'_> = borrow("strength", strength)?;
     let quadrants: Matrix<'_> = borrow("quadrants", quadrants)?;
     let points = quadrants.shape()[1];

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use crate::error::Error;
-use crate::integrate::Hold;
+use crate::hold::Hold;
 
 impl FromPyObject<'_, '_> for Hold {
     type Error = PyErr;

@@ -9,7 +9,7 @@ use super::arrays::{
 };
 use super::guard;
 use crate::cost::Record;
-use crate::integrate::Hold;
+use crate::hold::Hold;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
 /// State updates that a response at one frequency is worth, in time.

@@ -12,7 +12,6 @@ mod guard;
 mod hold;
 mod instruction_set;
 mod linear;
-mod plant;
 mod pulse;
 mod pyramid;
 mod residual_correlation;
@@ -32,7 +31,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     instruction_set::register(module)?;
     residual_correlation::register(module)?;
     linear::register(module)?;
-    plant::register(module)?;
     pulse::register(module)?;
     duplicate_rows::register(module)?;
     pyramid::register(module)?;

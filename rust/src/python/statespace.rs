@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::arrays::{Matrix, Vector, borrow, filled, hand_back};
 use super::guard;
 use crate::error::require;
-use crate::integrate::Hold;
+use crate::hold::Hold;
 use crate::statespace::StateSpace;
 
 fn model(

@@ -6,9 +6,11 @@ use pyo3::types::PyTuple;
 
 use super::arrays::{Matrix, Sensitivities, Vector, borrow, expect_shape, filled, filled_with_derivatives};
 use crate::error::require;
+use crate::hold::Hold;
 use crate::memory::zeros;
 use crate::stepper::{
     Decimation, Envelope, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe, simulate,
+    simulate_explicitly,
 };
 
 /// Simulate the ship; [O, N].
@@ -66,6 +68,33 @@ fn ship_sensitivities<'py>(
             }
         }
         Ok(())
+    })
+}
+
+/// Simulate a ship of speed and sum alone with a method of one's choice; [O, N].
+#[pyfunction]
+#[pyo3(signature = (parameters, u, dt, substeps, method, hold, initial, outputs, envelope=None))]
+#[allow(clippy::too_many_arguments)]
+fn simulate_ship_by<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    method: &str,
+    hold: Hold,
+    initial: &Bound<'py, PyAny>,
+    outputs: Vec<usize>,
+    envelope: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let parameters = vector(parameters)?;
+    let (u, initial): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("initial", initial)?);
+    let (limit, method) = (limit(envelope.as_ref())?, method.parse()?);
+    let run = Run::new(u.as_slice()?, &[], dt, substeps, hold, 1)?.below(&limit);
+    let (outputs, initial) = (Output::from_indices(&outputs)?, initial.as_slice()?);
+    let work = run.set.len().saturating_mul(substeps);
+    filled(py, [outputs.len(), run.set.len()], work, |rows, stop| {
+        simulate_explicitly(&parameters, &run, method, initial, &outputs, rows, stop)
     })
 }
 
@@ -127,6 +156,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("SHIP_OFF", PyTuple::new(module.py(), OFF)?)?;
     module.add("SHIP_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
     module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate_ship_by, module)?)?;
     module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;
     module.add_function(wrap_pyfunction!(ship_observed, module)?)?;
     Ok(())

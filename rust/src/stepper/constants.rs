@@ -129,7 +129,7 @@ impl Acting {
             scale: acts(at::S_U) || acts(at::U_0),
             load: acts(at::LOAD_GAIN) && !run.load.is_empty(),
             channels: acts(at::T_N) || acts(at::T_M),
-            jumps: run.hold == crate::integrate::Hold::Zero,
+            jumps: run.hold == crate::hold::Hold::Zero,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Set point and load between their samples: straight lines or stairs, read late.
 
-use crate::integrate::Hold;
+use crate::hold::Hold;
 use crate::scalar::Scalar;
 
 use super::run::Run;

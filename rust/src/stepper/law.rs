@@ -4,7 +4,7 @@
 
 use std::f64::consts::LN_2;
 
-use crate::plant::{polynomial, power_and_slopes};
+use crate::power::{polynomial, power_and_slopes};
 use crate::scalar::Scalar;
 
 /// Terms of the series about a place.

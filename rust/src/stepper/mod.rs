@@ -25,6 +25,7 @@
 mod command;
 mod constants;
 mod envelope;
+mod explicit;
 mod inputs;
 mod late;
 mod law;
@@ -38,6 +39,7 @@ mod step;
 mod torque;
 
 pub use envelope::Envelope;
+pub use explicit::{Method, simulate_explicitly};
 pub use observe::{Decimation, observe};
 pub use output::{OUTPUTS, Output};
 pub use parameters::{OFF, PARAMETERS, Parameters};

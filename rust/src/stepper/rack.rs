@@ -87,7 +87,9 @@ impl<T: Scalar> Ship<'_, T> {
     pub(super) fn clocked(&mut self) -> [T; 2] {
         let (h, begin) = (self.h, self.at as f64 * self.h);
         let end = begin + h * (1.0 - 1e-9);
-        let Some(mut clock) = self.clock.take() else { return [self.rack; 2] };
+        let Some(mut clock) = self.clock.take() else {
+            return [self.rack; 2];
+        };
         while clock.next.value() < end {
             let since = clock.next + (-begin);
             let grown = self.growth * since * (1.0 / h);

@@ -4,8 +4,8 @@ use pulp::{Simd, WithSimd};
 
 use crate::error::{Error, Result, require};
 use crate::finite::all_finite;
+use crate::hold::Hold;
 use crate::instruction_set::arch;
-use crate::integrate::Hold;
 use crate::scalar::{Dual, Scalar, Tangent};
 use crate::stop::Stop;
 
@@ -83,6 +83,16 @@ impl<'a> Run<'a> {
         Self { envelope: (!envelope.is_unlimited()).then_some(envelope), ..self }
     }
 
+    /// Refuse two upper limits.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for an envelope beside `M_max`.
+    pub fn check(&self, parameters: &Parameters) -> Result<()> {
+        require(self.envelope.is_none() || parameters.is_off(at::M_MAX), || {
+            "found M_max beside an envelope, expected one of them".to_owned()
+        })
+    }
+
     /// The step [s].
     #[must_use]
     pub fn step(&self) -> f64 {
@@ -122,9 +132,7 @@ impl Task<'_> {
 /// [`Error::Stopped`] on request.
 pub fn simulate(task: &Task<'_>, run: &Run<'_>, rows: &mut [f64], stop: &Stop) -> Result<()> {
     task.parameters.check_wrt(task.wrt)?;
-    require(run.envelope.is_none() || task.parameters.is_off(at::M_MAX), || {
-        "found M_max beside an envelope, expected one of them".to_owned()
-    })?;
+    run.check(&task.parameters)?;
     let length = run.seen() * task.outputs.len() * (1 + task.wrt.len());
     require(rows.len() == length, || format!("found room for {} values, expected {length}", rows.len()))?;
     require(task.wrt.len() <= MOST_DIRECTIONS, || {

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::drive_train::{PARAMETERS, Tables};
-use crate::integrate::Hold;
-use crate::plant::Envelope;
+use crate::hold::Hold;
+use crate::stepper::Envelope;
 
 fn train(dead_time: f64, period: f64) -> DriveTrain {
     let values = PARAMETERS.map(|name| match name {
@@ -31,8 +31,8 @@ fn breakage_b3_every_step_ends_later_than_it_begins() {
     let run = Run { set_speed: &set_speed, dt, substeps, hold: Hold::Zero };
     for (dead_time, period) in [(0.4756, 0.0), (0.3, 0.0), (0.1 / 3.0, 0.0), (0.0, 0.0037)] {
         let train = train(dead_time, period);
-        let Ok(Envelope::Constant(limit)) = Envelope::new(&[], &[]) else { panic!("no table is constant") };
-        let mut march = March::new(&train, limit, &run);
+        let envelope = Envelope::new(&[], &[]).expect("no limit");
+        let mut march = March::new(&train, &envelope, &run);
         for sample in (51_150..51_300_u32).chain(110_000..111_000).chain(900_000..901_000) {
             let arrival = march.set_point.next_break(f64::from(sample) * dt).min(1e6);
             if period > 0.0 {

@@ -1,30 +1,23 @@
 //! Diesel engine: brake torque, affine in rack and speed (eq. 3.5) between two limits.
 
-use std::ops::{Add, Mul};
-
-use crate::scalar::Scalar;
-
 /// Turns rack position and engine speed into brake torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Engine<T = f64> {
+pub struct Engine {
     /// Torque per rack position, A1 [Nm/mm].
-    pub rack_gain: T,
+    pub rack_gain: f64,
     /// Torque per engine speed at a fixed rack, A2 [Nm/(rev/s)].
-    pub speed_gain: T,
+    pub speed_gain: f64,
     /// A3 [Nm].
-    pub offset: T,
+    pub offset: f64,
     /// Lowest torque [Nm], minus infinity for no limit.
-    pub minimum_torque: T,
+    pub minimum_torque: f64,
 }
 
-impl<T: Copy> Engine<T> {
-    /// Brake torque [Nm] before its limits. The arguments are numbers, or affine functions of the state.
+impl Engine {
+    /// Brake torque [Nm] before its limits.
     #[inline(always)]
     #[must_use]
-    pub fn demand<Q>(&self, rack: Q, engine_speed: Q) -> Q
-    where
-        Q: Add<Output = Q> + Add<T, Output = Q> + Mul<T, Output = Q>,
-    {
+    pub fn demand(&self, rack: f64, engine_speed: f64) -> f64 {
         rack * self.rack_gain + engine_speed * self.speed_gain + self.offset
     }
 }
@@ -33,9 +26,9 @@ impl<T: Copy> Engine<T> {
 // Written so that each line is one instruction; `f64::min` and `f64::max` would drop a NaN and cost three.
 #[inline(always)]
 #[must_use]
-pub fn limited<T: Scalar>(demand: T, minimum: T, maximum: T) -> T {
-    let torque = if maximum.value() < demand.value() { maximum } else { demand };
-    if minimum.value() > torque.value() { minimum } else { torque }
+pub fn limited(demand: f64, minimum: f64, maximum: f64) -> f64 {
+    let torque = if maximum < demand { maximum } else { demand };
+    if minimum > torque { minimum } else { torque }
 }
 
 #[cfg(test)]

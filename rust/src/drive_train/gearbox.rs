@@ -1,21 +1,19 @@
 //! Reduction gear (eq. 3.6, 3.7).
 
-use crate::scalar::Scalar;
-
 /// Couples the engine to the slower propeller shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Gearbox<T = f64> {
+pub struct Gearbox {
     /// Engine speed over shaft speed.
-    pub ratio: T,
+    pub ratio: f64,
     /// Transmission efficiency.
-    pub efficiency: T,
+    pub efficiency: f64,
 }
 
-impl<T: Scalar> Gearbox<T> {
+impl Gearbox {
     /// Shaft torque [Nm] at a brake torque [Nm].
     #[inline(always)]
     #[must_use]
-    pub fn shaft_torque(&self, brake_torque: T) -> T {
+    pub fn shaft_torque(&self, brake_torque: f64) -> f64 {
         brake_torque * self.ratio * self.efficiency
     }
 }
