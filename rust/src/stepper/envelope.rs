@@ -7,6 +7,8 @@ use crate::error::{Error, Result, require};
 pub struct Envelope {
     speed: Vec<f64>,
     torque: Vec<f64>,
+    /// Slope behind each point.
+    slope: Vec<f64>,
 }
 
 impl Envelope {
@@ -30,7 +32,9 @@ impl Envelope {
                 "limit_speed[{bad}] is {found} after {before}, expected ascending speeds"
             )));
         }
-        Ok(Self { speed: speed.to_vec(), torque: torque.to_vec() })
+        let between = (1..speed.len()).map(|i| (torque[i] - torque[i - 1]) / (speed[i] - speed[i - 1]));
+        let slope = between.chain([0.0]).collect();
+        Ok(Self { speed: speed.to_vec(), torque: torque.to_vec(), slope })
     }
 
     /// Whether there is no limit at any speed.
@@ -44,15 +48,12 @@ impl Envelope {
     #[must_use]
     pub fn at(&self, speed: f64) -> [f64; 2] {
         let above = self.speed.iter().position(|&point| speed < point).unwrap_or(self.speed.len());
-        let below = above.checked_sub(1).map(|below| (self.speed[below], self.torque[below]));
-        match (below, self.torque.get(above)) {
-            (Some((from, torque)), Some(next)) => {
-                let slope = (next - torque) / (self.speed[above] - from);
-                [torque + slope * (speed - from), slope]
-            }
-            (Some((_, torque)), None) | (None, Some(&torque)) => [torque, 0.0],
-            (None, None) => [f64::INFINITY, 0.0],
-        }
+        let Some(below) = above.checked_sub(1) else {
+            return [self.torque.first().copied().unwrap_or(f64::INFINITY), 0.0];
+        };
+        let slope = self.slope[below];
+        let run = if slope == 0.0 { 0.0 } else { speed - self.speed[below] };
+        [self.torque[below] + slope * run, slope]
     }
 }
 

@@ -147,7 +147,7 @@ fn after(state: State, rate: State, time: f64) -> State {
 #[inline(always)]
 fn rate(ship: &mut Ship<'_, f64>, set: f64, [speed, sum]: State) -> State {
     let rack = ship.within_limits(ship.commanded(set - speed, sum, 0.0));
-    let torque = ship.engine(speed, rack).0 - ship.law_of.at(speed)[0];
+    let torque = ship.engine(speed, rack).0 - ship.law_of.value(speed);
     [torque * ship.c.inverse_tau, set - speed]
 }
 
@@ -160,7 +160,7 @@ fn shown(ship: &mut Ship<'_, f64>, set: f64, [speed, sum]: State, output: Output
         Output::EngineTorque => ship.engine(speed, rack).0 - 1.0,
         Output::GaugeTorque => {
             let acceleration = rate(ship, set, [speed, sum])[0];
-            ship.law_of.at(speed)[0] + ship.c.tau_prop * acceleration - 1.0
+            ship.law_of.value(speed) + ship.c.tau_prop * acceleration - 1.0
         }
     }
 }

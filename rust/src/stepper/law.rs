@@ -32,6 +32,18 @@ pub struct Law<T> {
     slope: [f64; TERMS],
 }
 
+impl Law<f64> {
+    /// The law alone.
+    #[inline(always)]
+    pub fn value(&mut self, speed: f64) -> f64 {
+        if self.exponent == 2.0 {
+            self.bent(speed - 1.0, [speed * speed.abs(), 0.0])[0]
+        } else {
+            self.at(speed)[0]
+        }
+    }
+}
+
 impl<T: Scalar> Law<T> {
     pub fn new(exponent: T, curvature: Option<T>, damping: Option<T>) -> Self {
         let p = exponent.value();
