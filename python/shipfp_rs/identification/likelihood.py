@@ -36,6 +36,8 @@ TORQUES = ("dM_b", "dM_g")
 """The kernel's torques."""
 LIMITS = {"M_max", "rate"}
 """Parameters of what moving water sets off, so that its part is none that adds."""
+STATE_DEVIATION = 0.1
+"""Of a record's states, over the operating point: where a quick loop has forgotten them, nothing else holds them."""
 WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
 
@@ -64,6 +66,9 @@ class Likelihood:
         Parameter to (mean, standard deviation).
     roots
         For each record the root of the inverse spectral matrix of its noise, (F, O, O); None: white.
+    responses
+        For each record the spectra of the model's outputs at the vector that the noise is from, (O, F): what smooth errors
+        are relative to. Relative to the data's they would take noise for a response, and be rewarded for shrinking it.
     water
         For each record moving water that drives the ship, at the decimated data's rate (K,); None: it is noise.
     """
@@ -74,6 +79,7 @@ class Likelihood:
     accuracy: Array
     priors: Mapping[str, tuple[float, float]]
     roots: tuple[ComplexArray, ...] | None = None
+    responses: tuple[ComplexArray, ...] = ()
     water: tuple[Array, ...] | None = None
 
     def simulated(self, vector: Array, record: int, wrt: Sequence[int], *, wet: bool = True) -> Array:
@@ -169,6 +175,11 @@ class Likelihood:
         for name, (mean, deviation) in self.priors.items():
             found = slopes.get(name, {}).items()
             add((mean - values[name]) / deviation, {place: slope / deviation for place, slope in found})
+        places = np.arange(len(self.coordinates.free), len(vector))
+        gram[0, 0] += np.sum((vector[places] / STATE_DEVIATION) ** 2)
+        gram[0, 1 + places] -= vector[places] / STATE_DEVIATION**2
+        gram[1 + places, 0] -= vector[places] / STATE_DEVIATION**2
+        gram[1 + places, 1 + places] += 1.0 / STATE_DEVIATION**2
         # The inertia behind the gauge is a part of the whole.
         behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
         if behind > MOST_BEHIND * whole and "tau_prop" in slopes:
@@ -184,27 +195,30 @@ class Likelihood:
         flat = turned.reshape(len(spectra), -1)
         return np.concatenate([flat.real, flat.imag], axis=1)
 
-    def with_noise(self, vector: Array) -> Likelihood:
-        """Return the likelihood whose noise is that of the residuals at a vector."""
-        roots = []
-        for index in range(len(self.records)):
-            residual, _ = self.spectra(vector, index, wet=False)
+    def with_noise(self, vector: Array, *, wet: bool = False) -> Likelihood:
+        """Return the likelihood whose noise is that of the residuals at a vector; wet: of what water leaves of them, too."""
+        roots, responses = [], []
+        for index, record in enumerate(self.records):
+            residual, _ = self.spectra(vector, index, wet=wet)
             roots.append(_root(residual))
-        return replace(self, roots=tuple(roots))
+            dry, _ = self.spectra(vector, index, wet=False) if wet else (residual, None)
+            responses.append(record.spectrum - dry)
+        return replace(self, roots=tuple(roots), responses=tuple(responses))
 
     def with_noise_of(self, other: Likelihood) -> Likelihood:
         """Return the likelihood with the noise and the water of another one of the same records."""
-        return replace(self, roots=other.roots, water=other.water)
+        return replace(self, roots=other.roots, responses=other.responses, water=other.water)
 
-    def with_water(self, vector: Array) -> Likelihood:
+    def with_water(self, vector: Array, *, always: bool = False) -> Likelihood:
         """Return the likelihood of the ship driven by the water that speed and torque show at a vector.
 
-        Itself where nothing limits the ship, so that water's part is noise that adds, or where no torque was measured.
+        Itself where nothing limits the ship, so that water's part is noise that adds, unless it is always asked for, or
+        where no torque was measured.
         """
         values = self.coordinates.values(vector)
         named = [_core.SHIP_OUTPUTS[output] for output in self.outputs]
         torque = next((name for name in TORQUES if name in named), None)
-        if torque is None or not LIMITS & set(values):
+        if torque is None or not (always or LIMITS & set(values)):
             return self
         seen = [named.index("dn"), named.index(torque)]
         inertia = values["tau_n" if torque == "dM_b" else "tau_prop"]
@@ -230,7 +244,7 @@ class Likelihood:
             for output, accuracy in enumerate(self.accuracy):
                 for unit in (1.0, 1j):
                     shapes = np.zeros((len(knots), len(self.accuracy), len(record.frequency_hz)), complex)
-                    shapes[:, output] = accuracy * unit * hats * record.spectrum[output]
+                    shapes[:, output] = accuracy * unit * hats * self.responses[index][output]
                     rows.append(self._white(shapes, index))
             found.append(np.concatenate(rows))
         return tuple(found)
