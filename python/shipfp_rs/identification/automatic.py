@@ -20,7 +20,8 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.gates import doubts, require_excited
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
-from shipfp_rs.identification.ship_fit import PART, ShipFit, fit_ship, refined, step_for
+from shipfp_rs.identification.ship_fit import fit_ship, refined
+from shipfp_rs.identification.ship_found import PART, ShipFit, step_for
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
@@ -56,7 +57,7 @@ def identified(
     fit = fit_ship(question, time_limit_s=time_limit_s)
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
-    names = [name for name in c.names if name not in NUISANCES]
+    names = [name for name in c.names if name not in NUISANCES | fit.along]
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
@@ -161,7 +162,7 @@ def structure_of(fit: ShipFit) -> Structure:
     given = {
         name: value for name, value in fit.likelihood.coordinates.given.items() if name in structure.names
     }
-    given |= {name: value for name, value in fit.values.items() if name in NUISANCES}
+    given |= {name: value for name, value in fit.values.items() if name in NUISANCES | fit.along}
     return structure.with_fixed(**given) if given else structure
 
 

@@ -213,7 +213,7 @@ class Likelihood:
         """Return the likelihood of the ship driven by the water that speed and torque show at a vector.
 
         Itself where nothing limits the ship, so that water's part is noise that adds, unless it is always asked for, or
-        where no torque was measured.
+        where no torque was measured; without water where that explains the data better.
         """
         values = self.coordinates.values(vector)
         named = [_core.SHIP_OUTPUTS[output] for output in self.outputs]
@@ -221,13 +221,17 @@ class Likelihood:
         if torque is None or not (always or LIMITS & set(values)):
             return self
         seen = [named.index("dn"), named.index(torque)]
-        inertia = values["tau_n" if torque == "dM_b" else "tau_prop"]
+        twisted = values.get("tau_twist", 0.0) > 0.0
+        behind = values["tau_prop" if twisted or torque == "dM_g" else "tau_n"]
+        inertia = (values["tau_n"] - behind if torque == "dM_b" else 0.0, behind)
         water = []
         for index, record in enumerate(self.records):
             response = self.simulated(vector, index, [], wet=False)[seen, 0]
             scale = vector[self.coordinates.states(index)][list(STATES).index("torque scale")]
             water.append(moving_water(record, seen, response, values, inertia, 1.0 + float(scale)))
-        return replace(self, water=tuple(water))
+        dry, wet = replace(self, water=None), replace(self, water=tuple(water))
+        # What the model lacks looks like water, too, and would drive it astray.
+        return wet if wet.cost(vector) < dry.cost(vector) else dry
 
     @cached_property
     def _errors(self) -> tuple[Array, ...]:

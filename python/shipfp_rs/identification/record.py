@@ -24,6 +24,9 @@ BAND_HZ = 4.0
 """Highest frequency that is compared [Hz]: tachometers and loops of ships tell little above (FACTS of the trial, 8)."""
 EDGE_S = 2.0
 """Over which a record fades in and out [s], so that its ends leave nothing in the band."""
+BEFORE_S = 2.0
+"""First stretch that is simulated but not compared [s]: a record that begins in the middle of an excitation does not tell
+what went on before, and dead times carry that into it."""
 STEP_S = 0.005
 """Longest step of the simulation [s]; at 4 Hz straight lines between its ends are right to 0.1 per cent."""
 TAPS_A_STEP = 6
@@ -141,7 +144,7 @@ class Record:
         count = prev_fast_len(-(-self.measured.shape[1] // self.down), real=True)
         rate = self.data_hz / self.down
         at = np.arange(count) / rate
-        edge = np.clip(np.minimum(at, at[-1] - at) / EDGE_S, 0.0, 1.0)
+        edge = np.clip(np.minimum(at - BEFORE_S, at[-1] - at) / EDGE_S, 0.0, 1.0)
         frequency = np.fft.rfftfreq(count, 1.0 / rate)
         places = np.flatnonzero(frequency <= self.band_hz)
         return np.asarray(frequency[places]), places, np.asarray(0.5 - 0.5 * np.cos(np.pi * edge))

@@ -11,7 +11,7 @@ import numpy as np
 from shipfp_rs.identification.estimate import KNOWN, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.question import TRIED
-from shipfp_rs.identification.ship_fit import ShipFit
+from shipfp_rs.identification.ship_found import ShipFit
 from shipfp_rs.identification.usability import usability
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.structures.elements import ELEMENTS
@@ -20,6 +20,9 @@ OFF_S = 1e-3
 """A delay whose interval begins below this may be none [s]."""
 SHORT_S = 0.02
 """A delay that may be none and is at most this is called off [s]."""
+
+UNDECIDED = 6.0
+"""Fall of the deviance from which an element fitted along may act: chance gives it once in 20 with two parameters."""
 
 
 def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
@@ -36,9 +39,11 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         rows[name] = _row(name, state, limit)
     for name in TRIED:
         told = parameters.get(TRIED[name][0])
-        acts = told is not None and told.status != "unidentifiable"
+        acts = told is not None and told.status != "unidentifiable" and TRIED[name][0] not in fit.along
         if acts or name in fit.question.tried:
-            rows[name] = _row(name, "on" if acts else "off", None, fit.gains.get(name))
+            undecided = TRIED[name][0] in fit.along and fit.gains[name] > UNDECIDED
+            state = "on" if acts else "open" if undecided else "off"
+            rows[name] = _row(name, state, None, fit.gains.get(name))
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
     # A governor's clock is seen in the raw torque or not at all: half its period is part of T_d either way.

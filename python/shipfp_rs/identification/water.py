@@ -29,7 +29,7 @@ def moving_water(
     seen: Sequence[int],
     response: Array,
     values: Mapping[str, float],
-    inertia: float,
+    inertia: tuple[float, float],
     scale: float,
 ) -> Array:
     """Return the load's torque beyond its law, over the operating point's (over k_L beside a measured load), shape (K,).
@@ -45,12 +45,16 @@ def moving_water(
     values
         The ship's parameters.
     inertia, scale
-        Time constant of what turns behind the torque meter [s], and by which factor its torque is read.
+        Time constants of what turns between the torque meter and a shaft that twists, and of all that turns behind [s],
+        and by which factor the meter's torque is read.
     """
     rate = record.data_hz / record.down
     n, m = response
     speed, torque = record.decimated[list(seen), : len(n)]
-    found = (1.0 + torque) / scale - inertia * _slope(speed, rate)
+    ahead, behind = inertia
+    through = (1.0 + torque) / scale - ahead * _slope(speed, rate)
+    speed = speed - _twisting(through, rate, values)
+    found = through - behind * _slope(speed, rate)
     found -= np.maximum(1.0 + speed, 1e-3) ** values["p"] + values["c_2"] * speed**2
     found -= values.get("damping", 0.0) * speed
     by_load = values.get("k_L", 1.0)
@@ -74,6 +78,18 @@ def _without_noise(frequency: Array, spectrum: ComplexArray, band_hz: float) -> 
     noise = np.mean(power[(frequency > TOP * band_hz) & (frequency <= band_hz)])
     kept = np.maximum(1.0 - noise / np.maximum(smooth, 1e-300), 0.0)
     return np.asarray(spectrum * kept * (frequency <= band_hz))
+
+
+def _twisting(through: Array, rate: float, values: Mapping[str, float]) -> Array:
+    """Speed by which a shaft twists under a torque."""
+    twist = values.get("tau_twist", 0.0)
+    damped = twist * values.get("zeta_twist", 0.0)
+
+    def change(frequency: Array, spectrum: ComplexArray) -> ComplexArray:
+        s = 2j * np.pi * frequency
+        return np.asarray(spectrum * twist * s / (1.0 + damped * s))
+
+    return _by_frequency(through, rate, change) if twist > 0.0 else np.zeros_like(through)
 
 
 def _slope(signal: Array, rate: float) -> Array:

@@ -1,0 +1,69 @@
+"""A ship as a search found it, and by which step its loop is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.question import TRIED, Question
+
+COARSE_STEP_S = 0.01
+"""Longest step of the search and of profiles [s]; the last descent takes finer ones."""
+LEAST_STEP_S = 1e-3
+PART = 0.4
+"""Step over the loop's quickest time constant, of the search."""
+BELIEVED = 25.0
+"""Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
+what the model leaves out elsewhere gives as much again."""
+DEFAULTS: Mapping[str, float] = {
+    "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
+    "vK_d": 0.01, "damping": 0.0, "T_M": 1e-3, "T_n": 1e-3, "v": 1.2, "k_L": 1.0,
+    "M_max": 1.2, "M_soft": 5e-3, "hold": 0.5, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
+}  # fmt: skip
+"""Where a parameter begins that no regression tells."""
+
+
+@dataclass(frozen=True)
+class ShipFit:
+    """The end of a search.
+
+    `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model.
+    """
+
+    question: Question
+    likelihood: Likelihood
+    basins: tuple[Basin, ...]
+    elements: tuple[str, ...]
+    gains: Mapping[str, float]
+    smooth: bool | None
+
+    @property
+    def best(self) -> Basin:
+        """The lowest minimum."""
+        return self.basins[0]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters at the best minimum."""
+        return self.likelihood.coordinates.values(self.best.vector)
+
+    @property
+    def along(self) -> frozenset[str]:
+        """Parameters of elements neither asked for nor excluded: fitted along, so that intervals allow for either."""
+        names = {
+            name
+            for element in self.elements
+            if self.gains[element] <= BELIEVED
+            for name in (*TRIED[element], *(["tau_prop"] if element == "twist" else []))
+        }
+        return frozenset(names - set(self.question.always))
+
+
+def step_for(values: Mapping[str, float], part: float) -> float:
+    """Return the step for a loop [s]: a part of its quickest time constant."""
+    quickest = (abs(values.get("p", 2.0) - values["g"]) + values["vK_p"]) / values["tau_n"]
+    return float(np.clip(part / max(quickest, 1e-9), LEAST_STEP_S, COARSE_STEP_S))

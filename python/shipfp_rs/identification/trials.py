@@ -1,0 +1,135 @@
+"""Elements that are tried beside the full smooth model: limits of torque and rate, and a shaft that twists.
+
+A limit stays where the deviance falls by more than chance allows. Moving water decides, too, when it holds, so the ship is
+driven by the water in its trial, with the limit and without, and noise is what is left over then. A twist goes to off in a
+limit, and hides in the delays and in the inertia behind the gauge: it is fitted along unless it ends off, so that intervals
+allow for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.question import TRIED
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, PART, ShipFit, step_for
+from shipfp_rs.support.arrays import Array
+
+DRIVEN = 2.0
+"""Factor of the deviance's fall from which a limit is believed where water drives the ship: with the noise so much less, more
+of what the model leaves out is seen."""
+ROUNDS = 3
+"""Descents with an element that was taken, the noise and the water from the end before."""
+TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
+"""A shaft's stiffness and damping to begin with."""
+KEPT = 5
+"""Starts that go down, those of the least deviance."""
+LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
+"""Quantiles of torque and of its slope at which limits are tried, and factors of the gains: without a rate limit they are
+taken for too small."""
+
+
+def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit with the limits that the data ask for, one after the other, and a twist unless it ends off."""
+    gains: dict[str, float] = {}
+    limits = [element for element in fit.question.tried if element != "twist"]
+    while limits:
+        trials: list[tuple[float, str, Likelihood, Basin]] = []
+        before = _driven(fit, fit.likelihood, fit.best, until)
+        for element in limits:
+            found = _trial(fit, before[0], element, until)
+            if found is not None:
+                gains[element] = before[1].cost - found[1].cost
+                trials.append((gains[element], element, *found))
+        gain, element, likelihood, end = max(
+            trials, key=lambda trial: trial[0], default=(0.0, "", None, None)
+        )
+        if gain <= BELIEVED * (DRIVEN if before[0].water else 1.0) or likelihood is None or end is None:
+            break
+        fit = _taken(fit, element, likelihood, end, until)
+        limits.remove(element)
+    if "twist" in fit.question.tried:
+        found = _trial(fit, fit.likelihood, "twist", until)
+        if found is not None:
+            gains["twist"] = fit.best.cost - found[1].cost
+            fit = _taken(fit, "twist", *found, until)
+    return replace(fit, gains=gains)
+
+
+def _driven(
+    fit: ShipFit, likelihood: Likelihood, basin: Basin, until: float | None
+) -> tuple[Likelihood, Basin]:
+    """Return the ship driven by the water, with the noise that is left over then, and its best end."""
+    wet = likelihood.with_water(basin.vector, always=True)
+    wet = wet.with_noise(descend(wet, basin.vector, steps=10, settled=1.0, until=until).vector, wet=True)
+    return wet, descend(wet, basin.vector, settled=0.1, until=until)
+
+
+def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until: float | None) -> ShipFit:
+    """Return the fit with an element: with less left over the noise is less, and what else acts is seen."""
+    basin = end
+    for _ in range(ROUNDS):
+        likelihood = likelihood.with_noise(basin.vector).with_water(basin.vector)
+        basin = descend(likelihood, basin.vector, until=until)
+    return replace(fit, likelihood=likelihood, basins=(basin,), elements=(*fit.elements, element))
+
+
+def _trial(
+    fit: ShipFit, before: Likelihood, element: str, until: float | None
+) -> tuple[Likelihood, Basin] | None:
+    """Return the best end with an element beside those that act, with the noise and the water of before.
+
+    None where the record comes near none, or the element ends on its bound: there it is off or stands in for something else.
+    """
+    starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
+    if not starts:
+        return None
+    elements = (*fit.elements, element)
+    likelihood = fit.question.likelihood(elements, step_for(fit.values, PART), fit.smooth)
+    likelihood = likelihood.with_noise_of(before)
+    c = likelihood.coordinates
+    vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
+    vectors = sorted(vectors, key=likelihood.cost)[:KEPT]
+    ends = sorted(
+        (descend(likelihood, x, steps=8, settled=10.0, until=until) for x in vectors), key=lambda e: e.cost
+    )
+    ends = [descend(likelihood, end.vector, steps=40, settled=0.1, until=until) for end in ends[:2]]
+    best = min(ends, key=lambda end: end.cost)
+    low, high = c.bounds
+    place = c.place(TRIED[element][0])
+    stands_in = best.vector[place] <= low[place] + 1e-6 or best.vector[place] >= high[place] - 1e-6
+    return (likelihood, best) if np.isfinite(best.cost) and not stands_in else None
+
+
+def _starts(fit: ShipFit, element: str, basin: Basin) -> list[tuple[dict[str, float], list[Array]]]:
+    """Values to begin with: from the record's own plateaus and steepest slopes."""
+    c = fit.likelihood.coordinates
+    values = c.values(basin.vector)
+    states = [basin.vector[c.states(record)] for record in range(c.records)]
+    if element == "twist":
+        behind = values["tau_prop"] if fit.question.gauge else max(values["tau_prop"], 0.3 * values["tau_n"])
+        return [
+            ({**values, "tau_twist": twist, "zeta_twist": damping, "tau_prop": behind}, states)
+            for twist in TWISTS_S
+            for damping in DAMPINGS
+        ]
+    if "dM" not in fit.question.outputs:
+        return []
+    records, place = fit.likelihood.records, fit.question.outputs.index("dM")
+    if element == "torque_limit":
+        # A gauge behind the engine's inertia shows more than the engine gives while the shaft slows.
+        levels = np.quantile(np.concatenate([one.decimated[place] for one in records]), LEVELS)
+        return [({**values, "M_max": float(np.clip(1.0 + level, 1.02, 4.5))}, states) for level in levels]
+    steep = np.concatenate([np.abs(np.diff(one.decimated[place])) for one in records])
+    rates = np.clip(np.quantile(steep, SLOPES) * records[0].data_hz / records[0].down, 0.03, 50.0)
+    return [
+        (
+            {**values, "rate": float(rate), "vK_p": values["vK_p"] * more, "vK_i": values["vK_i"] * more},
+            states,
+        )
+        for rate in rates
+        for more in GAINS
+    ]
