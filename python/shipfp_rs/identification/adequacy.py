@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.signal import stft
+from scipy.stats import chi2
 
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.support.arrays import Array
@@ -19,6 +20,20 @@ STRONG, WEAK = 0.75, 0.5
 """Quantiles of the response's power within a band above which a stretch is driven, and below which it is quiet."""
 CHANCE = 3.0
 """Deviations of what chance leaves in excess that are taken off a miss."""
+
+SELDOM = 0.99
+"""Level of the law of the smooth errors up to which they are taken for those of gauge and calibration."""
+
+
+def strain(likelihood: Likelihood, vector: Array) -> float:
+    """Return how large the smooth errors are that a fit needs, over what gauge and calibration leave open.
+
+    Above one the model is bent by more than that: it is not the ship's.
+    """
+    cross, found = likelihood.smooth_errors(vector)
+    inverse = np.linalg.inv(found + np.eye(len(found)))
+    told = float(np.trace(inverse @ found))
+    return float(np.sum((inverse @ cross) ** 2) / chi2.ppf(SELDOM, max(told, 1.0)))
 
 
 def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:

@@ -13,7 +13,7 @@ import scipy
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.adequacy import explained_pct, misses_pct
+from shipfp_rs.identification.adequacy import explained_pct, misses_pct, strain
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -97,7 +97,7 @@ def identified(
             "dispersion": 1.0,
         },
     )
-    fingerprint = with_verdict(fingerprint)
+    fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector))
     return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(experiments)))
 
 

@@ -154,6 +154,12 @@ class Likelihood:
             raise SimulationError("the deviance is not finite")
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
+    def smooth_errors(self, vector: Array) -> tuple[Array, Array]:
+        """Products of the smooth errors' whitened shapes with the residuals (E,), and with each other (E, E)."""
+        residuals = [self._white(self.spectra(vector, at)[0][None], at)[0] for at in range(len(self.records))]
+        cross = sum(shapes @ residual for shapes, residual in zip(self._errors, residuals, strict=True))
+        return np.asarray(cross), np.asarray(sum(shapes @ shapes.T for shapes in self._errors))
+
     def cost(self, vector: Array) -> float:
         """Deviance at a vector; infinite where the ship runs away."""
         try:

@@ -21,6 +21,10 @@ OFF_S = 1e-3
 SHORT_S = 0.02
 """A delay that may be none and is at most this is called off [s]."""
 
+BENT = (
+    "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: they agree only "
+    "if the channels are wrong by more than a calibration leaves open."
+)
 UNDECIDED = 6.0
 """Fall of the deviance from which an element fitted along may act: chance gives it once in 20 with two parameters."""
 
@@ -67,9 +71,11 @@ def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
     return {"parameter": name, "value": float(value), "unit": unit, "level": 0.95}
 
 
-def with_verdict(fingerprint: Fingerprint) -> Fingerprint:
-    """Return the fingerprint with what it can be used for, and the sentences about it."""
+def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
+    """Return the fingerprint with what it can be used for, and the sentences about it; strain: of `adequacy`."""
     found = usability(fingerprint)
+    if strain > 1.0 and found.state == "usable":
+        found = replace(found, state="usable except", sentence=BENT)
     known = [name for name, one in fingerprint.parameters.items() if one.status in KNOWN]
     lines = [found.sentence]
     if known and found.state != "not usable":

@@ -19,8 +19,7 @@ from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, PART, ShipFi
 from shipfp_rs.support.arrays import Array
 
 DRIVEN = 2.0
-"""Factor of the deviance's fall from which a limit is believed where water drives the ship: with the noise so much less, more
-of what the model leaves out is seen."""
+"""Factor of BELIEVED where water drives the ship: with the noise so much less, more of what the model leaves out is seen."""
 ROUNDS = 3
 """Descents with an element that was taken, the noise and the water from the end before."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
