@@ -62,6 +62,10 @@ def identified(
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
     fit, found, possible = intervals_of(fit, figures, intervals)
+    if fit.stiff is not None and "tau_twist" in fit.along:
+        # Neither is decided: intervals hold what either model allows.
+        _, other, _ = intervals_of(refined(fit.stiff), figures, intervals)
+        found = {name: _either(one, other[name]) for name, one in found.items()}
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}
@@ -142,6 +146,13 @@ def intervals_of(
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
     return fit, found, [coarse.coordinates.values(vector) for vector in inside]
+
+
+def _either(one: Interval, other: Interval) -> Interval:
+    """An interval that holds both, about the value of the first."""
+    lower, higher = one.low <= other.low, one.high >= other.high
+    kinds = (one if lower else other).kinds[0], (one if higher else other).kinds[1]
+    return Interval(one.value, min(one.low, other.low), max(one.high, other.high), kinds)
 
 
 def structure_of(fit: ShipFit) -> Structure:

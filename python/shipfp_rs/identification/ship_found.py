@@ -31,7 +31,8 @@ DEFAULTS: Mapping[str, float] = {
 class ShipFit:
     """The end of a search.
 
-    `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model.
+    `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model;
+    `stiff` is the fit before a twist came in.
     """
 
     question: Question
@@ -40,6 +41,7 @@ class ShipFit:
     elements: tuple[str, ...]
     gains: Mapping[str, float]
     smooth: bool | None
+    stiff: ShipFit | None = None
 
     @property
     def best(self) -> Basin:

@@ -54,7 +54,7 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         found = _trial(fit, fit.likelihood, "twist", until)
         if found is not None:
             gains["twist"] = fit.best.cost - found[1].cost
-            fit = _taken(fit, "twist", *found, until)
+            fit = replace(_taken(fit, "twist", *found, until), stiff=fit)
     return replace(fit, gains=gains)
 
 
