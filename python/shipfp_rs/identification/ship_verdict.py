@@ -10,9 +10,9 @@ import numpy as np
 
 from shipfp_rs.identification.estimate import KNOWN, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.question import TRIED
+from shipfp_rs.identification.question import BOUNDS, TRIED
 from shipfp_rs.identification.ship_found import ShipFit
-from shipfp_rs.identification.usability import usability
+from shipfp_rs.identification.usability import Usability, listed, usability
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.structures.elements import ELEMENTS
 
@@ -25,6 +25,9 @@ BENT = (
     "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: they agree only "
     "if the channels are wrong by more than a calibration leaves open."
 )
+ALWAYS = ("tau_n", "g", "p", "vK_p", "vK_i")
+"""Parameters that are off on no ship, so that an end of what is searched is no value of theirs."""
+AT_BOUND = 1e-6
 UNDECIDED = 6.0
 """Fall of the deviance from which an element fitted along may act: chance gives it once in 20 with two parameters."""
 
@@ -61,6 +64,14 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
     return rows
 
 
+def _is_on_bound(name: str, estimate: Estimate) -> bool:
+    """Whether a parameter that no ship lacks stands at an end of what is searched."""
+    if name not in ALWAYS or estimate.status not in KNOWN or estimate.value is None:
+        return False
+    low, high = BOUNDS[name]
+    return min(estimate.value - low, high - estimate.value) <= AT_BOUND * (high - low)
+
+
 def _row(
     name: str, state: str, limit: dict[str, Any] | None, evidence: float | None = None
 ) -> dict[str, Any]:
@@ -74,7 +85,13 @@ def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
 def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
     """Return the fingerprint with what it can be used for, and the sentences about it; strain: of `adequacy`."""
     found = usability(fingerprint)
-    if strain > 1.0 and found.state == "usable":
+    ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
+    if ended and found.state != "not usable":
+        because = (
+            f"the search ended where {listed(ended)} can't go further; the ship is another one than the model"
+        )
+        found = Usability("not usable", f"Not usable, because {because}.", "misfit")
+    elif strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
     known = [name for name, one in fingerprint.parameters.items() if one.status in KNOWN]
     lines = [found.sentence]
