@@ -12,6 +12,7 @@ from scipy.signal import stft
 from scipy.stats import chi2
 
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.record import BEFORE_S
 from shipfp_rs.support.arrays import Array
 
 STRETCH_S = 20.0
@@ -42,10 +43,11 @@ def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
     scatter = np.zeros(len(likelihood.outputs))
     size = np.full(len(likelihood.outputs), 1e-30)
     for index, record in enumerate(likelihood.records):
-        model = likelihood.simulated(vector, index, [])[:, 0]
         rate = record.data_hz / record.down
+        begin = int(BEFORE_S * rate)
+        model = likelihood.simulated(vector, index, [])[:, 0, begin:]
         length = min(int(STRETCH_S * rate), model.shape[1] // 4)
-        for output, (response, data) in enumerate(zip(model, record.decimated, strict=True)):
+        for output, (response, data) in enumerate(zip(model, record.decimated[:, begin:], strict=True)):
             power, left = (
                 np.abs(stft(row - row.mean(), rate, nperseg=length, boundary=None, padded=False)[2]) ** 2
                 for row in (response, data[: len(response)] - response)
