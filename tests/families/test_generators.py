@@ -369,7 +369,7 @@ def test_wrong_data_are_wrong_in_the_way_they_say(seed):
         assert np.corrcoef(signals[torque], signals["n_e"])[0, 1] < 0.0
 
 
-@pytest.mark.parametrize("some", [{"T_d", "T_set"}, {"T_d"}], ids=str)
+@pytest.mark.parametrize("some", [{"T_d", "T_set"}, {"T_d"}], ids=lambda some: "+".join(sorted(some)))
 def test_a_third_simulation_finds_the_truth_in_an_experiment(some):
     """The rival's ship, at the truth and on the set point at 50 Hz, leaves far less than the noise.
 
