@@ -19,6 +19,8 @@ SETTLED = 0.01
 """A step that lowers the deviance by less ends a descent: a hundredth of what makes an interval's end uncertain by a
 thousandth."""
 MOST_STEPS = 60
+LEAST = 1e-14
+"""Damping that keeps a matrix that nothing tells a part of from being singular by rounding."""
 DAMPED, LESS, MORE = 1e-4, 0.15, 8.0
 """Damping of a descent to begin with, and its factors after a good step and a bad one (Marquardt 1963)."""
 ROUGH, MIDDLE, FINE = (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
@@ -90,6 +92,9 @@ def descend(
         for _ in range(8):
             step = _step(now, x, low, high, damping)
             promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
+            if promised < 0.0:  # bounds cut off what would have made up for the rest
+                damping *= MORE
+                continue
             if promised < 0.1 * settled:
                 return Basin(plain, x)
             try:
@@ -112,13 +117,15 @@ def descend(
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
     """Damped Gauss-Newton step within the bounds: what it would push out is held, and the rest solved again."""
-    diagonal = np.diag(now.matrix)
-    damped = now.matrix + np.diag(damping * diagonal + 1e-12 * (diagonal.max() or 1.0) + 1e-30)
+    # In units of each entry's own curvature: entries may differ by many orders of magnitude.
+    scale = np.sqrt(np.maximum(np.diag(now.matrix), 1e-30))
+    damped = now.matrix / np.outer(scale, scale) + (damping + LEAST) * np.eye(len(x))
+    downhill = now.downhill / scale
     step = np.zeros(len(x))
     free = ~(((x <= low) & (now.downhill < 0.0)) | ((x >= high) & (now.downhill > 0.0)))
     for _ in range(4):
-        rest = now.downhill[free] - damped[np.ix_(free, ~free)] @ step[~free]
-        step[free] = cho_solve(cho_factor(damped[np.ix_(free, free)]), rest)
+        rest = downhill[free] - damped[np.ix_(free, ~free)] @ (step * scale)[~free]
+        step[free] = cho_solve(cho_factor(damped[np.ix_(free, free)]), rest) / scale[free]
         out = free & ((x + step < low) | (x + step > high))
         if not out.any():
             break

@@ -10,6 +10,16 @@ PHRASES: tuple[tuple[str, str], ...] = (
         "Nicht brauchbar, weil die Daten keinen Parameter bestimmen.",
     ),
     (
+        r"^Not usable, because the search ended where (.+) can't go further; the ship is another one than the model\.",
+        r"Nicht brauchbar, denn die Suche endete, wo \1 nicht weiter kann; das Schiff ist ein anderes als das Modell.",
+    ),
+    (
+        r"^Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: they agree only "
+        r"if the channels are wrong by more than a calibration leaves open\.",
+        r"Brauchbar für Simulation und Vergleich, aber die Bereiche gelten für das Modell, nicht für den Antriebsstrang: Sie "
+        r"stimmen nur überein, wenn die Kanäle um mehr falsch sind, als eine Kalibrierung offen lässt.",
+    ),
+    (
         r"^Not usable, because the model misses (\S+) % of the response to the set point\.",
         r"Nicht brauchbar, weil dem Modell \1 % der Antwort auf den Sollwert fehlen.",
     ),
