@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -63,9 +64,10 @@ def identified(
     }
     fit, found, possible = intervals_of(fit, figures, intervals)
     if fit.stiff is not None and "tau_twist" in fit.along:
-        # Neither is decided: intervals hold what either model allows.
-        _, other, _ = intervals_of(refined(fit.stiff), figures, intervals)
-        found = {name: _either(one, other[name]) for name, one in found.items()}
+        # Neither is decided: intervals hold what either model allows, where the stiff one can be simulated at all.
+        with suppress(IdentificationError):
+            _, other, _ = intervals_of(refined(fit.stiff), figures, intervals)
+            found = {name: _either(one, other[name]) for name, one in found.items()}
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}

@@ -55,7 +55,13 @@ def fit_ship(question: Question, *, time_limit_s: float | None = None) -> ShipFi
     fit = ShipFit(question, likelihood, tuple(basins), (), {}, smooth)
     fit = with_elements(fit, until)
     fit = with_other_delays(fit, until)
-    return refined(fit, until)
+    try:
+        return refined(fit, until)
+    except IdentificationError:
+        # A twist that only a long step keeps stable is none.
+        if fit.stiff is None:
+            raise
+        return refined(replace(fit.stiff, gains=fit.gains), until)
 
 
 def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
