@@ -168,7 +168,9 @@ def test_a_torque_limit_that_is_never_reached_stays_unknown():
     small = simulate(
         launch, signals.chirp(0.05, 2.0, 20.0, 13.0, rate_hz=25.0), noise={"n_e": 0.01, "M_b": 0.01}, seed=1
     )
-    fingerprint = identify(small, Structure.ship(["torque_limit"]).with_start(M_max=3.0), starts=1)
+    # From near the ship: a search from afar may end in another valley, in which one the processor's rounding decides.
+    near = Structure.ship(["torque_limit"]).with_start(M_max=3.0, tau_n=1.4, g=-0.6, vK_p=15.0, vK_i=1.5)
+    fingerprint = identify(small, near, starts=1)
     limit = fingerprint["M_max"]
     assert (limit.value, limit.status, limit.reason) == (
         None,
