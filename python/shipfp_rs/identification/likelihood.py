@@ -181,11 +181,8 @@ class Likelihood:
         for name, (mean, deviation) in self.priors.items():
             found = slopes.get(name, {}).items()
             add((mean - values[name]) / deviation, {place: slope / deviation for place, slope in found})
-        places = np.arange(len(self.coordinates.free), len(vector))
-        gram[0, 0] += np.sum((vector[places] / STATE_DEVIATION) ** 2)
-        gram[0, 1 + places] -= vector[places] / STATE_DEVIATION**2
-        gram[1 + places, 0] -= vector[places] / STATE_DEVIATION**2
-        gram[1 + places, 1 + places] += 1.0 / STATE_DEVIATION**2
+        for place in range(len(self.coordinates.free), len(vector)):
+            add(-vector[place] / STATE_DEVIATION, {place: 1.0 / STATE_DEVIATION})
         # The inertia behind the gauge is a part of the whole.
         behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
         if behind > MOST_BEHIND * whole and "tau_prop" in slopes:
