@@ -17,15 +17,12 @@ from collections.abc import Callable
 import numpy as np
 
 from benches.timing import in_turn, print_table, spread
-from shipfp_rs import Vessel, _core
-from shipfp_rs.vessel.drive_train import OFF, PLANT_PARAMETERS
+from shipfp_rs import _core
 
 RATE_HZ = 200.0
 SHORT_S, LONG_S = 100.0, 1600.0
 POLES = {"slow": (1.5, 10.0, 1.0), "fast": (0.03, 1.0, 50.0)}
 """Time constant tau_n of the shaft [s], K_p, K_i: the slowest pole decays at 0.09 and at 23 per second."""
-NO_TABLE = np.empty(0)
-NO_QUADRANTS = np.empty((3, 0))
 
 
 def set_point(moves: bool, samples: int) -> np.ndarray:
@@ -48,47 +45,6 @@ def linear_calls(poles: str, dn_set: np.ndarray, dead_time: float) -> dict[str, 
         ),
     }
     return {f"{name}{', dead time' if dead_time else ''}": call for name, call in calls.items()}
-
-
-def plant_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
-    tau_n, k_p, k_i = POLES[poles]
-    vessel = Vessel.load("stan-launch-804")
-    n_e = vessel.nominal_shaft_speed * vessel.plant_parameters()[1]
-    plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
-    plant["inertia"] *= tau_n / 1.5
-    plant["Kp_abs"] *= k_p / 10.0
-    plant["Ki_abs"] *= k_i
-    names = _core.DRIVE_TRAIN_PARAMETERS
-    n_set = n_e * (1.0 + dn_set)
-    common = (n_set, 1.0 / RATE_HZ, 2 if poles == "fast" else 1, "first")
-
-    def vector(**changes: float) -> np.ndarray:
-        start = {
-            "propeller_inertia": 0.4 * plant["inertia"],
-            "initial_speed": 1.001 * n_e / plant["gear_ratio"],
-            "initial_error": 0.0,
-            "set_point_before": n_e,
-            "turbocharger_lag": 1.0,
-            "derivative_filter": 0.05,
-            "drag_exponent": 1.0,
-            "firing_width": 0.5,
-            "blades": 3.0,
-            "blade_path": 1.7,
-            "inflow": 1.0,
-            "thrust_coefficient": 100.0,
-            "ship_resistance": 500.0,
-            "initial_ship_speed": 0.0,
-            "crank_angle": 0.0,
-        }
-        values = OFF | plant | start | changes
-        return np.array([values[name] for name in names])
-
-    lagging = vector(fuel_lag=0.005)
-    return {
-        "simulate_drive_train, lag": lambda: _core.simulate_drive_train(
-            lagging, NO_TABLE, NO_TABLE, np.ones(6), NO_QUADRANTS, *common
-        ),
-    }
 
 
 def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
@@ -144,7 +100,6 @@ def calls(poles: str, moves: bool, duration_s: float) -> dict[str, Callable[[], 
     return {
         **linear_calls(poles, dn_set, 0.0),
         **linear_calls(poles, dn_set, 0.05 if poles == "slow" else 0.004),
-        **plant_calls(poles, dn_set),
         **ship_calls(poles, dn_set),
         **other_calls(poles, dn_set),
     }

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "DRIVE_TRAIN_PARAMETERS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
+    "SHIP_DETAIL",
     "SHIP_OFF",
     "SHIP_OUTPUTS",
     "SHIP_PARAMETERS",
@@ -19,7 +19,6 @@ __all__ = [
     "PulseTracker",
     "RepeatScan",
     "__version__",
-    "_drive_train_rates",
     "_instruction_sets",
     "_panic_for_test",
     "_set_instruction_set",
@@ -37,7 +36,7 @@ __all__ = [
     "running_median",
     "ship_observed",
     "ship_sensitivities",
-    "simulate_drive_train",
+    "simulate_detailed_ship",
     "simulate_linear",
     "simulate_ship",
     "simulate_ship_by",
@@ -52,30 +51,6 @@ def _instruction_sets() -> tuple[str, ...]: ...
 def _set_instruction_set(name: str | None) -> None: ...
 def _panic_for_test(message: str) -> None: ...
 def _spin_for_test() -> None: ...
-
-DRIVE_TRAIN_PARAMETERS: tuple[str, ...]
-
-def simulate_drive_train(
-    parameters: NDArray[np.float64],
-    limit_speed: NDArray[np.float64],
-    limit_torque: NDArray[np.float64],
-    strength: NDArray[np.float64],
-    quadrants: NDArray[np.float64],
-    n_set: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-) -> NDArray[np.float64]: ...
-def _drive_train_rates(
-    parameters: NDArray[np.float64],
-    limit_speed: NDArray[np.float64],
-    limit_torque: NDArray[np.float64],
-    strength: NDArray[np.float64],
-    quadrants: NDArray[np.float64],
-    state: NDArray[np.float64],
-    n_set: float,
-    fuel: float,
-) -> NDArray[np.float64]: ...
 
 LINEAR_PARAMETERS: tuple[str, ...]
 LINEAR_OUTPUTS: tuple[str, ...]
@@ -122,6 +97,7 @@ def linear_products(
 SHIP_PARAMETERS: tuple[str, ...]
 SHIP_OUTPUTS: tuple[str, ...]
 SHIP_OFF: tuple[float, ...]
+SHIP_DETAIL: tuple[str, ...]
 
 def simulate_ship(
     parameters: NDArray[np.float64],
@@ -141,6 +117,18 @@ def simulate_ship_by(
     method: Literal["rk4", "heun", "euler"],
     hold: Literal["zero", "first"],
     initial: NDArray[np.float64],
+    outputs: Sequence[int],
+    envelope: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]: ...
+def simulate_detailed_ship(
+    parameters: NDArray[np.float64],
+    detail: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    quadrants: NDArray[np.float64],
+    u: NDArray[np.float64],
+    dt: float,
+    substeps: int,
+    hold: Literal["zero", "first"],
     outputs: Sequence[int],
     envelope: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]: ...

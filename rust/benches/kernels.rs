@@ -1,19 +1,17 @@
 //! Times of the kernels without Python: `cargo bench`.
 #![allow(missing_docs)]
 
-use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Duration;
 
 use _core::cost::Record;
-use _core::drive_train::{self, DriveTrain, Run, Tables};
 use _core::error::Error;
 use _core::filter::{Decimator, running_median};
 use _core::hold::Hold;
 use _core::linear::{By, Drive, Output, Parameters};
 use _core::power::power;
 use _core::pulse::PulseCrossings;
-use _core::stepper::{self, Envelope, parameters::at};
+use _core::stepper::{self, parameters::at};
 use _core::stop::Stop;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
@@ -26,79 +24,19 @@ fn wander(middle: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| middle * (1.0 + 0.05 * (k as f64 * 0.013).sin())).collect()
 }
 
-/// Stan Tug 1205 with all its elements: a governor once a firing, dead times, limits, firing, a shaft that twists.
-const TUG: [f64; 45] = [
-    62.297,
-    3.82,
-    0.98,
-    55.847,
-    -14.153,
-    186.158,
-    48.915,
-    2.17,
-    10.0,
-    2.2301,
-    5.3218,
-    f64::NEG_INFINITY,
-    22.857,
-    81000.0,
-    65.0,
-    3.3398,
-    1.0,
-    0.25,
-    0.0,
-    0.05,
-    f64::INFINITY,
-    1.0,
-    0.0,
-    32.0,
-    5.0,
-    1.0,
-    0.07,
-    0.03,
-    100.0,
-    2000.0,
-    1.0 / 3.0,
-    0.5,
-    3.0,
-    0.005,
-    0.01,
-    2.309,
-    1.0,
-    723.226,
-    f64::INFINITY,
-    0.0,
-    5.16492,
-    0.0,
-    0.0,
-    19.73,
-    0.0,
-];
+/// Stan Tug 1205 with all its elements, divided by its operating point: by [`stepper::DETAIL`].
+const TUG: [f64; 18] =
+    [0.05, 0.5, 1.0, 4.59, 0.333, 0.5, 19.73, 1.0, 0.0099, 1.0, 0.99, 5.165, 3.0, 0.005, 0.01, 0.0, 0.0, 0.0];
 
-fn whole_drive_train(criterion: &mut Criterion) -> Result<(), Error> {
-    let mut group = criterion.benchmark_group("its functions, of 1000 numbers");
-    let angles: Vec<f64> = (0..1000).map(|k| f64::from(k) * 0.37).collect();
+fn powers(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("powers of 1000 numbers");
+    let speeds: Vec<f64> = (0..1000).map(|k| f64::from(k) * 0.37).collect();
     // Each waits for the one before, as in a simulation.
     let sum =
-        |function: fn(f64) -> f64| angles.iter().fold(0.0, |before, &angle| function(angle + 1e-12 * before));
-    group.bench_function("cosine, library", |b| b.iter(|| sum(|angle| (TAU * angle).cos())));
-    group.bench_function("cosine, ours", |b| b.iter(|| sum(drive_train::cosine)));
-    group.bench_function("power, library", |b| b.iter(|| sum(|speed| speed.powf(black_box(2.17)))));
-    group.bench_function("power, ours", |b| b.iter(|| sum(|speed| power(speed, black_box(2.17)))));
+        |function: fn(f64) -> f64| speeds.iter().fold(0.0, |before, &speed| function(speed + 1e-12 * before));
+    group.bench_function("library", |b| b.iter(|| sum(|speed| speed.powf(black_box(2.17)))));
+    group.bench_function("ours", |b| b.iter(|| sum(|speed| power(speed, black_box(2.17)))));
     group.finish();
-    let mut group = criterion.benchmark_group("drive train, RK4, a step");
-    let set_speed = wander(19.73, SAMPLES);
-    let envelope = Envelope::new(&[10.0, 20.0, 30.0], &[560.0, 1250.0, 1172.0])?;
-    let strength = vec![1.04, 0.98, 0.98, 1.04, 0.98, 0.98];
-    let train = DriveTrain::from_parameters(&TUG, Tables { strength, quadrants: None })?;
-    let run = Run { set_speed: &set_speed, dt: 0.005, substeps: 12, hold: Hold::First };
-    let mut output = vec![0.0; drive_train::ROWS * SAMPLES];
-    group.throughput(Throughput::Elements((12 * SAMPLES) as u64));
-    group.bench_function("the tug with all its elements", |bencher| {
-        bencher.iter(|| drive_train::simulate(black_box(&train), &envelope, &run, &mut output, &Stop::new()));
-    });
-    group.finish();
-    Ok(())
 }
 
 fn products(criterion: &mut Criterion) -> Result<(), Error> {
@@ -169,6 +107,19 @@ fn ship(criterion: &mut Criterion) -> Result<(), Error> {
             bencher.iter(|| stepper::simulate(black_box(&task), &run, &mut rows, &Stop::new()));
         });
     }
+    let detail = stepper::Detail::new(&TUG, &[1.04, 0.98, 0.98, 1.04, 0.98, 0.98], None)?;
+    let whole = stepper::Run { detail: Some(&detail), ..run };
+    let told = [(at::T_S, 0.0169), (at::TAU_TWIST, 0.00018), (at::ZETA_TWIST, 4.6), (at::RATE_UP, 10.0)];
+    let mut tug = vector;
+    for (place, value) in told {
+        tug[place] = value;
+    }
+    let parameters = stepper::Parameters::new(&tug, "parameters")?;
+    let task = stepper::Task { parameters, outputs: &outputs, wrt: &[] };
+    let mut rows = vec![0.0; outputs.len() * SAMPLES];
+    group.bench_function("the tug with all its elements", |bencher| {
+        bencher.iter(|| stepper::simulate(black_box(&task), &whole, &mut rows, &Stop::new()));
+    });
     group.throughput(Throughput::Elements(SAMPLES as u64));
     for place in [at::T_D, at::T_SET, at::TAU_ACT] {
         vector[place] = stepper::OFF[place];
@@ -210,7 +161,8 @@ fn signals(criterion: &mut Criterion) -> Result<(), Error> {
 }
 
 fn all(criterion: &mut Criterion) {
-    for bench in [whole_drive_train, ship, products, signals] {
+    powers(criterion);
+    for bench in [ship, products, signals] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

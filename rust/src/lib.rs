@@ -1,7 +1,6 @@
 //! Kernels of `shipfp_rs`: the ship, linear structure and its sums of products, pulse extraction.
 
 pub mod cost;
-pub mod drive_train;
 pub mod duplicate_rows;
 pub mod error;
 pub mod filter;

@@ -6,9 +6,6 @@
 /// What is smaller counts as zero: its square is still a normal number, and no signal or derivative means anything there.
 pub const LEAST: f64 = 1e-140;
 
-/// Samples between two cuts at most: a pole that decays below the normal numbers within so many is gone a few samples later.
-pub const CUT_EVERY: usize = 32;
-
 /// The number, or zero where it is smaller than [`LEAST`]; NaN stays.
 #[inline(always)]
 #[must_use]

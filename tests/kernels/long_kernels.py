@@ -17,20 +17,6 @@ import numpy as np
 from shipfp_rs import _core
 from tests.twins import drive_train, ship
 
-NO_TABLE, NO_QUADRANTS = np.empty(0), np.empty((3, 0))
-STEPS = 1_000_000
-"""Steps within a sample: Ctrl-C is obeyed inside one, too."""
-
-
-def _train(call: str, **more: object) -> Callable[[], object]:
-    def run() -> object:
-        parameters = drive_train.vector(fuel_lag=0.05)
-        n_set = np.full(1000, 1300.0 / 60.0)
-        common = (parameters, NO_TABLE, NO_TABLE, np.ones(6), NO_QUADRANTS, n_set, 0.01, STEPS, "first")
-        return getattr(_core, call)(*common, **more)
-
-    return run
-
 
 def _ship(call: str, samples: int = 2_000_000, **more: object) -> Callable[[], object]:
     def run() -> object:
@@ -60,7 +46,17 @@ KERNELS: dict[str, Callable[[], object]] = {
     "simulate_ship_by": lambda: _core.simulate_ship_by(
         ship.vector(), np.ones(10_000), 0.01, 60_000, "rk4", "first", np.array([0.99, 0.0]), [0]
     ),
-    "simulate_drive_train": _train("simulate_drive_train"),
+    "simulate_detailed_ship": lambda: _core.simulate_detailed_ship(
+        ship.vector(T_d=0.05),
+        drive_train.detail(),
+        np.ones(6),
+        np.empty((3, 0)),
+        np.ones(1000),
+        0.01,
+        65_536,
+        "first",
+        [0],
+    ),
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),
     "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
     "ship_observed": _ship("ship_observed"),

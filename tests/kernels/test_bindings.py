@@ -9,10 +9,9 @@ import pytest
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from tests.twins import ship
-from tests.twins.drive_train import NO_QUADRANTS, vector
-from tests.twins.plant import N_E, UNLIMITED
+from tests.twins.drive_train import detail
 
-SIX = np.ones(6)
+TRAIN = (ship.vector(), detail(), np.ones(6), np.empty((3, 0)))
 LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.0, 0.0])
 LINEAR_RUN = (np.zeros(8), 0.01, "zero", np.zeros(2))
 
@@ -32,8 +31,7 @@ def leftover_arguments():
 
 KERNELS = {
     "simulate_ship_by": (ship.vector(), np.ones(4), 0.01, 1, "rk4", "zero", np.ones(2), [0]),
-    "simulate_drive_train": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.full(4, N_E), 0.01, 1, "zero"),
-    "_drive_train_rates": (vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), N_E, 10.0),
+    "simulate_detailed_ship": (*TRAIN, np.ones(4), 0.01, 1, "zero", [0]),
     "simulate_linear": (LINEAR, *LINEAR_RUN, [0]),
     "linear_sensitivities": (LINEAR, *LINEAR_RUN, [0], [0]),
     "linear_products": (LINEAR, *LINEAR_RUN, [0], np.ones((1, 8)), np.zeros(1), np.ones((1, 1)), [0]),
@@ -105,10 +103,8 @@ def test_breakage_b4_arrays_that_can_not_be_used_are_named(kernel):
 
 
 def test_breakage_b4_a_misaligned_array_is_said_to_be_one():
-    with pytest.raises(InputError, match=r"n_set: found float64 of shape \[4\], not aligned, expected"):
-        _core.simulate_drive_train(
-            vector(), *UNLIMITED, SIX, NO_QUADRANTS, misaligned(np.full(4, N_E)), 0.01, 1, "zero"
-        )
+    with pytest.raises(InputError, match=r"u: found float64 of shape \[4\], not aligned, expected"):
+        _core.simulate_ship(ship.vector(), misaligned(np.ones(4)), np.zeros(4), 0.01, 1, "zero", [0])
 
 
 @pytest.mark.parametrize("total", [10**12, 2**63, 2**64 - 1])
@@ -258,12 +254,6 @@ def test_breakage_b5_what_is_not_finite_where_it_counts_is_refused(place):
 def test_breakage_b5_a_threshold_is_a_number(threshold, least):
     with pytest.raises(InputError, match=r"threshold|least"):
         _core.find_spikes(np.ones(9), 2, 1, 3, threshold, least)
-
-
-@pytest.mark.parametrize(("n_set", "fuel"), [(np.nan, 1.0), (1.0, np.inf)])
-def test_breakage_b5_rates_at_no_point_are_refused(n_set, fuel):
-    with pytest.raises(InputError, match="expected a finite number"):
-        _core._drive_train_rates(vector(), *UNLIMITED, SIX, NO_QUADRANTS, np.ones(10), n_set, fuel)
 
 
 def test_breakage_b6_a_finished_filter_takes_no_more():

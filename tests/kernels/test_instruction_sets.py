@@ -6,8 +6,8 @@ import pytest
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from tests.twins import ship
-from tests.twins.drive_train import NO_QUADRANTS, vector
-from tests.twins.plant import N_E, UNLIMITED
+from tests.twins.drive_train import detail
+from tests.twins.plant import N_E
 
 SETS = _core._instruction_sets()
 RATE_HZ = 100.0
@@ -20,9 +20,10 @@ LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.04, 0.013])
 COMMON = (DN_SET, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]))
 WRT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10]
 FILTERS = np.array([[1.0, -0.4, 0.1]] * 2)
-RUN = (N_SET, 1.0 / RATE_HZ, 2, "first")
-TRAIN = vector(
-    fuel_lag=0.05, set_dead_time=0.013, torque_exponent=2.17, torque_coefficient=8.7, shaft_stiffness=2e5
+TRAIN = (
+    ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, tau_twist=0.004, zeta_twist=0.3),
+    detail(interval=1.0 / 3.0, margin=0.5, drag=0.01, drag_exponent=1.3, bollard=0.99, blade_ripple=0.01),
+    *(np.ones(6), np.empty((3, 0))),
 )
 EDGES = np.cumsum(RNG.uniform(0.01, 0.02, size=400))
 CUBICS = RNG.normal(size=(4, len(EDGES) - 1))
@@ -75,7 +76,9 @@ EXACT = {
     "slopes of a spline": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
     "spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
     "running median": lambda: _core.running_median(N_SET, 31),
-    "drive train": lambda: _core.simulate_drive_train(TRAIN, *UNLIMITED, np.ones(6), NO_QUADRANTS, *RUN),
+    "whole drive train": lambda: _core.simulate_detailed_ship(
+        *TRAIN, 1.0 + DN_SET, 0.01, 2, "first", [0, 1, 2, 3, 4]
+    ),
     "ship by Heun": lambda: _core.simulate_ship_by(
         ship.vector(), 1.0 + DN_SET, 0.01, 2, "heun", "first", np.array([1.0, 0.0]), [0, 1, 2, 3, 4]
     ),

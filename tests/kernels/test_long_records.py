@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs import _core
-from tests.twins.drive_train import NO_QUADRANTS, vector
-from tests.twins.plant import N_E, UNLIMITED
+from tests.twins import ship
+from tests.twins.drive_train import detail
 
-SIX = np.ones(6)
 RATE_HZ = 200.0
 FAST = np.array([0.03, -0.583, 1.583, 1.0, 50.0, 2.0, 0.01, 0.0, 0.0])
 """A loop whose slowest pole decays at 23 per second: below the normal numbers after 31 s."""
@@ -39,20 +38,21 @@ def test_breakage_b1_derivatives_by_the_initial_state_of_the_linear_structure(de
 
 ELEMENTS = {
     "nothing": {},
-    "lag": {"fuel_lag": 0.005},
-    "sampled governor": {"governor_period": 0.005},
-    "flexible shaft": {"shaft_stiffness": 500.0, "shaft_damping": 2.0, "propeller_inertia": 0.2},
+    "lag": {"tau_act": 0.005},
+    "sampled governor": {"T_s": 0.005},
+    "flexible shaft": {"tau_twist": 0.004, "zeta_twist": 0.3},
 }
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_breakage_b1_a_start_off_the_point_of_the_drive_train(element):
     # A fiftieth of the launch's inertia, and an integral gain that leaves no slow pole.
-    fast = {"inertia": 0.42, "propeller_inertia": 0.1, "Kp_abs": 0.6, "Ki_abs": 30.0}
-    parameters = vector(**fast | {"initial_speed": 1.001 * N_E / 3.0} | ELEMENTS[element])
-    n_set = N_E * (1.0 + 0.01 * np.sin(np.arange(20_000) / RATE_HZ))
-    rows = _core.simulate_drive_train(
-        parameters, *UNLIMITED, SIX, NO_QUADRANTS, n_set, 1.0 / RATE_HZ, 2, "first"
+    fast = {"tau_n": 0.03, "tau_prop": 0.007, "K_p": 1.0, "K_i": 50.0, "initial_N": 1.001}
+    u = 1.0 + 0.01 * np.sin(np.arange(20_000) / RATE_HZ)
+    rows = _core.simulate_detailed_ship(
+        ship.vector(**fast | ELEMENTS[element]),
+        *(detail(margin=1.0), np.ones(6), np.empty((3, 0))),
+        *(u, 1.0 / RATE_HZ, 2, "first", [0, 1, 2, 3, 4]),
     )
     assert_normal(rows)
 
@@ -65,15 +65,3 @@ def test_breakage_b1_state_space():
     )
     assert_normal(rows)
     assert not rows[:, -1].any()
-
-
-def test_breakage_b1_a_rack_that_falls_to_zero():
-    # The governor asks for less than nothing, and the rack follows its lower stop from 5 mm on.
-    parameters = vector(
-        X_0=0.0, Kp_abs=1.0, Ki_abs=0.0, A2=0.0, fuel_lag=0.01, minimum_rack=0.0, set_point_before=N_E + 5.0
-    )
-    n_set = np.full(4000, 0.0)
-    rows = _core.simulate_drive_train(
-        parameters, *UNLIMITED, SIX, NO_QUADRANTS, n_set, 1.0 / RATE_HZ, 2, "zero"
-    )
-    assert_normal(rows[5])

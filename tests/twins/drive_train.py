@@ -1,62 +1,52 @@
 """NumPy reference of the whole drive train: every element as it stands, steps of RK4 cut where a signal breaks."""
 
+import bisect
 import math
 from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shipfp_rs._core import DRIVE_TRAIN_PARAMETERS
-from shipfp_rs.vessel.drive_train import OFF
+from shipfp_rs._core import SHIP_DETAIL
+from shipfp_rs.signals import Excitation
+from shipfp_rs.vessel.drive_train import drive_train
+from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.vessel import Vessel
 from tests.twins.vectors import vectors
 
-from .plant import LAUNCH, N_E
-
 Array = NDArray[np.float64]
-STATES = ["engine", "propeller", "twist", "crank", "turn", "rack", "charge", "error", "filtered", "ship"]
-NO_QUADRANTS = np.empty((3, 0))
-
-DEFAULTS = {
-    **LAUNCH,
-    **OFF,
-    "propeller_inertia": 2.81,
-    "drag_exponent": 1.0,
-    "derivative_filter": 0.05,
-    "turbocharger_lag": 1.0,
-    "firing_width": 0.5,
-    "blades": 3.0,
-    "blade_path": 0.7 * math.pi * 0.77,
-    "inflow": 1.0,
-    "thrust_coefficient": 144.0,
-    "ship_resistance": 500.0,
-    "initial_speed": N_E / 3.0,
-    "initial_error": 0.0,
-    "initial_ship_speed": 0.0,
-    "set_point_before": N_E,
-    "crank_angle": 0.0,
+OFF = dict.fromkeys(SHIP_DETAIL, 0.0) | {
+    "T_f": 0.05,
+    "tau_air": 1.0,
+    "margin": math.inf,
+    "torque_rate": math.inf,
 }
-"""Stan Launch 804, everything that can be added to the plant off."""
+STANDING = {
+    "width": 0.5,
+    "engine_hz": 20.0,
+    "shaft_hz": 5.0,
+    "blades": 3.0,
+    "drag_exponent": 1.0,
+    "bollard": 1.0,
+}
+detail = vectors(OFF | STANDING, SHIP_DETAIL)
+"""Detail of a ship, some of it changed from doing nothing."""
+STATES = ["engine", "propeller", "twist", "crank", "turn", "rack", "charge", "error", "filtered", "ship"]
 
 
-vector = vectors(DEFAULTS, DRIVE_TRAIN_PARAMETERS)
-"""Parameters of the launch, some of them changed."""
-
-
-def simulate(
-    parameters: Array,
-    limit_speed: Array,
-    limit_torque: Array,
-    strength: Array,
-    quadrants: Array,
-    n_set: Array,
-    dt: float,
-    substeps: int,
-    hold: str,
-) -> Array:
-    """Rows n_e, n_s, M_b, M_g, M_s, X_f, E_n, ship speed."""
-    values = dict(zip(DRIVE_TRAIN_PARAMETERS, parameters.tolist(), strict=True))
-    run = SimpleNamespace(n_set=n_set, dt=dt, substeps=substeps, hold=hold, step=dt / substeps)
-    return _Run(values, (limit_speed, limit_torque), strength, quadrants, run).rows()
+def simulate(vessel: Vessel, excitation: Excitation, substeps: int) -> dict[str, Array]:
+    """Signals by name, in the units of an experiment, and the ship's speed."""
+    point, train = steady_state(vessel), drive_train(vessel)
+    values = train.values | {
+        "X_0": point.X_f,
+        "initial_speed": point.n_s,
+        "initial_ship_speed": point.ship_speed,
+    }
+    n_set, dt = point.n_e + excitation.samples / 60.0, 1.0 / excitation.rate_hz
+    run = SimpleNamespace(n_set=n_set, dt=dt, substeps=substeps, hold=excitation.hold, step=dt / substeps)
+    rows = _Run(values, vessel.envelope(), train.strength, train.quadrants, run).rows()
+    found = dict(zip(("n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n", "ship"), rows, strict=True))
+    return {**found, "n_e": 60.0 * found["n_e"]}
 
 
 class _Run:
@@ -64,16 +54,17 @@ class _Run:
         self.q, self.envelope, self.strength, self.quadrants, self.run = q, envelope, strength, quadrants, run
         n_s = q["initial_speed"]
         n_e = n_s * q["gear_ratio"]
-        rack = q["X_0"] + q["Kp_abs"] * (q["set_point_before"] - n_e) + q["Ki_abs"] * q["initial_error"]
+        rack = q["X_0"]
         load, _ = self.propeller(n_s, q["initial_ship_speed"])
         twist = load / (2 * np.pi * q["shaft_stiffness"])
-        start = [n_s, n_s, twist, q["crank_angle"], 0.0, rack, rack, q["initial_error"], n_e]
+        start = [n_s, n_s, twist, 0.0, 0.0, rack, rack, 0.0, n_e]
         self.x = np.array([*start, q["initial_ship_speed"]])
         self.held, self.rack = rack, rack
         self.torque = q["A1"] * rack + q["A2"] * n_e + q["A3"]
         self.fuelled, self.fired = self.torque * strength, -1
-        self.integrated, self.filtered, self.miss = q["initial_error"], n_e, q["set_point_before"] - n_e
-        self.sampled_at, self.samples = 0.0, 0
+        self.filtered, self.samples = n_e, 0
+        period = q["governor_period"]
+        self.period = q["firing_interval"] / n_e if math.isinf(period) else period
         self.past = [(-1e300, rack), (0.0, rack)]
         self.breaks = [q["fuel_dead_time"]]
 
@@ -82,7 +73,7 @@ class _Run:
         run, late = self.run, time - self.q["set_dead_time"]
         piece = math.floor((late + side * 1e-6 * run.step) / run.dt)
         if piece < 0:
-            return self.q["set_point_before"]
+            return self.q["initial_speed"] * self.q["gear_ratio"]
         if piece >= len(run.n_set) - 1:
             return run.n_set[-1]
         slope = run.n_set[piece + 1] - run.n_set[piece] if run.hold == "first" else 0.0
@@ -91,8 +82,8 @@ class _Run:
     def arriving(self, time, side):
         """Command of the governor behind the actuator's dead time."""
         late = time - self.q["fuel_dead_time"]
-        after = next((i for i, p in enumerate(self.past) if late + side * 1e-6 * self.run.step < p[0]), None)
-        if after is None:
+        after = bisect.bisect_right(self.past, late + side * 1e-6 * self.run.step, key=lambda entry: entry[0])
+        if after == len(self.past):
             return self.past[-1][1]
         (t0, v0), (t1, v1) = self.past[after - 1], self.past[after]
         return v0 + (v1 - v0) * (late - t0) / (t1 - t0)
@@ -108,29 +99,29 @@ class _Run:
     def envelope_torque(self, n_e):
         return float(np.interp(n_e, *self.envelope)) if self.envelope[0].size else math.inf
 
-    def command(self, miss, integrated, lead, filter_s, highest):
-        """Rack that the governor orders, and whether its integral may go on."""
+    def command(self, miss, integrated, pace, highest):
+        """Rack that the governor orders at a rate of the filtered speed, and whether its integral may go on."""
         q = self.q
         X = q["X_0"] + q["Kp_abs"] * miss + q["Ki_abs"] * integrated
         if q["Kd_abs"]:
-            X -= q["Kd_abs"] * lead / filter_s
+            X -= q["Kd_abs"] * pace
         above = min(highest) < X and miss > 0
         below = q["minimum_rack"] > X and miss < 0
-        return max(min(X, highest[0]), q["minimum_rack"]), not (q["anti_windup"] and (above or below))
+        return X, not (q["anti_windup"] and (above or below))
 
     def sample(self, time):
         q, n_e = self.q, self.q["gear_ratio"] * self.x[0]
-        elapsed, miss, lead = time - self.sampled_at, self.set_speed(time, 1) - n_e, n_e - self.filtered
-        filter_s, highest = q["derivative_filter"] + elapsed, self.limits(n_e, self.x[6])
-        integrated = self.integrated + elapsed * (miss + self.miss) / 2
-        rack, free = self.command(miss, integrated, lead, filter_s, highest)
+        miss, lead = self.set_speed(time, 1) - n_e, n_e - self.filtered
+        pace = lead / (q["derivative_filter"] + self.period)
+        self.filtered += self.period * pace
+        highest, integrated = self.limits(n_e, self.x[6]), self.x[7] + self.period * miss
+        # By trapezoids: half of the last error's share is yet to come.
+        half = self.period * miss / 2
+        self.held, free = self.command(miss, integrated - half, pace, highest)
         if free:
-            self.integrated = integrated
+            self.x[7] = integrated
         else:
-            rack, _ = self.command(miss, self.integrated, lead, filter_s, highest)
-        if q["Kd_abs"]:
-            self.filtered += elapsed / filter_s * lead
-        self.held, self.miss, self.sampled_at, self.x[7] = rack, miss, time, self.integrated
+            self.held, _ = self.command(miss, self.x[7] - half, pace, highest)
         self.breaks.append(time + q["fuel_dead_time"])
 
     def propeller(self, n_s, speed):
@@ -169,14 +160,16 @@ class _Run:
         else:
             miss, lead = self.set_speed(time, side) - n_e, n_e - s["filtered"]
             highest = self.limits(n_e, s["charge"])
-            command, free = self.command(miss, s["error"], lead, q["derivative_filter"], highest)
+            command, free = self.command(miss, s["error"], lead / q["derivative_filter"], highest)
             rates["error"] = miss if free else 0.0
             rates["filtered"] = lead / q["derivative_filter"] if q["Kd_abs"] else 0.0
         fuel = self.arriving(time, side) if q["fuel_dead_time"] else command
-        rack = _within(self.rack, fuel, q["rack_rate"], elapsed)
         if q["fuel_lag"]:
-            rates["rack"] = (rack - s["rack"]) / q["fuel_lag"]
+            rates["rack"] = np.clip((fuel - s["rack"]) / q["fuel_lag"], -q["rack_rate"], q["rack_rate"])
             rack = s["rack"]
+        else:
+            rack = _within(self.rack, fuel, q["rack_rate"], elapsed)
+        rack = max(min(rack, self.limits(n_e, s["charge"])[0]), q["minimum_rack"])
         if math.isfinite(q["smoke_margin"]):
             rates["charge"] = (rack - s["charge"]) / q["turbocharger_lag"]
         demand = min(q["A1"] * rack + q["A2"] * n_e + q["A3"], self.envelope_torque(n_e))
@@ -209,6 +202,7 @@ class _Run:
             row=row,
             command=command,
             fuel=fuel,
+            rack=rack,
             demand=demand,
             mean=mean,
         )
@@ -241,7 +235,7 @@ class _Run:
         k4 = self.flow(time + h, h, -1, x + h * k3).rates
         self.x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         end = self.flow(time + h, h, -1, self.x)
-        self.rack = _within(self.rack, end.fuel, self.q["rack_rate"], h)
+        self.rack = self.x[5] = end.rack
         self.torque = _within(self.torque, end.demand, self.q["torque_rate"], h)
         self.past.append((time + h, end.command))
         since = (time + h - self.q["set_dead_time"]) / self.run.dt
@@ -251,7 +245,8 @@ class _Run:
     def next_cut(self, time, begin):
         """The next time at which a step must end."""
         q, soon = self.q, time + 1e-8 * self.run.step
-        cuts = [at for at in self.breaks if at > soon] if q["fuel_dead_time"] else []
+        self.breaks = [at for at in self.breaks if at > soon] if q["fuel_dead_time"] else []
+        cuts = list(self.breaks)
         if 0.0 < q["governor_period"] < math.inf:
             cuts.append(self.samples * q["governor_period"])
         if q["set_dead_time"]:

@@ -19,7 +19,7 @@ from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.drive_train import DriveTrain, drive_train
 from shipfp_rs.vessel.linear_model import linearise
-from shipfp_rs.vessel.steady_state import OperatingPoint, ship_about, steady_state
+from shipfp_rs.vessel.steady_state import OperatingPoint, ship_about, steady_state, whole_about
 from shipfp_rs.vessel.vessel import Vessel
 
 Method = Literal["rk4", "heun", "euler"]
@@ -60,12 +60,14 @@ def simulate(
     n_e_rpm
         Operating point [rpm]; None: the ship's own.
     method
-        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. Only "rk4" knows all elements.
+        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. "rk4" alone is taken for a vessel
+        with other elements, which steps of the identification's own ship simulate.
     limits
         Whether the engine's torque limit acts.
     substeps
-        Integration steps for each sample. None: for "rk4" so many that the error stays below 1e-8 of the
-        deviation as long as no torque limit acts (its kinks cost accuracy), else one.
+        Integration steps for each sample. None: for "rk4" so many that the error of the thesis's plant stays below
+        1e-8 of the deviation as long as no torque limit acts (its kinks cost accuracy), and that of any other vessel
+        about 1e-5 of the operating point's values, 1e-4 where cylinders fire or signals jump; else one.
     noise
         Output to the standard deviation of its noise, relative to that of the clean signal; or to a pair of
         that and the correlation of successive samples (first-order autoregression).
@@ -114,7 +116,7 @@ def simulate(
     )
     run = _Run(set_point, 1.0 / excitation.rate_hz, steps, excitation.hold)
     clean = (
-        _whole(train, point, envelope, run)
+        _whole(vessel, train, point, envelope, run)
         if train.extends_the_plant
         else _plant(vessel, point, envelope, run, method)
     )
@@ -182,11 +184,34 @@ def _plant(
     }
 
 
-def _whole(train: DriveTrain, point: OperatingPoint, envelope: _Limit, run: _Run) -> dict[str, Array]:
+def _whole(
+    vessel: Vessel, train: DriveTrain, point: OperatingPoint, envelope: _Limit, run: _Run
+) -> dict[str, Array]:
     """Signals of the whole drive train."""
-    rows = _core.simulate_drive_train(*train.tables(envelope, **point.start), *run)
-    found = dict(zip(("n_e", "n_s", "M_b", "M_g", "M_s", "X_f", "E_n"), rows, strict=False))
-    return {"n_set": 60.0 * run.set_point, **found, "n_e": 60.0 * found["n_e"]}
+    rows = _core.simulate_detailed_ship(
+        *whole_about(vessel, point),
+        train.strength,
+        train.quadrants,
+        run.set_point / point.n_e,
+        run.dt,
+        run.steps,
+        run.hold,
+        [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dn_prop", "dM_b", "dM_g", "dX", "dE")],
+        np.array([envelope[0] / point.n_e, envelope[1] / point.M_b]),
+    )
+    N, N_prop, M_b, M_g, X = 1.0 + rows[:5]
+    ratio = vessel.gearbox.ratio * vessel.gearbox.efficiency
+    drag = vessel.drag_torque(point.n_s) * N**vessel.gearbox.drag_exponent
+    return {
+        "n_set": 60.0 * run.set_point,
+        "n_e": 60.0 * point.n_e * N,
+        "n_s": point.n_s * N_prop,
+        "M_b": point.M_b * M_b,
+        "M_s": ratio * point.M_b * M_b - drag,
+        "M_g": ratio * point.M_b * M_g,
+        "X_f": point.X_f * X,
+        "E_n": point.n_e * rows[5],
+    }
 
 
 def _substeps(vessel: Vessel, train: DriveTrain, point: OperatingPoint, rate_hz: float) -> int:

@@ -1,4 +1,4 @@
-"""The whole drive train of a vessel as the kernel takes it: parameters, steps, and the propeller behind a moving ship."""
+"""The whole drive train of a vessel by its physical parameters, its steps, and the propeller behind a moving ship."""
 
 from __future__ import annotations
 
@@ -8,12 +8,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
-PLANT_PARAMETERS = _core.DRIVE_TRAIN_PARAMETERS[:12]
+PLANT_PARAMETERS = (
+    "inertia",
+    "gear_ratio",
+    "transmission_efficiency",
+    "A1",
+    "A2",
+    "A3",
+    "torque_coefficient",
+    "torque_exponent",
+    "X_0",
+    "Kp_abs",
+    "Ki_abs",
+    "minimum_torque",
+)
 """Those of the plant of eq. 3.1-3.11: kg m2, -, -, Nm/mm, Nm/(rev/s), Nm, Nm/(rev/s)^p, -, mm, mm/(rev/s), mm/rev, Nm.
 
 M_p = torque_coefficient n_s |n_s|^(p - 1); M_b = A1 X + A2 n_e + A3 below the envelope, not below minimum_torque.
@@ -38,22 +50,24 @@ OFF: Mapping[str, float] = {
     "blade_ripple": 0.0,
     "ship_mass": math.inf,
 }
-"""Parameters of the kernel where nothing is added to the plant of eq. 3.1-3.11."""
+"""Parameters where nothing is added to the plant of eq. 3.1-3.11."""
 
-_LARGEST_STEP = 0.1
-"""Largest step of RK4 times the fastest pole of an element: a step's error, (0.1)^5 / 120, is below 1e-7 of its motion."""
+_LARGEST_STEP = 0.15
+"""Largest step times the fastest pole of an element."""
 _STEPS_A_RIPPLE = 16.0
-"""Steps of RK4 in a period of the torque's ripple. A step ends at each firing, so that no corner lies within one."""
+"""Steps in a period of the torque's ripple."""
+_LONGEST_STEP_S = 1e-3
+"""Commands arrive, and limits begin to act, within steps: nothing else bounds what that costs [s]."""
 
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """What the kernel asks for.
+    """All elements.
 
     Parameters
     ----------
     values
-        Parameters by the names of `_core.DRIVE_TRAIN_PARAMETERS`; those left out are the start of a run.
+        Parameters by name: kg m2, rev/s, Nm, mm, s, rad, N.
     strength
         Each cylinder's torque over the mean, in the order of firing, shape (C,).
     quadrants
@@ -68,14 +82,6 @@ class DriveTrain:
     def extends_the_plant(self) -> bool:
         """Whether the vessel has an element beyond the plant of eq. 3.1-3.11."""
         return self.quadrants.size > 0 or any(self.values[name] != value for name, value in OFF.items())
-
-    def tables(
-        self, envelope: tuple[Array, Array], **changes: float
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """Return the kernel's first five arguments, some parameters changed or added."""
-        values = {**self.values, **changes}
-        parameters = np.array([values[name] for name in _core.DRIVE_TRAIN_PARAMETERS])
-        return parameters, *envelope, self.strength, self.quadrants
 
     def step_s(self, n_s: float) -> float:
         """Return the longest step [s] that resolves the elements faster than the shaft, at a shaft speed [rev/s]."""
@@ -95,13 +101,8 @@ class DriveTrain:
             1.0 / q["derivative_filter"] if q["Kd_abs"] else 0.0,
             1.0 / q["turbocharger_lag"] if math.isfinite(q["smoke_margin"]) else 0.0,
         ]
-        longest = [
-            _LARGEST_STEP / max(poles) if max(poles) else math.inf,
-            1.0 / (_STEPS_A_RIPPLE * turn * n_s) if turn else math.inf,
-            q["fuel_dead_time"] or math.inf,
-            q["governor_period"] or math.inf,
-        ]
-        return min(longest)
+        ripple = 1.0 / (_STEPS_A_RIPPLE * turn * n_s) if turn else math.inf
+        return min(_LONGEST_STEP_S, ripple, _LARGEST_STEP / max(poles) if max(poles) else math.inf)
 
     def propeller(self, n_s: float, ship_speed: float) -> tuple[float, float]:
         """Return torque [Nm] and net thrust of all propellers [N] at a shaft [rev/s] and a ship speed [m/s]."""
@@ -127,7 +128,7 @@ class DriveTrain:
 
 
 def drive_train(vessel: Vessel) -> DriveTrain:
-    """Return the kernel's view of a vessel."""
+    """Return the whole drive train of a vessel."""
     governor, engine, shaft = vessel.governor, vessel.engine, vessel.shaft
     propeller, ship, water = vessel.propeller, vessel.ship, vessel.water
     gearbox, firing = vessel.gearbox, vessel.engine.firing

@@ -318,11 +318,12 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
 def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) -> Array:
     """Plant (dn/dt, X, M_b, M_g) over the steady state at relative deviations of (n, E, n_set) from it."""
     dn, dE, dn_set = deviation
-    n_s, n_set = point.n_s * (1.0 + dn), point.n_e * (1.0 + dn_set)
-    n_e = n_s * vessel.gearbox.ratio
-    state = np.array([n_s, n_s, 0.0, 0.0, 0.0, point.X_f, point.X_f, point.n_e * dE, n_e, 0.0])
-    tables = drive_train(vessel).tables(vessel.envelope(), **point.start)
-    command = _core._drive_train_rates(*tables, state, n_set, point.X_f)[len(state)]
-    rates = _core._drive_train_rates(*tables, state, n_set, float(command))
-    _, M_b, M_g, _, X_f = rates[len(state) :]
-    return np.array([rates[0] / point.n_s, X_f / point.X_f, M_b / point.M_b, M_g / point.M_s])
+    q = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
+    n_s, error = point.n_s * (1.0 + dn), point.n_e * (dn_set - dn)
+    X_f = point.X_f + q["Kp_abs"] * error + q["Ki_abs"] * point.n_e * dE
+    M_b = q["A1"] * X_f + q["A2"] * point.n_e * (1.0 + dn) + q["A3"]
+    M_p = q["torque_coefficient"] * n_s ** q["torque_exponent"]
+    excess = M_b * vessel.gearbox.ratio * vessel.gearbox.efficiency - M_p
+    M_g = M_p + vessel.propeller_side_inertia / vessel.inertia * excess
+    rate = excess / (2.0 * math.pi * vessel.inertia * point.n_s)
+    return np.array([rate, X_f / point.X_f, M_b / point.M_b, M_g / point.M_s])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -69,18 +71,6 @@ class OperatingPoint:
             "M_g": self.M_s,
             "X_f": self.X_f,
             "E_n": self.n_e,
-        }
-
-    @property
-    def start(self) -> dict[str, float]:
-        """Where a simulation of the whole drive train begins, by the kernel's names."""
-        return {
-            "X_0": self.X_f,
-            "initial_speed": self.n_s,
-            "initial_error": 0.0,
-            "initial_ship_speed": self.ship_speed,
-            "set_point_before": self.n_e,
-            "crank_angle": 0.0,
         }
 
     @property
@@ -176,13 +166,16 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
     return float(brentq(surplus, 0.0, highest, xtol=1e-14, rtol=1e-15)) if pull else 0.0
 
 
-def ship_about(vessel: Vessel, point: OperatingPoint) -> Array:
-    """Return the plant of eq. 3.1-3.11 divided by `point`, as parameters of the ship's kernel.
+def ship_about(
+    vessel: Vessel, point: OperatingPoint, more: Mapping[str, float] = MappingProxyType({})
+) -> Array:
+    """Return the plant of eq. 3.1-3.11 divided by `point`, as parameters of the ship's kernel, and more of them.
 
-    Its rack is the deviation from that at `point` over it, its envelope is not among the parameters.
+    Its rack is the deviation from that at `point` over it, its envelope is not among the parameters. Torques of the shaft
+    are over that of the engine there times gear ratio and efficiency, of which drag takes a part.
     """
     plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
-    time_per_inertia = 2.0 * math.pi * point.n_s / point.M_s
+    time_per_inertia = 2.0 * math.pi * point.n_s / (point.M_s + vessel.drag_torque(point.n_s))
     values = dict(zip(_core.SHIP_PARAMETERS, _core.SHIP_OFF, strict=True)) | {
         "tau_n": time_per_inertia * vessel.inertia,
         "tau_prop": time_per_inertia * vessel.propeller_side_inertia,
@@ -192,8 +185,57 @@ def ship_about(vessel: Vessel, point: OperatingPoint) -> Array:
         "K_i": plant["Ki_abs"] * point.n_e / point.X_f,
         "p": plant["torque_exponent"],
         "M_min": plant["minimum_torque"] / point.M_b,
+        **more,
     }
     return np.array([values[name] for name in _core.SHIP_PARAMETERS])
+
+
+def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
+    """Return the whole drive train divided by `point`: parameters of the ship's kernel, and of its detail."""
+    train = drive_train(vessel)
+    q, unit = train.values, point.M_s + vessel.drag_torque(point.n_s)
+    once_a_firing = math.isinf(q["governor_period"])
+    T_s = q["firing_interval"] / point.n_e if once_a_firing else q["governor_period"]
+    flexible = math.isfinite(q["shaft_stiffness"])
+    ship = {
+        # A sum of errors times the period, less half the last one, is that of trapezoids: sampling delays by its hold alone.
+        "K_p": (q["Kp_abs"] - 0.5 * T_s * q["Ki_abs"]) * point.n_e / point.X_f,
+        "K_d": q["Kd_abs"] * point.n_e / point.X_f,
+        "T_d": q["fuel_dead_time"],
+        "T_set": q["set_dead_time"],
+        "T_s": T_s,
+        "update": 1.0,
+        "tau_act": q["fuel_lag"],
+        "rate_up": q["rack_rate"] / point.X_f,
+        "rate_down": q["rack_rate"] / point.X_f,
+        "X_max": q["maximum_rack"] / point.X_f - 1.0,
+        "X_min": q["minimum_rack"] / point.X_f - 1.0,
+        "anti_windup": q["anti_windup"],
+        "tau_twist": unit / (2.0 * math.pi * q["shaft_stiffness"] * point.n_s) if flexible else 0.0,
+        "zeta_twist": 2.0 * math.pi * q["shaft_damping"] * point.n_s / unit if flexible else 0.0,
+    }
+    blades_speed = q["blade_path"] * point.n_s / q["inflow"]
+    detail = {
+        "T_f": q["derivative_filter"],
+        "margin": q["smoke_margin"] / point.X_f,
+        "tau_air": q["turbocharger_lag"],
+        "torque_rate": q["torque_rate"] / point.M_b,
+        "interval": q["firing_interval"],
+        "width": q["firing_width"],
+        "engine_hz": point.n_e,
+        "once_a_firing": float(once_a_firing),
+        "drag": 1.0 - point.M_s / unit,
+        "drag_exponent": q["drag_exponent"],
+        "bollard": q["torque_coefficient"] * point.n_s ** q["torque_exponent"] / unit,
+        "shaft_hz": point.n_s,
+        "blades": q["blades"],
+        "shaft_ripple": q["shaft_ripple"],
+        "blade_ripple": q["blade_ripple"],
+        "water": point.ship_speed / blades_speed,
+        "push": q["thrust_coefficient"] * point.n_s**2 / (q["ship_mass"] * blades_speed),
+        "resistance": q["ship_resistance"] * blades_speed / q["ship_mass"],
+    }
+    return ship_about(vessel, point, ship), np.array([detail[name] for name in _core.SHIP_DETAIL])
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod arrays;
-mod drive_train;
 mod duplicate_rows;
 mod errors;
 mod filter;
@@ -25,7 +24,6 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    drive_train::register(module)?;
     filter::register(module)?;
     guard::register(module)?;
     instruction_set::register(module)?;

@@ -9,8 +9,8 @@ use crate::error::require;
 use crate::hold::Hold;
 use crate::memory::zeros;
 use crate::stepper::{
-    Decimation, Envelope, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe, simulate,
-    simulate_explicitly,
+    DETAIL, Decimation, Detail, Envelope, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe,
+    simulate, simulate_explicitly,
 };
 
 /// Simulate the ship; [O, N].
@@ -98,6 +98,49 @@ fn simulate_ship_by<'py>(
     })
 }
 
+/// Simulate a ship with what only a whole drive train has; [O, N].
+#[pyfunction]
+#[pyo3(signature = (parameters, detail, strength, quadrants, u, dt, substeps, hold, outputs, envelope=None))]
+#[allow(clippy::too_many_arguments)]
+fn simulate_detailed_ship<'py>(
+    py: Python<'py>,
+    parameters: &Bound<'py, PyAny>,
+    detail: &Bound<'py, PyAny>,
+    strength: &Bound<'py, PyAny>,
+    quadrants: &Bound<'py, PyAny>,
+    u: &Bound<'py, PyAny>,
+    dt: f64,
+    substeps: usize,
+    hold: Hold,
+    outputs: Vec<usize>,
+    envelope: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let parameters = vector(parameters)?;
+    let (u, detail): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("detail", detail)?);
+    let (strength, table): (Vector<'_>, Matrix<'_>) =
+        (borrow("strength", strength)?, borrow("quadrants", quadrants)?);
+    let count = table.shape()[1];
+    expect_shape("quadrants", table.shape(), [3, count], "angle, torque, thrust; points")?;
+    let rows = table.as_slice()?;
+    let of = |row: usize| Envelope::new(&rows[..count], &rows[row * count..(row + 1) * count]);
+    let quadrants = if count == 0 { None } else { Some([of(1)?, of(2)?]) };
+    let detail = Detail::new(detail.as_slice()?, strength.as_slice()?, quadrants)?;
+    let envelope = limit(envelope.as_ref())?;
+    let run = Run::new(u.as_slice()?, &[], dt, substeps, hold, 1)?.below(&envelope);
+    let run = Run { detail: Some(&detail), ..run };
+    let outputs = Output::from_indices(&outputs)?;
+    let task = Task { parameters, outputs: &outputs, wrt: &[] };
+    let (samples, count) = (run.seen(), outputs.len());
+    filled(py, [count, samples], task.work(&run), |values, stop| {
+        let mut rows = zeros(samples * count)?;
+        simulate(&task, &run, &mut rows, stop)?;
+        for (at, value) in rows.into_iter().enumerate() {
+            values[at % count * samples + at / count] = value;
+        }
+        Ok(())
+    })
+}
+
 /// Outputs and derivatives as a record shows them, low-passed and decimated; [O, 1 + W, M].
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
@@ -154,9 +197,11 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("SHIP_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
     // Values at which a parameter has no effect; not a number where there is none.
     module.add("SHIP_OFF", PyTuple::new(module.py(), OFF)?)?;
+    module.add("SHIP_DETAIL", PyTuple::new(module.py(), DETAIL)?)?;
     module.add("SHIP_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
     module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
     module.add_function(wrap_pyfunction!(simulate_ship_by, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate_detailed_ship, module)?)?;
     module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;
     module.add_function(wrap_pyfunction!(ship_observed, module)?)?;
     Ok(())

@@ -128,6 +128,8 @@ pub struct Clock<T> {
     pub taken: usize,
     /// Whether the sum takes an error before it is used.
     pub sums_first: bool,
+    /// Whether it samples as a cylinder fires.
+    pub at_firings: bool,
     /// Commands under way: when they arrive, and what they are.
     pub coming: VecDeque<(T, T)>,
     /// The command that acts.
@@ -136,13 +138,19 @@ pub struct Clock<T> {
 
 impl<T: Scalar> Clock<T> {
     /// None where the governor computes all the time.
-    pub fn new(parameters: &Parameters, number: &impl Fn(usize) -> T, acting: T) -> Option<Self> {
+    pub fn new(
+        parameters: &Parameters,
+        number: &impl Fn(usize) -> T,
+        acting: T,
+        at_firings: bool,
+    ) -> Option<Self> {
         (parameters.of(at::T_S) > 0.0).then(|| Self {
             period: number(at::T_S),
             first: number(at::T_0),
             next: number(at::T_0),
             taken: 0,
             sums_first: parameters.of(at::UPDATE) == 1.0,
+            at_firings,
             coming: VecDeque::new(),
             acting,
         })

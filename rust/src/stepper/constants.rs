@@ -116,7 +116,7 @@ impl Acting {
         let rate = acts(at::RATE_UP) || acts(at::RATE_DOWN);
         Self {
             gain: parameters.of(at::V) != 1.0 || wrt.contains(&at::V),
-            derivative: acts(at::K_D),
+            derivative: acts(at::K_D) && run.detail.is_none(),
             curvature: acts(at::CURVATURE),
             damping: acts(at::DAMPING),
             lag: acts(at::TAU_ACT),
@@ -124,7 +124,7 @@ impl Acting {
             at_once: parameters.of(at::TAU_ACT) == 0.0 && !rate,
             torque_limit: acts(at::M_MAX) || acts(at::M_MIN) || run.envelope.is_some(),
             rate,
-            rack_limit: acts(at::X_MAX) || acts(at::X_MIN),
+            rack_limit: acts(at::X_MAX) || acts(at::X_MIN) || run.detail.is_some_and(super::Detail::smokes),
             anti_windup: parameters.of(at::ANTI_WINDUP) == 1.0,
             scale: acts(at::S_U) || acts(at::U_0),
             load: acts(at::LOAD_GAIN) && !run.load.is_empty(),

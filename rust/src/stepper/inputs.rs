@@ -29,6 +29,8 @@ pub struct Input<'a, T> {
     /// Delay [s], and in samples.
     delay: T,
     late: f64,
+    /// Before the first sample.
+    before: f64,
     scale: Option<(T, T)>,
 }
 
@@ -36,7 +38,9 @@ impl<'a, T: Scalar> Input<'a, T> {
     pub fn new(samples: &'a [f64], run: &Run<'_>, delay: T, scale: Option<(T, T)>) -> Self {
         let (substeps, dt) = (run.substeps as f64, run.dt);
         let late = delay.value() / dt;
-        Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, delay, late, scale }
+        // A whole drive train comes from its operating point.
+        let before = if run.detail.is_some() { 1.0 } else { samples.first().copied().unwrap_or(0.0) };
+        Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, delay, late, before, scale }
     }
 
     /// The input in the first step.
@@ -103,6 +107,6 @@ impl<'a, T: Scalar> Input<'a, T> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     fn sample(&self, place: f64) -> f64 {
         let last = self.samples.len() - 1;
-        self.samples[if place <= 0.0 { 0 } else { (place as usize).min(last) }]
+        if place < 0.0 { self.before } else { self.samples[(place as usize).min(last)] }
     }
 }

@@ -17,7 +17,7 @@ pub struct Late<T> {
 impl<T: Scalar> Late<T> {
     /// None where no channel is late.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    pub fn new(ship: &Ship<'_, T>, outputs: &[Output], h: f64) -> Option<Self> {
+    pub fn new<const D: bool>(ship: &Ship<'_, T, D>, outputs: &[Output], h: f64) -> Option<Self> {
         let [speed, torque] = ship.channel_delays()?;
         let channels: Vec<_> = outputs
             .iter()
@@ -42,7 +42,7 @@ impl<T: Scalar> Late<T> {
 
     /// Take the outputs of the next step's begin.
     #[inline(always)]
-    pub fn push(&mut self, ship: &Ship<'_, T>, outputs: &[Output]) {
+    pub fn push<const D: bool>(&mut self, ship: &Ship<'_, T, D>, outputs: &[Output]) {
         self.at += 1;
         let place = self.at % self.length;
         for (channel, &output) in outputs.iter().enumerate() {

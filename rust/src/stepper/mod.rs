@@ -24,20 +24,25 @@
 
 mod command;
 mod constants;
+mod detail;
+mod detailed;
 mod envelope;
 mod explicit;
+mod firing;
 mod inputs;
 mod late;
 mod law;
 mod observe;
 pub mod output;
 pub mod parameters;
+mod propeller;
 mod rack;
 mod run;
 mod shaft;
 mod step;
 mod torque;
 
+pub use detail::{DETAIL, Detail};
 pub use envelope::Envelope;
 pub use explicit::{Method, simulate_explicitly};
 pub use observe::{Decimation, observe};

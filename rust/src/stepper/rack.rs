@@ -5,12 +5,18 @@ use crate::scalar::Scalar;
 use super::inputs::Span;
 use super::step::{Ahead, Ship};
 
-impl<T: Scalar> Ship<'_, T> {
+impl<T: Scalar, const D: bool> Ship<'_, T, D> {
     /// What the governor orders at an error, a sum and an acceleration.
     #[inline(always)]
     pub(super) fn commanded(&self, error: T, sum: T, acceleration: T) -> T {
         let command = (self.c.k_p * error).plus_product(self.c.k_i, sum);
-        if self.acting.derivative { command - self.c.k_d * acceleration } else { command }
+        if self.acting.derivative {
+            command - self.c.k_d * acceleration
+        } else if D {
+            self.eased(command)
+        } else {
+            command
+        }
     }
 
     /// The rack at the step's end, and its mean, of a governor that computes all the time; its sum goes on.
@@ -21,7 +27,10 @@ impl<T: Scalar> Ship<'_, T> {
             let error = self.set_span.mean - self.speed;
             self.sum = self.sum.plus(error, self.h).plus(rise, -0.5 * self.h);
         }
-        let command = (self.c.k_p * (self.set_span.end - speed)).plus_product(self.c.k_i, self.sum);
+        let mut command = (self.c.k_p * (self.set_span.end - speed)).plus_product(self.c.k_i, self.sum);
+        if D {
+            command = self.eased(command);
+        }
         let mut found = self.followed(self.dead_time.over(self.at, self.start, command));
         if self.acting.derivative {
             // The command holds the acceleration that it brings about.
@@ -90,11 +99,17 @@ impl<T: Scalar> Ship<'_, T> {
         let Some(mut clock) = self.clock.take() else {
             return [self.rack; 2];
         };
+        if D {
+            self.time_firing(&mut clock);
+        }
         while clock.next.value() < end {
             let since = clock.next + (-begin);
             let grown = self.growth * since * (1.0 / h);
             let speed = self.speed + self.acceleration.plus(grown, 0.5) * since;
             let (acceleration, error) = (self.acceleration + grown, self.set.at(clock.next) - speed);
+            if D {
+                self.sample_detail(speed, clock.period);
+            }
             let sum = self.sum.plus_product(error, clock.period);
             let mut command =
                 self.commanded(error, if clock.sums_first { sum } else { self.sum }, acceleration);
@@ -106,6 +121,9 @@ impl<T: Scalar> Ship<'_, T> {
             clock.coming.push_back((clock.next + self.late, command));
             clock.taken += 1;
             clock.next = clock.first + clock.period * clock.taken as f64;
+            if D && clock.at_firings {
+                break;
+            }
         }
         let zero = self.speed.constant(0.0);
         let (mut rack, mut area, mut from) = (self.rack, zero, zero);

@@ -9,6 +9,7 @@ use crate::instruction_set::arch;
 use crate::scalar::{Dual, Scalar, Tangent};
 use crate::stop::Stop;
 
+use super::detail::Detail;
 use super::envelope::Envelope;
 use super::late::Late;
 use super::output::{OUTPUTS, Output};
@@ -40,6 +41,8 @@ pub struct Run<'a> {
     pub stride: usize,
     /// Highest torque by speed, both over the operating point's, in place of `M_max`.
     pub envelope: Option<&'a Envelope>,
+    /// What only a whole drive train has.
+    pub detail: Option<&'a Detail>,
 }
 
 impl<'a> Run<'a> {
@@ -74,7 +77,7 @@ impl<'a> Run<'a> {
                 )));
             }
         }
-        Ok(Self { set, load, dt, substeps, hold, stride, envelope: None })
+        Ok(Self { set, load, dt, substeps, hold, stride, envelope: None, detail: None })
     }
 
     /// Below a torque-speed envelope.
@@ -90,6 +93,10 @@ impl<'a> Run<'a> {
     pub fn check(&self, parameters: &Parameters) -> Result<()> {
         require(self.envelope.is_none() || parameters.is_off(at::M_MAX), || {
             "found M_max beside an envelope, expected one of them".to_owned()
+        })?;
+        let filters = self.detail.is_none_or(Detail::filters);
+        require(filters || parameters.is_off(at::K_D), || {
+            "detail: found T_f = 0, expected a positive number beside K_d".to_owned()
         })
     }
 
@@ -140,7 +147,8 @@ pub fn simulate(task: &Task<'_>, run: &Run<'_>, rows: &mut [f64], stop: &Stop) -
     })?;
     let march = March { task, run, rows, stop };
     match task.wrt.len() {
-        0 => arch().dispatch(Plain(march)),
+        0 if run.detail.is_some() => arch().dispatch(Plain::<true>(march)),
+        0 => arch().dispatch(Plain::<false>(march)),
         1..=8 => arch().dispatch(Wide::<8>(march)),
         9..=16 => arch().dispatch(Wide::<16>(march)),
         _ => arch().dispatch(Wide::<24>(march)),
@@ -176,7 +184,7 @@ impl<const N: usize> WithSimd for Wide<'_, '_, N> {
                 })
                 .map_or(zero.constant(value), |lane| zero.along(value, lane))
         };
-        let ship = Ship::new(&task.parameters, run, task.wrt, number);
+        let ship = Ship::<_, false>::new(&task.parameters, run, task.wrt, number);
         let directions = task.wrt.len();
         march(ship, task, run, rows, stop, |number, row: &mut [f64]| {
             let tangent = number.tangent();
@@ -186,22 +194,22 @@ impl<const N: usize> WithSimd for Wide<'_, '_, N> {
     }
 }
 
-struct Plain<'a, 'b>(March<'a, 'b>);
+struct Plain<'a, 'b, const D: bool>(March<'a, 'b>);
 
-impl WithSimd for Plain<'_, '_> {
+impl<const D: bool> WithSimd for Plain<'_, '_, D> {
     type Output = Result<()>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> Result<()> {
         let March { task, run, rows, stop } = self.0;
-        let ship = Ship::new(&task.parameters, run, &[], |place| task.parameters.of(place));
+        let ship = Ship::<f64, D>::new(&task.parameters, run, &[], |place| task.parameters.of(place));
         march(ship, task, run, rows, stop, |number, row| row[0] = number)
     }
 }
 
 #[inline(always)]
-fn march<T: Scalar>(
-    mut ship: Ship<'_, T>,
+fn march<T: Scalar, const D: bool>(
+    mut ship: Ship<'_, T, D>,
     task: &Task<'_>,
     run: &Run<'_>,
     rows: &mut [f64],

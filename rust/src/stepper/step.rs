@@ -4,6 +4,7 @@ use crate::scalar::Scalar;
 
 use super::command::{Clock, DeadTime};
 use super::constants::{Acting, Constants};
+use super::detail::Detail;
 use super::envelope::Envelope;
 use super::inputs::{Input, Span};
 use super::law::Law;
@@ -29,10 +30,13 @@ pub struct Ahead<T> {
 }
 
 /// The ship between two steps.
-pub struct Ship<'a, T> {
+///
+/// `D`: with what only a whole drive train has.
+pub struct Ship<'a, T, const D: bool> {
     pub(super) c: Constants<T>,
     pub(super) acting: Acting,
     pub(super) envelope: Option<&'a Envelope>,
+    pub(super) detail: Option<Box<Detail>>,
     channel_delays: [T; 2],
     pub(super) set: Input<'a, T>,
     load: Input<'a, T>,
@@ -42,7 +46,7 @@ pub struct Ship<'a, T> {
     pub(super) late: T,
     pub(super) at_once: T,
     pub(super) clock: Option<Box<Clock<T>>>,
-    twist: Option<Box<Twist<T>>>,
+    pub(super) twist: Option<Box<Twist<T>>>,
     /// Side of the torque limit that holds as the step begins, and whether the sum stands over it.
     held: i8,
     pub(super) winds_up: bool,
@@ -54,7 +58,7 @@ pub struct Ship<'a, T> {
     /// The rack before an input that jumps.
     pub(super) lagged: T,
     /// The load's law at the present speed, and what the engine gains on it by the speed alone.
-    law: T,
+    pub(super) law: T,
     own: T,
     /// Growth of the acceleration, and of `own`, over the last step.
     pub(super) growth: T,
@@ -63,13 +67,13 @@ pub struct Ship<'a, T> {
     command: T,
     pub(super) start: T,
     /// Acceleration at the end of the last step, and at the begin of this one.
-    ended: T,
+    pub(super) ended: T,
     pub(super) acceleration: T,
     pub(super) set_span: Span<T>,
     load_span: Span<T>,
 }
 
-impl<'a, T: Scalar> Ship<'a, T> {
+impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
     /// At rest before a record; `number` gives each parameter as a number with its derivative.
     pub fn new(parameters: &Parameters, run: &Run<'a>, wrt: &[usize], number: impl Fn(usize) -> T) -> Self {
         let h = run.step();
@@ -91,12 +95,17 @@ impl<'a, T: Scalar> Ship<'a, T> {
         let (speed, rack) = (number(at::INITIAL_N), number(at::INITIAL_F) / c.v);
         let still = Span { start: zero, end: zero, mean: zero };
         let dead_time = DeadTime::new(number(at::T_D), acting.hold.then(|| number(at::HOLD)), h, rack);
-        let law = law_of.at(speed)[0];
+        let detail = run.detail.cloned().map(Box::new);
+        let law = match &detail {
+            Some(detail) if D => zero.constant(detail.propeller.mean_load(&mut law_of, speed)[0]),
+            _ => law_of.at(speed)[0],
+        };
+        let at_firings = detail.as_ref().is_some_and(|detail| detail.once_a_firing);
         let mut ship = Self {
             at_once: dead_time.at_once() * c.lag.follows,
             dead_time,
             late: number(at::T_D),
-            clock: Clock::new(parameters, &number, rack).map(Box::new),
+            clock: Clock::new(parameters, &number, rack, at_firings).map(Box::new),
             twist: None,
             held: 0,
             winds_up: false,
@@ -118,6 +127,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
             load_span: if acting.load { load.first() } else { still },
             channel_delays: [number(at::T_N), number(at::T_M)],
             law_of,
+            detail,
             c,
             acting,
             envelope: run.envelope,
@@ -131,15 +141,19 @@ impl<'a, T: Scalar> Ship<'a, T> {
     /// The state before a record, which its first sample keeps as far as it can.
     fn rest(&mut self, parameters: &Parameters, number: &impl Fn(usize) -> T) {
         let against = self.law_with_load(self.load_span.start);
-        self.ended = (self.engine(self.speed, self.rack).0 - against) * self.c.inverse_tau;
+        let excess = if D { against * 0.0 } else { self.engine(self.speed, self.rack).0 - against };
+        self.ended = excess * self.c.inverse_tau;
         // The shaft carries what the load's side takes at the common acceleration.
         let spring = against.plus_product(self.c.tau_prop, self.ended);
         self.twist = Twist::new(parameters, number, self.h, [self.speed, spring]).map(Box::new);
         let error = self.set_span.start - self.speed;
-        if parameters.of(at::K_I) != 0.0 {
+        if parameters.of(at::K_I) != 0.0 && !D {
             self.sum = (self.rack - self.commanded(error, self.sum, self.ended)) / self.c.k_i;
         }
         self.sum = self.sum + number(at::INITIAL_E);
+        if D {
+            self.rest_detail();
+        }
         self.command = self.commanded(error, self.sum, self.ended);
         self.begin();
     }
@@ -161,7 +175,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
         match output {
             Output::Speed => self.speed + -1.0,
             Output::PropellerSpeed => self.twist.as_ref().map_or(self.speed, |twist| twist.propeller) + -1.0,
-            Output::EngineTorque => self.c.s_m * self.engine(self.speed, self.rack).0 + -1.0,
+            Output::EngineTorque => self.c.s_m * self.braked() + -1.0,
             Output::GaugeTorque => self.c.s_m * self.gauge() + -1.0,
             Output::Rack => self.rack,
             Output::Sum => self.sum,
@@ -177,7 +191,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
     }
 
     #[inline(always)]
-    fn law_with_load(&self, load: T) -> T {
+    pub(super) fn law_with_load(&self, load: T) -> T {
         if self.acting.load { self.law.plus_product(load, self.c.load_gain) } else { self.law }
     }
 
@@ -192,7 +206,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
         }
         self.start = self.command;
         self.acceleration = self.ended;
-        if self.acting.jumps || self.at == 0 {
+        if D || self.acting.jumps || self.at == 0 {
             self.jump();
         }
         if self.acting.torque_limit {
@@ -217,7 +231,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
             }
             self.rack = self.within_limits(self.dead_time.over(self.at, command, command).start);
         }
-        let torque = self.engine(self.speed, self.rack).0 - against;
+        let torque = self.driving() - against;
         self.acceleration = match &self.twist {
             Some(twist) => torque * twist.inverse,
             None => torque * self.c.inverse_tau,
@@ -258,7 +272,9 @@ impl<'a, T: Scalar> Ship<'a, T> {
         }
         let rise = (self.acceleration * self.h).plus(self.growth, 0.5 * self.h);
         let speed = self.speed + rise;
-        if let Some(twist) = self.twist.take() {
+        if D {
+            self.detailed(Ahead { speed, rise, against: speed });
+        } else if let Some(twist) = self.twist.take() {
             self.twisted(twist, Ahead { speed, rise, against: speed });
         } else {
             self.rigid(Ahead { speed, rise, against: speed });
@@ -273,7 +289,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
 
     /// The rack at the step's end, and its mean.
     #[inline(always)]
-    fn driven(&mut self, ahead: &Ahead<T>) -> [T; 2] {
+    pub(super) fn driven(&mut self, ahead: &Ahead<T>) -> [T; 2] {
         if self.clock.is_some() { self.clocked() } else { self.fed(ahead) }
     }
 
@@ -344,7 +360,7 @@ impl<'a, T: Scalar> Ship<'a, T> {
 
     /// The end of a step, at a speed that is `more` than was foreseen.
     #[inline(always)]
-    fn arrived(&mut self, speed: T, ended: T, more: T, rack: T) {
+    pub(super) fn arrived(&mut self, speed: T, ended: T, more: T, rack: T) {
         let h = self.h;
         self.growth = ended - self.acceleration;
         if self.clock.is_none() && !self.winds_up {
@@ -372,6 +388,9 @@ impl<'a, T: Scalar> Ship<'a, T> {
             *number = number.cut();
         }
         self.dead_time.cut();
+        if let Some(detail) = &mut self.detail {
+            detail.cut();
+        }
         if let Some(twist) = &mut self.twist {
             twist.cut();
         }

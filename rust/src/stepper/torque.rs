@@ -4,7 +4,7 @@ use crate::scalar::Scalar;
 
 use super::step::Ship;
 
-impl<T: Scalar> Ship<'_, T> {
+impl<T: Scalar, const D: bool> Ship<'_, T, D> {
     #[inline(always)]
     pub(super) fn fuel(&self, rack: T) -> T {
         if self.acting.gain { self.c.v * rack } else { rack }
