@@ -11,7 +11,6 @@ from shipfp_rs import plot, profile_likelihood, signals
 from shipfp_rs.assessment.profile_likelihood import LEVEL
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.profile import End, Profile
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
 from shipfp_rs.structures.structure import Structure
 from tests.launch import noisy_record
@@ -34,24 +33,6 @@ def test_the_published_sine_fits_bound_four_parameters_one_side_of_three_and_say
     assert tug["K_p"].interval[1] == tug["K_i"].interval[1] == 1000.0
     assert tug["tau_n"].interval[0] == pytest.approx(0.63, abs=0.05)
     assert tug["v"].interval == (0.01, 10.0)
-
-
-def test_an_end_past_which_the_fit_worsens_no_further_is_none(monkeypatch):
-    """Where a search along a valley gets lost, the processor's rounding decides."""
-    true_end = Profile.end
-
-    def end(self, index, step, threshold):
-        name = self._search.names[index]
-        found = true_end(self, index, step, threshold)
-        return End(found.value * (1.0 - 1e-6), "data") if step > 0.0 and name in {"K_p", "K_i"} else found
-
-    monkeypatch.setattr(Profile, "end", end)
-    found = profile_likelihood(
-        measured_response(1.637), extended_structure(), ["K_p", "K_i", "p"], weighting="std", starts=8
-    )
-    assert [one.kind for one in found] == ["one-sided", "one-sided", "bounded"]
-    assert [one.interval[1] for one in found[:2]] == [1000.0, 1000.0]
-    assert found[0].values[-1] == 1000.0
 
 
 def test_along_a_valley_the_others_keep_what_the_data_tell(tug):

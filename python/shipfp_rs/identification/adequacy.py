@@ -31,7 +31,7 @@ def strain(likelihood: Likelihood, vector: Array) -> float:
 
     Above one the model is bent by more than that: it is not the ship's.
     """
-    cross, found = likelihood.smooth_errors(vector)
+    cross, found = likelihood.smooth_errors(likelihood.residuals(vector))
     inverse = np.linalg.inv(found + np.eye(len(found)))
     told = float(np.trace(inverse @ found))
     return float(np.sum((inverse @ cross) ** 2) / chi2.ppf(SELDOM, max(told, 1.0)))

@@ -133,6 +133,8 @@ def intervals_of(
             moved = figure(fit.values) - one.value
             # Along a valley the steps differ by a part of the interval: it holds both.
             low, high = one.low + min(moved, 0.0), one.high + max(moved, 0.0)
+            if name in BOUNDS:
+                low, high = max(low, BOUNDS[name][0]), min(high, BOUNDS[name][1])
             found[name] = Interval(one.value + moved, low, high, one.kinds)
             lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
             if left and lower.cost < profiles.best.cost - LOWER:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -30,6 +31,8 @@ SAME = 4.0
 """Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
 ALIKE = 10.0
 """Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
+
+L = TypeVar("L", bound=Likelihood)
 
 Penalty = Callable[[Array], tuple[float, Array]]
 """Row that is added to the residuals: its value at a vector and its gradient."""
@@ -90,7 +93,11 @@ def descend(
             return Basin(plain, x, False)
         fell = 0.0
         for _ in range(8):
-            step = _step(now, x, low, high, damping)
+            try:
+                step = _step(now, x, low, high, damping)
+            except np.linalg.LinAlgError:  # directions that nothing tells, by rounding
+                damping = max(damping * MORE, 1e-9)
+                continue
             promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
             if promised < 0.0:  # bounds cut off what would have made up for the rest
                 damping *= MORE
@@ -137,18 +144,23 @@ def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> A
 
 
 def best_basins(
-    likelihood: Likelihood, starts: Sequence[Array], *, until: float | None = None
-) -> tuple[Likelihood, list[Basin]]:
+    likelihood: L,
+    starts: Sequence[Array],
+    *,
+    rough: tuple[int, float] = ROUGH,
+    until: float | None = None,
+) -> tuple[L, list[Basin]]:
     """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
 
-    Rough descents with white noise come first; the noise is then taken from the best one's residuals, and twice more.
+    Rough descents with white noise come first, of so many steps at most until one is worth less than so much; the noise is
+    then taken from the best one's residuals, and twice more.
 
     Raises
     ------
     SimulationError
         Where no start leads to a ship that can be simulated.
     """
-    ends = _each(likelihood, starts, until, *ROUGH)
+    ends = _each(likelihood, starts, until, *rough)
     if not ends or not np.isfinite(ends[0].cost):
         raise SimulationError("no start leads to a ship that can be simulated")
     for settle in (MIDDLE, FINE, FINE):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -34,6 +34,10 @@ MOST_BEHIND, WALL = 0.95, 0.01
 """Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
 TORQUES = ("dM_b", "dM_g")
 """The kernel's torques."""
+TORQUE_PLACES = [_core.SHIP_OUTPUTS.index(name) for name in TORQUES]
+"""Their places."""
+SCALE = "torque scale"
+"""A record's unknown that multiplies its torque."""
 LIMITS = {"M_max", "rate"}
 """Parameters of what moving water sets off, so that its part is none that adds."""
 STATE_DEVIATION = 0.1
@@ -103,10 +107,15 @@ class Likelihood:
         data, c = self.records[record], self.coordinates
         values = c.values(vector)
         slopes = c.slopes(values)
-        by = [*slopes, *STATES]
+        # The torque's scale is no derivative that the kernel has to carry along.
+        by = [*slopes, *(name for name in STATES if name != SCALE)]
         v = values.get("v", 1.0)
         wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
-        seen = data.see(self.simulated(vector, record, wrt, wet=wet))
+        simulated = self.simulated(vector, record, wrt, wet=wet)
+        scale = 1.0 + vector[c.states(record)][list(STATES).index(SCALE)]
+        torques = np.isin(self.outputs, TORQUE_PLACES)
+        scaled = np.where(torques[:, None], (simulated[:, 0] + 1.0) / scale, 0.0)
+        seen = data.see(np.concatenate([simulated, scaled[:, None]], axis=1))
         residual = data.spectrum - seen[:, 0]
         jacobian = np.zeros((c.size, *residual.shape), complex)
         for column, name in enumerate(by[: len(slopes)], 1):
@@ -154,11 +163,25 @@ class Likelihood:
             raise SimulationError("the deviance is not finite")
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
-    def smooth_errors(self, vector: Array) -> tuple[Array, Array]:
-        """Products of the smooth errors' whitened shapes with the residuals (E,), and with each other (E, E)."""
-        residuals = [self._white(self.spectra(vector, at)[0][None], at)[0] for at in range(len(self.records))]
-        cross = sum(shapes @ residual for shapes, residual in zip(self._errors, residuals, strict=True))
+    def smooth_errors(self, residuals: Sequence[ComplexArray]) -> tuple[Array, Array]:
+        """Products of the smooth errors' whitened shapes with the records' residuals (E,), and with each other (E, E)."""
+        white = [self._white(one[None], index)[0] for index, one in enumerate(residuals)]
+        cross = sum(shapes @ residual for shapes, residual in zip(self._errors, white, strict=True))
         return np.asarray(cross), np.asarray(sum(shapes @ shapes.T for shapes in self._errors))
+
+    def residuals(self, vector: Array, *, wet: bool = True) -> list[ComplexArray]:
+        """For each record the residuals at a vector, (O, F)."""
+        return [self.spectra(vector, index, wet=wet)[0] for index in range(len(self.records))]
+
+    def _left(self, residuals: Sequence[ComplexArray]) -> list[ComplexArray]:
+        """What the smooth errors leave of the residuals: noise, and all that the model lacks."""
+        if self.roots is None:
+            return list(residuals)
+        cross, products = self.smooth_errors(residuals)
+        sizes = np.linalg.solve(products + np.eye(len(products)), cross)
+        return [
+            one - np.tensordot(sizes, shapes, 1) for one, shapes in zip(residuals, self._shapes, strict=True)
+        ]
 
     def cost(self, vector: Array) -> float:
         """Deviance at a vector; infinite where the ship runs away."""
@@ -181,7 +204,7 @@ class Likelihood:
         for name, (mean, deviation) in self.priors.items():
             found = slopes.get(name, {}).items()
             add((mean - values[name]) / deviation, {place: slope / deviation for place, slope in found})
-        for place in range(len(self.coordinates.free), len(vector)):
+        for place in self.coordinates.held:
             add(-vector[place] / STATE_DEVIATION, {place: 1.0 / STATE_DEVIATION})
         # The inertia behind the gauge is a part of the whole.
         behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
@@ -198,17 +221,15 @@ class Likelihood:
         flat = turned.reshape(len(spectra), -1)
         return np.concatenate([flat.real, flat.imag], axis=1)
 
-    def with_noise(self, vector: Array, *, wet: bool = False) -> Likelihood:
+    def with_noise(self, vector: Array, *, wet: bool = False) -> Self:
         """Return the likelihood whose noise is that of the residuals at a vector; wet: of what water leaves of them, too."""
-        roots, responses = [], []
-        for index, record in enumerate(self.records):
-            residual, _ = self.spectra(vector, index, wet=wet)
-            roots.append(_root(residual))
-            dry, _ = self.spectra(vector, index, wet=False) if wet else (residual, None)
-            responses.append(record.spectrum - dry)
-        return replace(self, roots=tuple(roots), responses=tuple(responses))
+        residuals = self.residuals(vector, wet=wet)
+        dry = self.residuals(vector, wet=False) if wet else residuals
+        responses = tuple(record.spectrum - one for record, one in zip(self.records, dry, strict=True))
+        roots = tuple(noise_root(one) for one in self._left(residuals))
+        return replace(self, roots=roots, responses=responses)
 
-    def with_noise_of(self, other: Likelihood) -> Likelihood:
+    def with_noise_of(self, other: Likelihood) -> Self:
         """Return the likelihood with the noise and the water of another one of the same records."""
         return replace(self, roots=other.roots, responses=other.responses, water=other.water)
 
@@ -237,27 +258,29 @@ class Likelihood:
         return wet if wet.cost(vector) < dry.cost(vector) else dry
 
     @cached_property
-    def _errors(self) -> tuple[Array, ...]:
-        """For each record the whitened shapes of the smooth errors in units of their prior deviation, (E, 2 O F)."""
-        assert self.roots is not None
+    def _shapes(self) -> tuple[ComplexArray, ...]:
+        """For each record the shapes of the smooth errors in units of their prior deviation, (E, O, F)."""
         least = min(record.frequency_hz[1] for record in self.records)
-        most = max(record.frequency_hz[-1] for record in self.records)
+        most = max(least, *(record.frequency_hz[-1] for record in self.records))
         knots = np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
         found = []
-        for index, record in enumerate(self.records):
+        for record, response in zip(self.records, self.responses, strict=True):
             octaves = np.log2(np.maximum(record.frequency_hz, 1e-9))
             hats = np.maximum(1.0 - np.abs(octaves - knots[:, None]) / OCTAVE, 0.0)
-            rows = []
+            shapes = np.zeros((len(self.accuracy), 2, len(knots), *response.shape), complex)
             for output, accuracy in enumerate(self.accuracy):
-                for unit in (1.0, 1j):
-                    shapes = np.zeros((len(knots), len(self.accuracy), len(record.frequency_hz)), complex)
-                    shapes[:, output] = accuracy * unit * hats * self.responses[index][output]
-                    rows.append(self._white(shapes, index))
-            found.append(np.concatenate(rows))
+                shapes[output, 0, :, output] = accuracy * hats * response[output]
+                shapes[output, 1, :, output] = 1j * shapes[output, 0, :, output]
+            found.append(shapes.reshape(-1, *response.shape))
         return tuple(found)
 
+    @cached_property
+    def _errors(self) -> tuple[Array, ...]:
+        """The shapes in units of the noise, as rows of real numbers (E, 2 O F)."""
+        return tuple(self._white(shapes, index) for index, shapes in enumerate(self._shapes))
 
-def _root(residual: ComplexArray) -> ComplexArray:
+
+def noise_root(residual: ComplexArray) -> ComplexArray:
     """Root of the inverse of the residuals' smoothed spectral matrix, (F, O, O)."""
     outputs, count = residual.shape
     products = residual[:, None] * residual[None].conj()

@@ -27,6 +27,8 @@ STIFF = 10.0
 """The held figure may stray by its standard deviation over this."""
 SHRINK, SHRUNK = 0.15, 0.01
 """Where bounds hold a figure back its scale is reduced by the one, to no less than the other."""
+FURTHER = 1.3
+"""Most that an end is led beyond the last point inside, over that point's distance."""
 SMALL = 1e-6
 
 Figure = Callable[[Mapping[str, float]], float]
@@ -166,7 +168,8 @@ class Profiles:
                 distance = min(step, 0.5 * (reached + over)) if np.isfinite(over) else step
             if over - reached < 0.03 * over:
                 break
-        return value + side * reached, "data"
+        # Where the tries end first the next one's target is nearer to the end than the last point inside.
+        return value + side * max(reached, min(distance, FURTHER * reached)), "data"
 
     def _way(self, x: Array, figure: Figure, otherwise: Array) -> Array:
         """How everything moves along while the figure moves by one, at a vector in a valley that may bend."""

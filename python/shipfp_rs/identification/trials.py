@@ -2,8 +2,8 @@
 
 A limit stays where the deviance falls by more than chance allows. Moving water decides, too, when it holds, so the ship is
 driven by the water in its trial, with the limit and without, and noise is what is left over then. A twist goes to off in a
-limit, and hides in the delays and in the inertia behind the gauge: it is fitted along unless it ends off, so that intervals
-allow for it.
+limit, and hides in the delays and in the inertia behind the gauge: it is fitted along where the deviance falls by more than
+chance gives, so that intervals allow for it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from shipfp_rs.support.arrays import Array
 
 DRIVEN = 2.0
 """Factor of BELIEVED where water drives the ship: with the noise so much less, more of what the model leaves out is seen."""
+CHANCE = 6.0
+"""Fall of the deviance by two parameters that chance exceeds once in twenty: with less the data say nothing of a twist."""
 ROUNDS = 3
 """Descents with an element that was taken, the noise and the water from the end before."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
@@ -54,7 +56,8 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         found = _trial(fit, fit.likelihood, "twist", until)
         if found is not None:
             gains["twist"] = fit.best.cost - found[1].cost
-            fit = replace(_taken(fit, "twist", *found, until), stiff=fit)
+            if gains["twist"] > CHANCE:
+                fit = replace(_taken(fit, "twist", *found, until), stiff=fit)
     return replace(fit, gains=gains)
 
 
