@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -31,8 +30,6 @@ SAME = 4.0
 """Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
 ALIKE = 10.0
 """Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
-
-L = TypeVar("L", bound=Likelihood)
 
 Penalty = Callable[[Array], tuple[float, Array]]
 """Row that is added to the residuals: its value at a vector and its gradient."""
@@ -144,23 +141,18 @@ def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> A
 
 
 def best_basins(
-    likelihood: L,
-    starts: Sequence[Array],
-    *,
-    rough: tuple[int, float] = ROUGH,
-    until: float | None = None,
-) -> tuple[L, list[Basin]]:
+    likelihood: Likelihood, starts: Sequence[Array], *, until: float | None = None
+) -> tuple[Likelihood, list[Basin]]:
     """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
 
-    Rough descents with white noise come first, of so many steps at most until one is worth less than so much; the noise is
-    then taken from the best one's residuals, and twice more.
+    Rough descents with white noise come first; the noise is then taken from the best one's residuals, and twice more.
 
     Raises
     ------
     SimulationError
         Where no start leads to a ship that can be simulated.
     """
-    ends = _each(likelihood, starts, until, *rough)
+    ends = _each(likelihood, starts, until, *ROUGH)
     if not ends or not np.isfinite(ends[0].cost):
         raise SimulationError("no start leads to a ship that can be simulated")
     for settle in (MIDDLE, FINE, FINE):

@@ -74,11 +74,6 @@ class Coordinates:
         first = len(self.free) + record * len(STATES)
         return slice(first, first + len(STATES))
 
-    @property
-    def held(self) -> range:
-        """Places of the records' states, which a weak prior holds at the operating point."""
-        return range(len(self.free), self.size)
-
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of a vector; what is searched as a ratio has wide ones, its own are looked after by the intervals."""

@@ -47,7 +47,7 @@ def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool
             sums = [part.regressions(lag, dead) for part in parts]
             gram, right, total = (np.sum([each[i] for each in sums], axis=0) for i in range(3))
             size = gram.shape[-1]
-            ridge = (1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-30) * np.eye(size)
+            ridge = 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(size)
             found = np.linalg.solve(gram + ridge, right[..., None])[..., 0]
             left = total - np.einsum("ti,ti->t", right, found)
             for late, cost, values in zip(SET_POINT_DEAD_TIMES_S, left, found, strict=True):

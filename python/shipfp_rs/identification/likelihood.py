@@ -204,7 +204,7 @@ class Likelihood:
         for name, (mean, deviation) in self.priors.items():
             found = slopes.get(name, {}).items()
             add((mean - values[name]) / deviation, {place: slope / deviation for place, slope in found})
-        for place in self.coordinates.held:
+        for place in range(len(self.coordinates.free), len(vector)):
             add(-vector[place] / STATE_DEVIATION, {place: 1.0 / STATE_DEVIATION})
         # The inertia behind the gauge is a part of the whole.
         behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
@@ -261,7 +261,7 @@ class Likelihood:
     def _shapes(self) -> tuple[ComplexArray, ...]:
         """For each record the shapes of the smooth errors in units of their prior deviation, (E, O, F)."""
         least = min(record.frequency_hz[1] for record in self.records)
-        most = max(least, *(record.frequency_hz[-1] for record in self.records))
+        most = max(record.frequency_hz[-1] for record in self.records)
         knots = np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
         found = []
         for record, response in zip(self.records, self.responses, strict=True):

@@ -1,9 +1,10 @@
 //! What only the simulation of a whole drive train needs, in plain numbers: single firings, smoke limiter, rate of the torque,
 //! drag, the ripple of the propeller and the ship's own motion.
 //!
-//! Torques are over the engine's at the operating point, times gear ratio and efficiency; `bollard` is the propeller's there. With `Q`, `T` torque and thrust of the
-//! propeller over bollard pull at the angle of the flow, `w` the speed of the water over that of the blades at the operating
-//! point, `C` the rack that the charge air is good for and `F` the filtered speed:
+//! Torques are over the engine's at the operating point, times gear ratio and efficiency; `bollard` is the propeller's
+//! there. With `Q`, `T` torque and thrust of the propeller over bollard pull at the angle of the flow, `w` the speed of the
+//! water over that of the blades at the operating point, `C` the rack that the charge air is good for and `F` the filtered
+//! speed:
 //!
 //! ```text
 //! L = bollard Q(w, N) hypot(w, N)^p (1 + shaft_ripple cos(turn) + blade_ripple cos(blades turn))
