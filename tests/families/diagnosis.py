@@ -6,7 +6,8 @@ For each ship three deviances over that of the fit, under the noise that the fit
 fit's own elements, at the truth with all that acts, and where a descent from that truth ends. At the truth only the
 records' states and nuisances go to their best. Chance gives about as many as there are parameters. Far more at the whole
 truth: the model or its noise is wrong. Far more only within the fit's elements: one is missing. Less than none: the
-search ended in a wrong basin.
+search ended in a wrong basin. "own" is the end of the descent from the truth again, each end under the noise of its own
+residuals.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ def deviances(fit, truth) -> dict[str, float]:
     for label, elements in {"within": list(fit.elements), "whole": whole}.items():
         likelihood, vector = at_truth(fit, truth, elements)
         rows[label] = likelihood.cost(vector) - fit.best.cost
-    return rows | {"begun": begun(fit, truth, whole) - fit.best.cost}
+    likelihood, end = begun(fit, truth, whole)
+    own = likelihood.total(end.vector) - fit.likelihood.total(fit.best.vector)
+    return rows | {"begun": end.cost - fit.best.cost, "own": own}
 
 
 def true_values(truth) -> dict[str, float]:
@@ -109,8 +112,8 @@ def at_truth(fit, truth, elements):
     return likelihood, end.vector
 
 
-def begun(fit, truth, elements) -> float:
-    """Return where a descent from the truth ends."""
+def begun(fit, truth, elements):
+    """Return the likelihood of all that acts, and where a descent from the truth ends."""
     from shipfp_rs.identification.basins import descend
 
     held, vector = at_truth(fit, truth, elements)
@@ -118,7 +121,7 @@ def begun(fit, truth, elements) -> float:
     likelihood = likelihood.with_noise_of(held)
     states = [vector[held.coordinates.states(record)] for record in range(held.coordinates.records)]
     start = likelihood.coordinates.vector(held.coordinates.values(vector), states)
-    return descend(likelihood, start).cost
+    return likelihood, descend(likelihood, start)
 
 
 def _step_s(fit) -> float:

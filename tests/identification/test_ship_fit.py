@@ -33,8 +33,8 @@ def drawn():
     return found, fp.Experiment(**found.experiment())
 
 
-def holds(found, name, truth):
-    low, high = found[name].ci95
+def holds(found, name, truth, wider=1.0):
+    low, high = (found[name].value + wider * (end - found[name].value) for end in found[name].ci95)
     return low <= truth <= high
 
 
@@ -125,7 +125,8 @@ def test_both_dead_times_and_the_lag_of_a_ship_in_moving_water_are_told(drawn):
     ship, experiment = drawn
     found, truth = fp.identify(experiment), ship.truth()["parameters"]
     for name in ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set", "tau_act"):
-        assert holds(found, name, truth[name]), name
+        # Of eight intervals of 95 per cent one in three ships has one that does not hold.
+        assert holds(found, name, truth[name], wider=1.5), name
     assert found.usability != "not usable"
     assert {name: row["state"] for name, row in found.elements.items()}["dead_time_set_point"] == "on"
 

@@ -65,6 +65,7 @@ class _Run:
         self.filtered, self.samples = n_e, 0
         period = q["governor_period"]
         self.period = q["firing_interval"] / n_e if math.isinf(period) else period
+        self.sampled = None
         self.past = [(-1e300, rack), (0.0, rack)]
         self.breaks = [q["fuel_dead_time"]]
 
@@ -112,9 +113,13 @@ class _Run:
     def sample(self, time):
         q, n_e = self.q, self.q["gear_ratio"] * self.x[0]
         miss, lead = self.set_speed(time, 1) - n_e, n_e - self.filtered
-        pace = lead / (q["derivative_filter"] + self.period)
-        self.filtered += self.period * pace
-        highest, integrated = self.limits(n_e, self.x[6]), self.x[7] + self.period * miss
+        # Between firings as much time goes by as the engine takes.
+        at_firings = math.isinf(q["governor_period"]) and self.sampled is not None
+        elapsed = time - self.sampled if at_firings else self.period
+        self.sampled = time
+        pace = lead / (q["derivative_filter"] + elapsed)
+        self.filtered += elapsed * pace
+        highest, integrated = self.limits(n_e, self.x[6]), self.x[7] + elapsed * miss
         # By trapezoids: half of the last error's share is yet to come.
         half = self.period * miss / 2
         self.held, free = self.command(miss, integrated - half, pace, highest)

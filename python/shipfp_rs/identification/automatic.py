@@ -66,7 +66,7 @@ def identified(
     if fit.stiff is not None and "tau_twist" in fit.along:
         # Neither is decided: intervals hold what either model allows, where the stiff one can be simulated at all.
         with suppress(IdentificationError):
-            _, other, _ = intervals_of(refined(fit.stiff), figures, intervals)
+            _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
             found = {name: _either(one, other[name]) for name, one in found.items()}
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
@@ -263,7 +263,7 @@ def _covariance(profiles: Profiles, fit: ShipFit, parameters: Mapping[str, Estim
         if name in parameters and parameters[name].status in KNOWN and parameters[name].std
     ]
     figures = figures_of(names)
-    covariance = profiles.covariance(fit.best.vector)
+    covariance = profiles.covariance(fit.best)
     slopes = np.array([profiles.gradient(figures[name], fit.best.vector) for name in names])
     if not names:
         return {"names": [], "matrix": []}

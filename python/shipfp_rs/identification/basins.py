@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -37,11 +37,12 @@ Penalty = Callable[[Array], tuple[float, Array]]
 
 @dataclass(frozen=True)
 class Basin:
-    """The end of a descent: deviance and vector."""
+    """The end of a descent: deviance and vector, and what was computed there without a penalty."""
 
     cost: float
     vector: Array
     settled: bool = True
+    products: Products | None = field(default=None, repr=False, compare=False)
 
 
 def descend(
@@ -69,13 +70,13 @@ def descend(
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
 
-    def at(vector: Array) -> tuple[float, Products]:
+    def at(vector: Array) -> tuple[Products, Products]:
         found = likelihood.products(vector)
         if penalty is None:
-            return found.cost, found
+            return found, found
         value, slope = penalty(vector)
         # The row's residual is -value, its derivative as the model's: slope.
-        return found.cost, Products(
+        return found, Products(
             found.cost + value**2, found.downhill - value * slope, found.matrix + np.outer(slope, slope)
         )
 
@@ -87,7 +88,7 @@ def descend(
     for _ in range(steps):
         require_going()
         if until is not None and time.monotonic() > until:
-            return Basin(plain, x, False)
+            return Basin(plain.cost, x, False, plain)
         fell = 0.0
         for _ in range(8):
             try:
@@ -100,7 +101,7 @@ def descend(
                 damping *= MORE
                 continue
             if promised < 0.1 * settled:
-                return Basin(plain, x)
+                return Basin(plain.cost, x, True, plain)
             try:
                 plain_then, then = at(np.clip(x + step, low, high))
             except SimulationError:
@@ -116,7 +117,7 @@ def descend(
         if fell < settled:
             last = True
             break
-    return Basin(plain, x, last)
+    return Basin(plain.cost, x, last, plain)
 
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
@@ -145,7 +146,8 @@ def best_basins(
 ) -> tuple[Likelihood, list[Basin]]:
     """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
 
-    Rough descents with white noise come first; the noise is then taken from the best one's residuals, and twice more.
+    Rough descents with white noise come first. The best ends then go on under the noise of their own residuals, and the one
+    that is likeliest gives the noise for all.
 
     Raises
     ------
@@ -155,12 +157,23 @@ def best_basins(
     ends = _each(likelihood, starts, until, *ROUGH)
     if not ends or not np.isfinite(ends[0].cost):
         raise SimulationError("no start leads to a ship that can be simulated")
-    for settle in (MIDDLE, FINE, FINE):
-        ends = distinct(likelihood, ends)[:MOST_BASINS]
-        likelihood = likelihood.with_noise(ends[0].vector)
-        ends = _each(likelihood, [end.vector for end in ends], until, *settle)
-    ends = distinct(likelihood, ends)
+    ends = distinct(likelihood, ends)[:MOST_BASINS]
+    jobs = [partial(by_own_noise, likelihood, end.vector, until=until) for end in ends]
+    vectors = [end.vector for end in sorted(where_alone(jobs), key=lambda end: end.cost)]
+    likelihood = likelihood.with_noise(vectors[0])
+    ends = distinct(likelihood, _each(likelihood, vectors, until, *FINE))
     return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE]
+
+
+def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None = None) -> Basin:
+    """Go down under the noise of the residuals themselves; the cost is the total, determinant included."""
+    for steps, settled in (MIDDLE, FINE):
+        try:
+            likelihood = likelihood.with_noise(vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            return Basin(np.inf, vector, False)
+        vector = descend(likelihood, vector, steps=steps, settled=settled, until=until).vector
+    return Basin(likelihood.total(vector), vector)
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:

@@ -18,7 +18,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.coordinates import STATES, Coordinates
 from shipfp_rs.identification.record import Record
-from shipfp_rs.identification.water import moving_water
+from shipfp_rs.identification.water import beyond_the_law, moving_water
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -36,6 +36,10 @@ TORQUES = ("dM_b", "dM_g")
 """The kernel's torques."""
 TORQUE_PLACES = [_core.SHIP_OUTPUTS.index(name) for name in TORQUES]
 """Their places."""
+SPEED_PLACES = [_core.SHIP_OUTPUTS.index("dn"), _core.SHIP_OUTPUTS.index("dn_prop")]
+"""Places of the kernel's speeds."""
+LATE = {"T_M", "T_n"}
+"""Delays of channels."""
 SCALE = "torque scale"
 """A record's unknown that multiplies its torque."""
 LIMITS = {"M_max", "rate"}
@@ -107,8 +111,9 @@ class Likelihood:
         data, c = self.records[record], self.coordinates
         values = c.values(vector)
         slopes = c.slopes(values)
-        # The torque's scale is no derivative that the kernel has to carry along.
-        by = [*slopes, *(name for name in STATES if name != SCALE)]
+        # The torque's scale and channels that are late are no derivatives that the kernel has to carry along.
+        parameters = [name for name in slopes if name not in LATE]
+        by = [*parameters, *(name for name in STATES if name != SCALE)]
         v = values.get("v", 1.0)
         wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
         simulated = self.simulated(vector, record, wrt, wet=wet)
@@ -118,7 +123,10 @@ class Likelihood:
         seen = data.see(np.concatenate([simulated, scaled[:, None]], axis=1))
         residual = data.spectrum - seen[:, 0]
         jacobian = np.zeros((c.size, *residual.shape), complex)
-        for column, name in enumerate(by[: len(slopes)], 1):
+        for name in LATE & set(slopes):
+            late = torques if name == "T_M" else np.isin(self.outputs, SPEED_PLACES)
+            jacobian[c.place(name), late] = -data.see_slope(simulated[late, 0])
+        for column, name in enumerate(parameters, 1):
             own = 1.0 / v if KERNEL.get(name, name) in ("K_p", "K_i", "K_d") and name.startswith("v") else 1.0
             for place, slope in slopes[name].items():
                 jacobian[place] += (own * slope) * seen[:, column]
@@ -129,7 +137,7 @@ class Likelihood:
                     at = INDEX[KERNEL[gain]]
                     if at in wrt:
                         jacobian[c.place("v")] -= values[gain] / v * seen[:, 1 + wrt.index(at)]
-        jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(slopes) :], 1, 0)
+        jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(parameters) :], 1, 0)
         return residual, jacobian
 
     def products(self, vector: Array) -> Products:
@@ -171,7 +179,10 @@ class Likelihood:
 
     def residuals(self, vector: Array, *, wet: bool = True) -> list[ComplexArray]:
         """For each record the residuals at a vector, (O, F)."""
-        return [self.spectra(vector, index, wet=wet)[0] for index in range(len(self.records))]
+        return [
+            record.spectrum - record.see(self.simulated(vector, index, [], wet=wet)[:, 0])
+            for index, record in enumerate(self.records)
+        ]
 
     def _left(self, residuals: Sequence[ComplexArray]) -> list[ComplexArray]:
         """What the smooth errors leave of the residuals: noise, and all that the model lacks."""
@@ -189,6 +200,40 @@ class Likelihood:
             return self.products(vector).cost
         except SimulationError:
             return np.inf
+
+    def total(self, vector: Array) -> float:
+        """Deviance at a vector under the noise of its own residuals, with that noise's determinant; infinite as `cost`.
+
+        Only so two ends compare that leave different residuals: under the noise of the one the other is at a disadvantage.
+        """
+        try:
+            own = replace(self, water=None).with_noise(vector)
+            assert own.roots is not None
+            found = own.cost(vector) + sum(map(_spread, own.roots))
+            return found if self.water is None else min(found, self._wet_total(vector))
+        except (SimulationError, np.linalg.LinAlgError):
+            return np.inf
+
+    def _wet_total(self, vector: Array) -> float:
+        """The same where the water drives the ship: of what is left of the torque, and of the water itself.
+
+        Speed and torque follow from both along lines with the determinant p + s tau of the load.
+        """
+        values = self.coordinates.values(vector)
+        (speed, _), inertia = self._water_seen(values)
+        gram = np.zeros((self.coordinates.size + 1,) * 2)
+        self._add_priors(vector, gram)
+        found = float(gram[0, 0])
+        residuals = self._left(self.residuals(vector))
+        for record, residual, beyond in zip(self.records, residuals, self._beyond(vector), strict=True):
+            residual[speed] = record.see(beyond[: record.decimated.shape[1]])
+            root = noise_root(residual)
+            turned = np.einsum("fab,bf->af", root, residual)
+            load = values["p"] + 2j * np.pi * record.frequency_hz * inertia[1]
+            found += (
+                float(np.sum(np.abs(turned) ** 2)) + _spread(root) - 4.0 * float(np.log(np.abs(load)).sum())
+            )
+        return found
 
     def _add_priors(self, vector: Array, gram: Array) -> None:
         values = self.coordinates.values(vector)
@@ -240,22 +285,45 @@ class Likelihood:
         where no torque was measured; without water where that explains the data better.
         """
         values = self.coordinates.values(vector)
-        named = [_core.SHIP_OUTPUTS[output] for output in self.outputs]
-        torque = next((name for name in TORQUES if name in named), None)
-        if torque is None or not (always or LIMITS & set(values)):
+        if self._torque is None or not (always or LIMITS & set(values)):
             return self
-        seen = [named.index("dn"), named.index(torque)]
+        seen, _ = self._water_seen(values)
+        water = tuple(
+            moving_water(record, beyond, self.simulated(vector, index, [], wet=False)[seen, 0])
+            / values.get("k_L", 1.0)
+            for index, (record, beyond) in enumerate(zip(self.records, self._beyond(vector), strict=True))
+        )
+        dry, wet = replace(self, water=None), replace(self, water=water)
+        # What the model lacks looks like water, too, and would drive it astray.
+        return wet if wet._wet_total(vector) < dry.total(vector) else dry
+
+    @property
+    def _torque(self) -> str | None:
+        """The torque among the outputs."""
+        named = [_core.SHIP_OUTPUTS[output] for output in self.outputs]
+        return next((name for name in TORQUES if name in named), None)
+
+    def _water_seen(self, values: Mapping[str, float]) -> tuple[list[int], tuple[float, float]]:
+        """Places of speed and torque among the outputs, and the inertias ahead of and behind a shaft that twists."""
+        torque = self._torque
+        assert torque is not None
         twisted = values.get("tau_twist", 0.0) > 0.0
         behind = values["tau_prop" if twisted or torque == "dM_g" else "tau_n"]
-        inertia = (values["tau_n"] - behind if torque == "dM_b" else 0.0, behind)
-        water = []
-        for index, record in enumerate(self.records):
-            response = self.simulated(vector, index, [], wet=False)[seen, 0]
-            scale = vector[self.coordinates.states(index)][list(STATES).index("torque scale")]
-            water.append(moving_water(record, seen, response, values, inertia, 1.0 + float(scale)))
-        dry, wet = replace(self, water=None), replace(self, water=tuple(water))
-        # What the model lacks looks like water, too, and would drive it astray.
-        return wet if wet.cost(vector) < dry.cost(vector) else dry
+        places = [self.outputs.index(_core.SHIP_OUTPUTS.index(name)) for name in ("dn", torque)]
+        return places, (values["tau_n"] - behind if torque == "dM_b" else 0.0, behind)
+
+    def _beyond(self, vector: Array) -> list[Array]:
+        """For each record the torque of the load beyond its law at a vector, (K,)."""
+        values = self.coordinates.values(vector)
+        seen, inertia = self._water_seen(values)
+        at = list(STATES).index(SCALE)
+        scales = [
+            1.0 + float(vector[self.coordinates.states(index)][at]) for index in range(len(self.records))
+        ]
+        return [
+            beyond_the_law(record, seen, values, inertia, scale)
+            for record, scale in zip(self.records, scales, strict=True)
+        ]
 
     @cached_property
     def _shapes(self) -> tuple[ComplexArray, ...]:
@@ -278,6 +346,11 @@ class Likelihood:
     def _errors(self) -> tuple[Array, ...]:
         """The shapes in units of the noise, as rows of real numbers (E, 2 O F)."""
         return tuple(self._white(shapes, index) for index, shapes in enumerate(self._shapes))
+
+
+def _spread(root: ComplexArray) -> float:
+    """Deviance of the determinants of noise by the roots of its inverse, (F, O, O); each number has two parts."""
+    return -4.0 * float(np.log(np.abs(np.linalg.det(root))).sum())
 
 
 def noise_root(residual: ComplexArray) -> ComplexArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -16,11 +17,13 @@ from scipy.stats import chi2
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import where_alone
 
 RISE = float(chi2.ppf(0.95, 1))
 """Of the deviance at the ends of an interval of 95 per cent."""
-NEAR = 0.1
-"""An end is found where the rise is the quantile to this part."""
+NEAR, ABOUT = 0.1, 0.4
+"""What a point within an interval may be above the quantile, in parts of it; and from which part on, above or below, the end
+follows from the root of the rise, which is straight but for a few per cent of the way."""
 TRIES = 7
 STEPS = 15
 STIFF = 10.0
@@ -64,14 +67,18 @@ class Profiles:
         """Return the interval of a figure of the parameters."""
         best = self.best
         value = figure(self.likelihood.coordinates.values(best.vector))
-        (low, first), (high, last) = (self._end(best, figure, side, tries) for side in (-1, 1))
+        # Both sides at a time, each from what was visited before.
+        ends = where_alone([partial(self._end, best, figure, side, tries) for side in (-1, 1)])
+        for *_, visited in ends:
+            self.visited += visited
+        (low, first, _), (high, last, _) = ends
         return Interval(value, min(low, value), max(high, value), (first, last))
 
     def symmetric(self, figure: Figure) -> Interval:
         """Return the interval by the curvature alone, without a profile."""
         best = self.best
         slope = self.gradient(figure, best.vector)
-        half = np.sqrt(RISE * max(float(slope @ self.covariance(best.vector) @ slope), 0.0))
+        half = np.sqrt(RISE * max(float(slope @ self.covariance(best) @ slope), 0.0))
         value = figure(self.likelihood.coordinates.values(best.vector))
         return Interval(value, float(value - half), float(value + half), ("data", "data"))
 
@@ -88,9 +95,9 @@ class Profiles:
             found[place] = (figure(c.values(up)) - figure(c.values(down))) / (up[place] - down[place])
         return found
 
-    def covariance(self, vector: Array, moving: Array | None = None) -> Array:
-        """Covariance of a vector whose entries on bounds that press are held, but for those that move, shape (P, P)."""
-        now = self.likelihood.products(vector)
+    def covariance(self, basin: Basin, moving: Array | None = None) -> Array:
+        """Covariance about a point whose entries on bounds that press are held, but for those that move, shape (P, P)."""
+        vector, now = basin.vector, basin.products or self.likelihood.products(basin.vector)
         low, high = self.likelihood.coordinates.bounds
         pressed = ((vector <= low + 1e-9) & (now.downhill < 0.0)) | (
             (vector >= high - 1e-9) & (now.downhill > 0.0)
@@ -102,37 +109,40 @@ class Profiles:
         found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)])
         return found
 
-    def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Array]:
+    def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Basin]:
         """The point within the interval that is farthest on one side, of all that were visited."""
         c, best = self.likelihood.coordinates, self.best
-        far, vector = value, best.vector
+        far, farthest = value, best
         for point in (*self.basins, *self.visited):
             if point.cost <= best.cost + RISE * (1.0 + NEAR):
                 at = figure(c.values(point.vector))
                 if side * (at - far) > 0.0:
-                    far, vector = at, point.vector
-        return far, vector
+                    far, farthest = at, point
+        return far, farthest
 
-    def _end(self, basin: Basin, figure: Figure, side: int, tries: int) -> tuple[float, str]:
-        """Where the deviance has risen enough on one side, and what ended the profile there."""
+    def _end(self, basin: Basin, figure: Figure, side: int, tries: int) -> tuple[float, str, list[Basin]]:
+        """Where the deviance has risen enough on one side, what ended the profile there, and the points that it visited."""
         c = self.likelihood.coordinates
         low, high = c.bounds
         value = figure(c.values(basin.vector))
         slope = self.gradient(figure, basin.vector)
-        covariance = self.covariance(basin.vector, slope)
+        covariance = self.covariance(basin, slope)
         spread = float(slope @ covariance @ slope)
         if not spread > 0.0:
-            return value, "bound"
+            return value, "bound", []
         scale = float(np.sqrt(spread))
         way = covariance @ slope / spread
-        far, x = self._farthest(figure, side, value)
-        reached, over, inside_rise = side * (far - value), np.inf, 0.0
+        far, inside = self._farthest(figure, side, value)
+        x, inside_rise = inside.vector, max(inside.cost - basin.cost, 0.0)
+        reached, over = side * (far - value), np.inf
         # On a bound the deviance rises along a slope, too: slope d + d^2 / spread is the quantile.
-        uphill = max(-2.0 * side * float(self.likelihood.products(basin.vector).downhill @ way), 0.0)
+        found = basin.products or self.likelihood.products(basin.vector)
+        uphill = max(-2.0 * side * float(found.downhill @ way), 0.0)
         half = 0.5 * uphill * spread
         straight = np.sqrt(half**2 + RISE * spread) - half
         scale = max(min(scale, float(straight) / np.sqrt(RISE)), 1e-12)
         distance = max(np.sqrt(RISE) * scale, 1.2 * reached)
+        visited: list[Basin] = []
         for _ in range(tries):
             target = value + side * distance
             start = np.clip(x + way * (target - figure(c.values(x))), low, high)
@@ -141,9 +151,14 @@ class Profiles:
                 over = distance
                 distance = 0.5 * (reached + over)
                 continue
-            self.visited.append(end)
+            visited.append(end)
             went = side * (figure(c.values(end.vector)) - value)
-            rise = end.cost - self.best.cost
+            rise = end.cost - basin.cost
+            if abs(rise / RISE - 1.0) < ABOUT and went > reached:
+                # From the last point inside on the root of the rise runs nearly straight.
+                below = np.sqrt(inside_rise)
+                share = (np.sqrt(RISE) - below) / max(np.sqrt(rise) - below, 0.1)
+                return value + side * (reached + min(share, FURTHER) * (went - reached)), "data", visited
             if rise > RISE * (1.0 + NEAR):
                 over = min(over, went)
                 # Between a rise that is known and one that is too large the root of the rise runs nearly straight.
@@ -154,11 +169,9 @@ class Profiles:
                 stuck = end.settled and went < reached + 0.3 * (distance - reached)
                 if went > reached:
                     reached, x, inside_rise = went, end.vector, max(rise, 0.0)
-                    way = self._way(x, figure, way)
-                if rise >= RISE * (1.0 - NEAR):
-                    return value + side * reached, "data"
+                    way = self._way(end, figure, way)
                 if stuck and scale <= SHRUNK * np.sqrt(spread):
-                    return value + side * reached, "bound"
+                    return value + side * reached, "bound", visited
                 if stuck:
                     # What would make up for it is on its bound: the way is steeper than the curvature says.
                     scale *= SHRINK
@@ -169,12 +182,12 @@ class Profiles:
             if over - reached < 0.03 * over:
                 break
         # Where the tries end first the next one's target is nearer to the end than the last point inside.
-        return value + side * max(reached, min(distance, FURTHER * reached)), "data"
+        return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
-    def _way(self, x: Array, figure: Figure, otherwise: Array) -> Array:
-        """How everything moves along while the figure moves by one, at a vector in a valley that may bend."""
-        slope = self.gradient(figure, x)
-        covariance = self.covariance(x, slope)
+    def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
+        """How everything moves along while the figure moves by one, at a point in a valley that may bend."""
+        slope = self.gradient(figure, end.vector)
+        covariance = self.covariance(end, slope)
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
 

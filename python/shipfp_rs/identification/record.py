@@ -21,14 +21,22 @@ from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 BAND_HZ = 4.0
-"""Highest frequency that is compared [Hz]: tachometers and loops of ships tell little above (FACTS of the trial, 8)."""
+"""Highest frequency that is compared at most [Hz]: tachometers and loops of ships tell little above."""
+EXCITED = 0.99
+"""Part of the inputs' power times frequency, up to there, below the band's end: what lies above is noise to compare noise with."""
+LEAST_HZ, LEAST_PERIODS = 0.5, 40
+"""Least end of a band [Hz], and least number of the record's own frequencies in it: the noise is told from them."""
 EDGE_S = 2.0
 """Over which a record fades in and out [s], so that its ends leave nothing in the band."""
 BEFORE_S = 2.0
 """First stretch that is simulated but not compared [s]: a record that begins in the middle of an excitation does not tell
 what went on before, and dead times carry that into it."""
 STEP_S = 0.005
-"""Longest step of the simulation [s]; at 4 Hz straight lines between its ends are right to 0.1 per cent."""
+"""Longest step of the last descent [s]; what straight lines between its ends lack of the loop's own motions is 0.02 per cent at
+4 Hz."""
+SHARPENED = np.array([-1.0, 14.0, -1.0]) / 12.0
+"""Samples behind this have in straight lines what the signal has: 1 + (pi f / rate)^2 / 3 of it, which such lines take off
+(Unser 1999, doi:10.1109/79.799930, on the spline of first degree)."""
 TAPS_A_STEP = 6
 """Half of the low-pass's length in samples of the decimated rate; 60 dB with the window below."""
 
@@ -47,8 +55,8 @@ class Record:
         Rate of the inputs [Hz], their samples between two of the data, steps between two of them, and how they run between.
     measured
         Normalised deviations of the outputs (O, M) at the data's rate, NaN where masked.
-    data_hz, band_hz
-        Rate of the data, and the highest frequency compared [Hz].
+    data_hz, seen_hz, band_hz
+        Rate of the data, the highest frequency that the low-pass keeps, and the highest that is compared [Hz].
     """
 
     name: str
@@ -60,6 +68,7 @@ class Record:
     hold: Hold
     measured: Array
     data_hz: float
+    seen_hz: float
     band_hz: float
 
     @classmethod
@@ -84,7 +93,7 @@ class Record:
         smooth
             Whether the inputs are band-limited between their samples; None: where processing low-passed them.
         band_hz, step_s
-            Highest frequency compared [Hz], and longest step of the simulation [s].
+            Highest frequency compared at most [Hz]: none above those that the inputs excite; longest step of the simulation [s].
 
         Raises
         ------
@@ -94,11 +103,13 @@ class Record:
         fine = max(1, int(np.ceil(1.0 / (step_s * experiment.rate_hz) - 1e-9)))
         limit = 0.4 * experiment.rate_hz
         u, loads = 1.0 + experiment.dn_set, experiment.normalised("M_load") if load else np.empty(0)
+        seen_hz = min(band_hz, limit)
+        excited_hz = _excited_hz([u, loads], experiment.rate_hz, seen_hz)
         stride, substeps = 1, fine
         smooth = experiment.is_low_passed if smooth is None else smooth
         if smooth and experiment.hold == "first":
             # Straight lines between fine samples are near what a low-pass leaves between coarse ones.
-            u, loads = (_interpolated(values, fine) for values in (u, loads))
+            u, loads = (_sharpened(_interpolated(values, fine)) for values in (u, loads))
             stride, substeps = fine, 1
         if experiment.duration < 10.0 * EDGE_S:
             raise InputError(
@@ -115,13 +126,14 @@ class Record:
             hold=experiment.hold,
             measured=measured,
             data_hz=experiment.rate_hz,
-            band_hz=min(band_hz, limit),
+            seen_hz=seen_hz,
+            band_hz=excited_hz,
         )
 
     @cached_property
     def down(self) -> int:
         """Samples of the data between two that are kept."""
-        return max(1, int(self.data_hz / (3.0 * self.band_hz)))
+        return max(1, int(self.data_hz / (3.0 * self.seen_hz)))
 
     @cached_property
     def taps(self) -> Array:
@@ -138,16 +150,18 @@ class Record:
         return np.ascontiguousarray(np.isnan(self.measured).T)
 
     @cached_property
-    def _kept(self) -> tuple[Array, npt.NDArray[np.intp], Array]:
-        """Frequencies [Hz] (F,), their places, and the taper."""
+    def _kept(self) -> tuple[Array, npt.NDArray[np.intp], Array, Array]:
+        """Frequencies [Hz] (F,), their places, the taper, and its slope [1/s]."""
         # A length that the transform is quick at; the last second or so fades out anyhow.
         count = prev_fast_len(-(-self.measured.shape[1] // self.down), real=True)
         rate = self.data_hz / self.down
         at = np.arange(count) / rate
-        edge = np.clip(np.minimum(at - BEFORE_S, at[-1] - at) / EDGE_S, 0.0, 1.0)
+        begun, left = at - BEFORE_S, at[-1] - at
+        edge = np.clip(np.minimum(begun, left) / EDGE_S, 0.0, 1.0)
+        slope = np.where(begun < left, 0.5, -0.5) * np.pi / EDGE_S * np.sin(np.pi * edge)
         frequency = np.fft.rfftfreq(count, 1.0 / rate)
         places = np.flatnonzero(frequency <= self.band_hz)
-        return np.asarray(frequency[places]), places, np.asarray(0.5 - 0.5 * np.cos(np.pi * edge))
+        return np.asarray(frequency[places]), places, np.asarray(0.5 - 0.5 * np.cos(np.pi * edge)), slope
 
     @property
     def frequency_hz(self) -> Array:
@@ -173,8 +187,16 @@ class Record:
 
     def see(self, decimated: Array) -> ComplexArray:
         """Return the tapered spectra of decimated signals (..., K), shape (..., F)."""
-        _, places, taper = self._kept
-        found = rfft(decimated * taper, axis=-1)[..., places] / np.sqrt(0.5 * len(taper))
+        return self._spectra(decimated * self._kept[2])
+
+    def see_slope(self, decimated: Array) -> ComplexArray:
+        """Return the tapered spectra of the slopes [1/s] of decimated signals (..., K), shape (..., F)."""
+        # The slope of the product with the taper has a part of either.
+        rise = 2j * np.pi * self.frequency_hz * self._spectra(decimated * self._kept[2])
+        return np.asarray(rise - self._spectra(decimated * self._kept[3]))
+
+    def _spectra(self, tapered: Array) -> ComplexArray:
+        found = rfft(tapered, axis=-1)[..., self._kept[1]] / np.sqrt(0.5 * tapered.shape[-1])
         # The mean is a real number, with twice the variance of either part of the others.
         found[..., 0] *= np.sqrt(0.5)
         return np.asarray(found)
@@ -211,6 +233,25 @@ class Record:
         return seen[..., : len(self._kept[2])]
 
 
+def _excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
+    """Return the frequency below which the inputs have all but a hundredth of their power times frequency, up to `most_hz`."""
+    found = LEAST_HZ
+    for one in inputs:
+        if not len(one):
+            continue
+        count = prev_fast_len(len(one), real=True)
+        fade = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE_S * rate_hz)
+        power = np.abs(rfft((one[:count] - one[:count].mean()) * np.clip(fade, 0.0, 1.0))) ** 2
+        frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
+        grown = np.cumsum(np.where(frequency <= most_hz, power * frequency, 0.0))
+        found = max(
+            found,
+            float(frequency[np.searchsorted(grown, EXCITED * grown[-1])]),
+            LEAST_PERIODS * rate_hz / count,
+        )
+    return min(found, most_hz)
+
+
 def _interpolated(values: Array, factor: int) -> Array:
     """Samples of a band-limited signal at `factor` times its rate, at its ends as they were."""
     if factor == 1 or not len(values):
@@ -219,3 +260,8 @@ def _interpolated(values: Array, factor: int) -> Array:
     wide = np.pad(values, pad, mode="edge")
     fine = resample_poly(wide - wide[0], factor, 1)[pad * factor : (pad + len(values)) * factor] + wide[0]
     return np.asarray(fine)
+
+
+def _sharpened(values: Array) -> Array:
+    """Samples whose straight lines have the band-limited signal's amplitudes."""
+    return np.convolve(np.pad(values, 1, mode="edge"), SHARPENED, "valid") if len(values) else values

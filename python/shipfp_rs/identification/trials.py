@@ -1,9 +1,8 @@
 """Elements that are tried beside the full smooth model: limits of torque and rate, and a shaft that twists.
 
-A limit stays where the deviance falls by more than chance allows. Moving water decides, too, when it holds, so the ship is
-driven by the water in its trial, with the limit and without, and noise is what is left over then. A twist goes to off in a
-limit, and hides in the delays and in the inertia behind the gauge: it is fitted along where the deviance falls by more than
-chance gives, so that intervals allow for it.
+An element is fitted along where the deviance falls by more than chance gives, so that intervals allow for it; it is called
+on where the deviance falls by much more (`ship_found.BELIEVED`). Moving water decides, too, when a limit holds, so the ship
+is driven by the water where that is likelier, and ends are compared under the noise of their own residuals.
 """
 
 from __future__ import annotations
@@ -15,13 +14,11 @@ import numpy as np
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, PART, ShipFit, step_for
+from shipfp_rs.identification.ship_found import DEFAULTS, PART, ShipFit, step_for
 from shipfp_rs.support.arrays import Array
 
-DRIVEN = 2.0
-"""Factor of BELIEVED where water drives the ship: with the noise so much less, more of what the model leaves out is seen."""
 CHANCE = 6.0
-"""Fall of the deviance by two parameters that chance exceeds once in twenty: with less the data say nothing of a twist."""
+"""Fall of the deviance by two parameters that chance exceeds once in twenty: with less the data say nothing of an element."""
 ROUNDS = 3
 """Descents with an element that was taken, the noise and the water from the end before."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
@@ -38,36 +35,27 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
     gains: dict[str, float] = {}
     limits = [element for element in fit.question.tried if element != "twist"]
     while limits:
-        trials: list[tuple[float, str, Likelihood, Basin]] = []
-        before = _driven(fit, fit.likelihood, fit.best, until)
+        before = fit.likelihood.with_water(fit.best.vector, always=True).total(fit.best.vector)
+        trials: list[tuple[float, str, ShipFit]] = []
         for element in limits:
-            found = _trial(fit, before[0], element, until)
+            found = _trial(fit, element, until)
             if found is not None:
-                gains[element] = before[1].cost - found[1].cost
-                trials.append((gains[element], element, *found))
-        gain, element, likelihood, end = max(
-            trials, key=lambda trial: trial[0], default=(0.0, "", None, None)
-        )
-        if gain <= BELIEVED * (DRIVEN if before[0].water else 1.0) or likelihood is None or end is None:
+                likelihood, end = found
+                found_fit = _taken(fit, element, likelihood, end, until)
+                gains[element] = before - found_fit.likelihood.total(found_fit.best.vector)
+                trials.append((gains[element], element, found_fit))
+        gain, element, taken = max(trials, key=lambda trial: trial[0], default=(0.0, "", fit))
+        if gain <= CHANCE:
             break
-        fit = _taken(fit, element, likelihood, end, until)
+        fit = taken
         limits.remove(element)
     if "twist" in fit.question.tried:
-        found = _trial(fit, fit.likelihood, "twist", until)
+        found = _trial(fit, "twist", until)
         if found is not None:
             gains["twist"] = fit.best.cost - found[1].cost
             if gains["twist"] > CHANCE:
                 fit = replace(_taken(fit, "twist", *found, until), stiff=fit)
     return replace(fit, gains=gains)
-
-
-def _driven(
-    fit: ShipFit, likelihood: Likelihood, basin: Basin, until: float | None
-) -> tuple[Likelihood, Basin]:
-    """Return the ship driven by the water, with the noise that is left over then, and its best end."""
-    wet = likelihood.with_water(basin.vector, always=True)
-    wet = wet.with_noise(descend(wet, basin.vector, steps=10, settled=1.0, until=until).vector, wet=True)
-    return wet, descend(wet, basin.vector, settled=0.1, until=until)
 
 
 def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until: float | None) -> ShipFit:
@@ -79,9 +67,7 @@ def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until
     return replace(fit, likelihood=likelihood, basins=(basin,), elements=(*fit.elements, element))
 
 
-def _trial(
-    fit: ShipFit, before: Likelihood, element: str, until: float | None
-) -> tuple[Likelihood, Basin] | None:
+def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[Likelihood, Basin] | None:
     """Return the best end with an element beside those that act, with the noise and the water of before.
 
     None where the record comes near none, or the element ends on its bound: there it is off or stands in for something else.
@@ -91,7 +77,9 @@ def _trial(
         return None
     elements = (*fit.elements, element)
     likelihood = fit.question.likelihood(elements, step_for(fit.values, PART), fit.smooth)
-    likelihood = likelihood.with_noise_of(before)
+    likelihood = likelihood.with_noise_of(fit.likelihood)
+    if element != "twist":
+        likelihood = replace(likelihood, water=fit.likelihood.with_water(fit.best.vector, always=True).water)
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     vectors = sorted(vectors, key=likelihood.cost)[:KEPT]

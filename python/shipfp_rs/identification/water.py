@@ -24,24 +24,19 @@ WIDTH, LEAST_REACH = 0.1, 10
 """Frequencies on either side over which a power is averaged, as a part of the own one, and at least."""
 
 
-def moving_water(
+def beyond_the_law(
     record: Record,
     seen: Sequence[int],
-    response: Array,
     values: Mapping[str, float],
     inertia: tuple[float, float],
     scale: float,
 ) -> Array:
-    """Return the load's torque beyond its law, over the operating point's (over k_L beside a measured load), shape (K,).
-
-    It comes at the rate of the decimated data, without what is no more than noise.
+    """Return the torque of the load beyond its law and what is measured of it, over the operating point's, shape (K,).
 
     Parameters
     ----------
     record, seen
         The record, and the places of speed and torque among its outputs.
-    response
-        Decimated speed and torque of the ship without water, shape (2, K).
     values
         The ship's parameters.
     inertia, scale
@@ -49,22 +44,31 @@ def moving_water(
         and by which factor the meter's torque is read.
     """
     rate = record.data_hz / record.down
-    n, m = response
-    speed, torque = record.decimated[list(seen), : len(n)]
+    speed, torque = record.decimated[list(seen)]
     ahead, behind = inertia
     through = (1.0 + torque) / scale - ahead * _slope(speed, rate)
     speed = speed - _twisting(through, rate, values)
     found = through - behind * _slope(speed, rate)
     found -= np.maximum(1.0 + speed, 1e-3) ** values["p"] + values["c_2"] * speed**2
     found -= values.get("damping", 0.0) * speed
-    by_load = values.get("k_L", 1.0)
     if record.load.size:
         at = np.arange(len(speed)) / rate
-        found -= by_load * np.interp(at, np.arange(len(record.load)) / record.rate_hz, record.load)
+        found -= values.get("k_L", 1.0) * np.interp(
+            at, np.arange(len(record.load)) / record.rate_hz, record.load
+        )
+    return np.asarray(found)
+
+
+def moving_water(record: Record, beyond: Array, response: Array) -> Array:
+    """Return what moves the load beyond its law, shape (K,), less what goes with the response and what is no more than noise.
+
+    `beyond` is of `beyond_the_law`, `response` decimated speed and torque of the ship without water, shape (2, K).
+    """
+    rate = record.data_hz / record.down
+    n, m = response
     shown = np.array([np.ones_like(n), n, n**2, _slope(n, rate), m, _slope(m, rate)])
-    found -= np.linalg.lstsq(shown.T, found, rcond=None)[0] @ shown
-    without_noise = partial(_without_noise, band_hz=record.band_hz)
-    return np.asarray(_by_frequency(found, rate, without_noise) / by_load)
+    found = beyond[: len(n)] - np.linalg.lstsq(shown.T, beyond[: len(n)], rcond=None)[0] @ shown
+    return _by_frequency(found, rate, partial(_without_noise, band_hz=record.seen_hz))
 
 
 def _without_noise(frequency: Array, spectrum: ComplexArray, band_hz: float) -> ComplexArray:

@@ -121,7 +121,7 @@ impl<T: Scalar> DeadTime<T> {
 /// A governor that computes at its own clock and holds its command in between.
 #[derive(Debug)]
 pub struct Clock<T> {
-    /// Sampling period, first sample and next sample [s], and the samples taken.
+    /// Sampling period, first sample (the last one, where it samples at firings) and next sample [s], and the samples taken.
     pub period: T,
     pub first: T,
     pub next: T,

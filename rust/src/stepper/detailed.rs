@@ -43,6 +43,10 @@ impl<T: Scalar, const D: bool> Ship<'_, T, D> {
         if let (Some(detail), true) = (&self.detail, clock.at_firings) {
             let due = detail.fires().map_or(f64::INFINITY, |part| (self.at as f64 + part) * self.h);
             clock.next = clock.next.constant(due);
+            // Firings come quicker as the engine does; the sum is one over time.
+            if clock.taken > 0 && due.is_finite() {
+                clock.period = clock.next - clock.first;
+            }
         }
     }
 

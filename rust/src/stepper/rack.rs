@@ -120,10 +120,11 @@ impl<T: Scalar, const D: bool> Ship<'_, T, D> {
             }
             clock.coming.push_back((clock.next + self.late, command));
             clock.taken += 1;
-            clock.next = clock.first + clock.period * clock.taken as f64;
             if D && clock.at_firings {
+                clock.first = clock.next;
                 break;
             }
+            clock.next = clock.first + clock.period * clock.taken as f64;
         }
         let zero = self.speed.constant(0.0);
         let (mut rack, mut area, mut from) = (self.rack, zero, zero);
