@@ -108,7 +108,7 @@ def test_symmetric_intervals_are_the_covariances_cut_by_the_bounds():
     near = profile.value - 0.3 * half
     cut = line_through(columns, wide | {"a": (near, 10.0)}, measured, intervals="symmetric")["a"]
     assert cut.ci95 == pytest.approx((near, profile.value + half), rel=1e-9)
-    with pytest.raises(InputError, match="intervals is 'wide', expected 'profile' or 'symmetric'"):
+    with pytest.raises(InputError, match="intervals 'wide', expected one of profile, symmetric"):
         line_through(columns, wide, measured, intervals="wide")
 
 

@@ -17,8 +17,6 @@ from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
-EXACT = 1e-5
-"""Residual over spread of an output below which there is no noise."""
 NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
 
 
@@ -225,13 +223,6 @@ class WeightedProblem:
         """Raise SimulationError where the structure knows that its closed loop is unstable."""
         if not self.structure.equations.stable(self.values(vector)):
             raise SimulationError("the closed loop is unstable, a ship that was measured is not")
-
-
-def is_exact(search: WeightedProblem, minimum: Minimum) -> bool:
-    """Whether the residuals are rounding beside every output's spread: a simulation without noise."""
-    count, scatter = mean_scatter(minimum.sums)
-    spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
-    return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
 
 
 def mean_scatter(sums: Sequence[Products]) -> tuple[int, Array]:
