@@ -164,8 +164,8 @@ def identification(short: bool, repeats: int) -> None:
     measured = np.array([record.normalised("n_e"), record.normalised("M_b")])
     twin = rivals.SciPyFit(record.dn_set, measured, 1.0 / record.rate_hz)
     structure = Structure.linear(products=True)
-    block = Block.build(record, structure, offsets=True, initial_state=True, weigh=False)
-    search = Search(structure, (block,), "determinant", "white", max_evaluations=500, tolerance=1e-12)
+    block = Block.build(record, structure)
+    search = Search(structure, (block,), "determinant", "white")
     start = start_vectors(search, 1, 0)[0]
 
     def ours() -> tuple[np.ndarray, np.ndarray]:

@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from shipfp_rs import Structure
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.identification.descent import descend
-from shipfp_rs.identification.identify import options_of
 from shipfp_rs.identification.minima import search_minima
+from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.variable_projection import Elimination
 
 
@@ -19,7 +19,7 @@ def found():
     structure = Structure.ship(["dead_time_loop", "dead_time_set_point"], torque="gauge")
     structure = structure.with_start(**dict(zip(SHIP, rival_ship.START[:8].tolist(), strict=True)))
     data = experiment(*rival_ship.trial(5, 200.0))
-    return search_minima(data, structure, options_of({"starts": 1, "noise": "white"}))
+    return search_minima(data, structure, Options(noise="white", starts=1))
 
 
 def lowest(search, noise, start):
@@ -48,7 +48,7 @@ def test_it_ends_where_scipy_ends(found):
 
 def test_it_takes_few_passes_and_stops_at_a_limit(found):
     search, start = found.search, np.array([*rival_ship.START[:8], 0.0, 0.0, 0.0, 0.0])
-    arguments = {"reweighs": True, "near": False, "enough": 0.1}
+    arguments = {"near": False, "enough": 0.1}
     reached = descend(
         search,
         Elimination(search, start),
@@ -75,7 +75,6 @@ def test_a_start_that_can_not_be_simulated_is_told(found):
             Elimination(search, start),
             start,
             search.initial_noise(),
-            reweighs=True,
             near=False,
             enough=0.1,
             max_evaluations=10,

@@ -267,15 +267,13 @@ def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None
             "settings.optimum.T_d: found 0.1, expected 0.02, at which it is",
         ),
         (("settings", "optimum", "tau_n"), "1", "settings.optimum: found {"),
-        (("settings", "ridge"), {"a": 1}, "settings.ridge: found {'a': 1}, expected a table of values and"),
         (("settings", "weighting"), "heavy", "settings.weighting: found 'heavy', expected determinant or"),
-        (
-            ("settings", "offsets"),
-            "none",
-            "settings.offsets: found 'none', expected true, false or 'relative'",
-        ),
         (("settings", "starts"), 0, "settings.starts: found 0, expected a whole number of 1 or more"),
-        (("settings", "tolerance"), -1.0, "settings.tolerance: found -1.0, expected a positive number"),
+        (
+            ("settings", "time_limit_s"),
+            -1.0,
+            "settings.time_limit_s: found -1.0, expected null or a positive",
+        ),
         (("settings", "converged"), "yes", "settings.converged: found 'yes', expected true or false"),
         (("settings", "minima"), [1.0], "settings.minima: found [1.0], expected a list of tables"),
         (

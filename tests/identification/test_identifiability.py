@@ -186,7 +186,6 @@ def test_an_offset_that_is_estimated_takes_the_exponent_with_it_where_nothing_mo
     )
     ahead = replace(CHIRP, samples=np.full(5000, 13.0))
     steady = experiment(structure, ahead).window(180.0, 200.0)
-    assert identify(steady, structure, offsets=False)["p"].value == pytest.approx(2.0, rel=0.01)
     assert_known_only(identify(steady, structure), set())
 
 

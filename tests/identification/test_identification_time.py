@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from shipfp_rs import _core, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fitted, identify
+from shipfp_rs.identification.options import Options
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import linearise
@@ -84,8 +83,9 @@ def test_the_ship_sees_through_a_torque_limit():
     chirp = signals.chirp(0.01, 5.0, 200.0, 104.0, law="logarithmic", rate_hz=50.0)
     experiment = simulate(launch, chirp)
     assert experiment.signals["M_b"].max() > 1.9 * 222.93
-    exact = {"noise": "white", "offsets": False, "initial_state": "zero", "weighting": "variance"}
-    linear = identify(experiment, Structure.linear(products=True), **exact)
+    linear = fitted(
+        experiment, Structure.linear(products=True), Options("variance", noise="white", at_rest=True)
+    )
     ship = identify(experiment, Structure.ship(["torque_limit"]), noise="white", weighting="variance")
     truth = {"tau_n": 1.51416, "g": -0.583, "vK_p": 15.83, "vK_i": 1.583}
     assert abs(linear["g"].value / truth["g"] - 1) > 0.02
@@ -118,49 +118,20 @@ def test_masked_samples_do_not_count(noise):
         assert abs(fingerprint[name].value - LAUNCH[name]) < 4 * fingerprint[name].std
 
 
-def test_the_huber_threshold_takes_the_sting_out_of_spikes():
-    structure = Structure.linear(products=True)
-    experiment = made(structure, LAUNCH, noise=0.02, seed=5)
-    spiked = {name: values.copy() for name, values in experiment.signals.items()}
-    where = np.random.default_rng(0).choice(len(experiment), 80, replace=False)
-    spiked["M_b"][where] += 0.5 * POINT["M_b"]
-    spiked["n_e"][where] += 30.0
-    data = Experiment("x", RATE, spiked, POINT)
-    plain = identify(data, structure, noise="white", weighting="variance")
-    robust = identify(data, structure, noise="white", weighting="variance", huber=1.5)
-    error = {
-        k: [abs(f[n].value / LAUNCH[n] - 1) for n in ("tau_n", "vK_p")]
-        for k, f in (("plain", plain), ("robust", robust))
-    }
-    assert max(error["robust"]) < 0.25 * max(error["plain"])
-
-
-def test_a_ridge_pulls_to_the_nominal_value_as_its_weight_grows():
-    structure = Structure.linear(products=True)
-    data = made(structure, LAUNCH, noise=0.2, seed=6)
-    free = identify(data, structure, noise="white")["g"].value
-    pulled = [
-        identify(data, structure, noise="white", ridge={"g": (-2.0, weight)})["g"].value
-        for weight in (1e2, 1e8)
-    ]
-    assert pulled[1] == pytest.approx(-2.0, abs=1e-3)
-    assert min(free, -2.0) <= pulled[0] <= max(free, -2.0)
-
-
 def test_a_record_that_starts_in_the_middle_needs_its_initial_state_estimated():
     structure = Structure.linear(products=True)
     late = made(structure, LAUNCH).window(15.03 // 0.05 * 0.05, 150.0)
     estimated = identify(late, structure, noise="white")
-    zero = identify(late, structure, noise="white", initial_state="zero", offsets=False)
+    zero = fitted(late, structure, Options(noise="white", at_rest=True))
     assert estimated["tau_n"].value == pytest.approx(LAUNCH["tau_n"], rel=1e-5)
     assert abs(zero["vK_i"].value / LAUNCH["vK_i"] - 1) > 1e-3
 
 
-def test_random_search_and_several_starts_reach_the_same_minimum():
+def test_several_starts_reach_the_same_minimum():
     structure = Structure.linear(products=True)
     data = made(structure, LAUNCH, noise=0.02, seed=7)
     one = identify(data, structure, noise="white")
-    many = identify(data, structure, noise="white", starts=3, random_search=20, seed=11)
+    many = identify(data, structure, noise="white", starts=3, seed=11)
     assert many["tau_n"].value == pytest.approx(one["tau_n"].value, rel=1e-4)
     assert len(many.settings["minima"]) == 3
     assert max(row["criterion"] for row in many.settings["minima"][:2]) - many.settings["criterion"] < 1.0
@@ -191,13 +162,9 @@ def test_a_search_in_doubt_names_the_parameter_that_it_doubts(monkeypatch):
 def test_limits_and_failures_are_typed():
     structure = Structure.linear(products=True)
     data = made(structure, LAUNCH, noise=0.02)
-    hasty = identify(data, structure, max_evaluations=2)
+    hasty = identify(data, structure, time_limit_s=1e-9)
     assert not hasty.settings["converged"]
     assert "did not end in a minimum" in hasty.verdict[0]
-    with pytest.raises(InputError, match="ridge: no free parameter 'v'"):
-        identify(data, structure, ridge={"v": (1.0, 1.0)})
-    with pytest.raises(InputError, match="no state 'initial n'"):
-        identify(data, structure, initial_state={"initial n": 0.0})
     blank = {name: values.copy() for name, values in data.signals.items()}
     blank["n_e"][:] = np.nan
     with pytest.raises(InputError, match="every sample of n_e, M_b is masked"):
@@ -239,27 +206,6 @@ def test_the_parameters_come_back_from_a_chirp_though_it_starts_off_balance_and_
         "vK_i": launch.v * launch.K_i,
     }.items():
         assert fingerprint[name].value == pytest.approx(truth, rel=1e-6)
-
-
-def test_relative_offsets_make_up_for_an_operating_point_that_is_off():
-    structure = Structure.linear(torque="gauge", products=True, free_exponent=True)
-    structure = structure.with_fixed(tau_n=TUG["tau_n"], g=TUG["g"])
-    right = made(structure, TUG | {"T_d": 0.0, "T_set": 0.0}, noise=0.02, seed=4)
-    off = dataclasses.replace(right, operating_point={**POINT, "M_g": 1.01 * POINT["M_g"]})
-    options = {"noise": "white", "initial_state": "zero"}
-    truth, shifted = (identify(record, structure, **options) for record in (right, off))
-    one, other = (identify(record, structure, offsets="relative", **options) for record in (right, off))
-    for name in ("p", "tau_prop"):
-        # What is divided by a torque too large is too small by as much.
-        assert shifted[name].value == pytest.approx(truth[name].value / 1.01, rel=1e-3)
-        assert other[name].value == pytest.approx(one[name].value, rel=2e-4)
-        assert one[name].value == pytest.approx(truth[name].value, abs=truth[name].std)
-        # The record's mean is told well, so this knowledge costs next to nothing.
-        assert 0.999 * truth[name].std < one[name].std < 1.1 * truth[name].std
-    with pytest.raises(InputError, match="offsets is 'absolute', expected True or False or 'relative'"):
-        identify(right, structure, offsets="absolute")
-    with pytest.raises(InputError, match="'innovations' knows no relative offsets"):
-        identify(right, structure, offsets="relative", noise="innovations")
 
 
 def test_dead_times_that_are_not_there_are_found_to_be_none():

@@ -9,7 +9,8 @@ from scipy.stats import t as student
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fitted, identify
+from shipfp_rs.identification.options import Options
 from shipfp_rs.structures.structure import Parameter, Structure
 from tests.launch import TRUTH, noisy_record
 
@@ -33,7 +34,7 @@ def line_through(
     experiment = Experiment(
         "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
     )
-    return identify(experiment, structure, noise="white", weighting="variance", offsets=False, **options)
+    return fitted(experiment, structure, Options("variance", "white", at_rest=True, **options))
 
 
 def quantile_and_std(measured, residual, unknown):
@@ -107,7 +108,7 @@ def test_symmetric_intervals_are_the_covariances_cut_by_the_bounds():
     near = profile.value - 0.3 * half
     cut = line_through(columns, wide | {"a": (near, 10.0)}, measured, intervals="symmetric")["a"]
     assert cut.ci95 == pytest.approx((near, profile.value + half), rel=1e-9)
-    with pytest.raises(InputError, match="intervals is 'wide', expected 'profile' or 'symmetric'"):
+    with pytest.raises(InputError, match="intervals 'wide', expected one of profile, symmetric"):
         line_through(columns, wide, measured, intervals="wide")
 
 
@@ -123,7 +124,7 @@ def test_a_skewed_likelihood_gives_a_skewed_interval():
     experiment = Experiment(
         "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
     )
-    rate = identify(experiment, structure, noise="white", weighting="variance", offsets=False)["rate"]
+    rate = fitted(experiment, structure, Options("variance", "white", at_rest=True))["rate"]
 
     def cost(value):
         return np.sum((measured - np.exp(-value * TIME)) ** 2)

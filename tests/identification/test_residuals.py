@@ -81,15 +81,6 @@ def test_the_correlogram_shows_what_the_tests_say():
     assert followed["lags"][0] == 0
 
 
-def test_outliers_that_the_cost_holds_back_do_not_alarm():
-    experiment = noisy_record(EXCITATION, 0.05, 0.0, 6)
-    speed = np.array(experiment.signals["n_e"])
-    speed[200:1400:97] += 30.0
-    experiment = replace(experiment, signals={**experiment.signals, "n_e": speed})
-    fingerprint = identify(experiment, STRUCTURE, huber=2.0, noise="white")
-    assert fingerprint.fit["dn"]["input_correlation_p"] > 0.01
-
-
 def test_whiteness_is_the_statistic_of_ljung_and_box():
     values = noise((1, 400), 0.3, 2)[0]
     centred = values - values.mean()

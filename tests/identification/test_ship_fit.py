@@ -178,13 +178,6 @@ def test_a_window_that_begins_in_the_middle_of_the_excitation_tells_the_same_a6(
         {"noise": "ar"},
         {"weighting": "variance"},
         {"starts": 3},
-        {"huber": 3.0},
-        {"max_evaluations": 7},
-        {"tolerance": 1e-6},
-        {"ridge": {"g": (0.0, 1.0)}},
-        {"offsets": True},
-        {"initial_state": "zero"},
-        {"random_search": 5},
     ],
 )
 def test_an_option_of_given_structures_is_refused_by_name_a9(option):

@@ -245,15 +245,3 @@ def test_input_is_checked(start, lower, upper, message):
 def test_shape_of_the_jacobian_is_checked():
     with pytest.raises(InputError, match=r"Jacobian of shape \(1, 2\), expected \(2, 2\)"):
         minimise(lambda q: (q, np.ones((1, 2))), [1.0, 1.0], -INF, INF)
-
-
-def test_tick_is_called_before_every_evaluation_and_may_stop():
-    calls = []
-    found = minimise(rosenbrock, [-1.2, 1.0], -INF, INF, tick=lambda: calls.append(1))
-    assert len(calls) == found.evaluations
-
-    def stop():
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        minimise(rosenbrock, [-1.2, 1.0], -INF, INF, tick=stop)

@@ -7,7 +7,6 @@ import inspect
 import math
 import pkgutil
 import re
-import tomllib
 from abc import ABC
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from shipfp_rs.assessment.si import in_si
 from shipfp_rs.processing.trial_tables import Identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.sweeps import Plan
-from tests.cli.small_trial import SMALL
 
 FOLDER = Path(fp.__file__).parent
 TUG = fp.Vessel.load("stan-tug-1205-full")
@@ -122,24 +120,6 @@ def test_breakage_e4_what_has_abstract_methods_can_not_be_made() -> None:
                 assert issubclass(owner, ABC) or getattr(owner, "_is_protocol", False), owner
 
 
-def test_breakage_a2_offsets_that_a_ship_has_itself_are_refused(chirp) -> None:
-    structure = Structure.ship(LOOP, torque="gauge")
-    with pytest.raises(fp.InputError, match="has unknowns of its own for a set point and a torque"):
-        fp.identify(chirp, structure, noise="white", covariance="sandwich", offsets="relative")
-
-
-def test_breakage_a2_a_sandwich_about_white_noise_does_not_move_the_estimates(chirp) -> None:
-    structure = Structure.linear(
-        torque="gauge", products=True, free_exponent=True, **dict.fromkeys(LOOP, True)
-    )
-    plain = fp.identify(chirp, structure, noise="white", offsets="relative", starts=1)
-    found = fp.identify(chirp, structure, noise="white", offsets="relative", starts=1, covariance="sandwich")
-    for name in structure.names:
-        one, other = found.parameters[name].value, plain.parameters[name].value
-        assert one == other or one == pytest.approx(other, rel=1e-9), name
-    assert found["p"].value == pytest.approx(TUG.propeller.torque_exponent, abs=0.1)
-
-
 def test_breakage_a4_a_fingerprint_whose_dead_times_are_told_as_a_sum_is_compared(chirp, tmp_path) -> None:
     structure = Structure.linear(
         torque="gauge", products=True, free_exponent=True, **dict.fromkeys(LOOP, True)
@@ -168,15 +148,3 @@ def test_breakage_a11_what_is_missed_by_nothing_is_no_contradiction() -> None:
 def test_breakage_a11_a_missing_dead_time_stays_one(chirp) -> None:
     structure = Structure.linear(torque="gauge", products=True, free_exponent=True)
     assert any("contradict" in line for line in fp.identify(chirp, structure, starts=1).verdict)
-
-
-def test_breakage_a2_a_trial_file_says_so_too(tmp_path) -> None:
-    from tests.cli.small_trial import write_small_trial
-
-    write_small_trial(tmp_path)
-    path = tmp_path / "TRIAL.toml"
-    keys = 'noise = "white"\ncovariance = "sandwich"\noffsets = "relative"\n'
-    path.write_text(SMALL.replace("[identify]\n", f"[identify]\n{keys}"), encoding="utf-8")
-    assert "offsets" in tomllib.loads(path.read_text(encoding="utf-8"))["identify"]
-    assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
-    assert not (tmp_path / "out").exists()

@@ -102,9 +102,9 @@ WRONG = {
         lambda: fp.identify(TRIAL, LINEAR, seed=-1),
         "identify: seed is -1, expected a whole number of 0 or more",
     ),
-    "a tolerance below zero": (
-        lambda: fp.identify(TRIAL, LINEAR, tolerance=-1),
-        "tolerance is -1, expected a positive number",
+    "a time limit below zero": (
+        lambda: fp.identify(TRIAL, LINEAR, time_limit_s=-1),
+        "time_limit_s is -1, expected a positive number",
     ),
     "a value in quotes": (
         lambda: LINEAR.with_fixed(tau_n="1"),

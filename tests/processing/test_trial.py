@@ -72,7 +72,9 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("rate_hz = 50.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
         ("rate_hz = 50.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
         ("# [identify]", '[identify]\nweighting = "det"', r"identify\.weighting: found 'det'"),
-        ("# [identify]", '[identify]\noffsets = "absolute"', r"identify\.offsets: found 'absolute'"),
+        ("# [identify]", "[identify]\noffsets = false", r"identify\.offsets: "),
+        ("# [identify]", '[identify]\ncovariance = "sandwich"', r"identify\.covariance: "),
+        ("# [identify]", '[identify]\ninitial_state = "zero"', r"identify\.initial_state: "),
         (
             "# [identify]",
             "[identify]\nproduct = true",

@@ -12,7 +12,8 @@ from shipfp_rs._core import linear_response, simulate_linear
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fitted, identify
+from shipfp_rs.identification.options import Options
 from shipfp_rs.optimise import least_squares
 from shipfp_rs.structures import structure
 from shipfp_rs.structures.structure import Parameter, Structure
@@ -196,7 +197,7 @@ class TestFunction:
 
         function = Structure.from_function(first_order_lag, LAG, {"dM": "M_b"}, name="lag")
         model = Structure.from_matrices(matrices, LAG, {"dM": "M_b"}, name="lag")
-        first, second = (identify(lagging, s, initial_state="zero") for s in (function, model))
+        first, second = (fitted(lagging, s, Options(at_rest=True)) for s in (function, model))
         for name in ("gain", "tau"):
             assert first[name].value == pytest.approx(second[name].value, rel=1e-7)
             assert first[name].std == pytest.approx(second[name].std, rel=1e-5)

@@ -135,9 +135,7 @@ def test_everything_that_starts_from_a_fingerprint_knows_its_ties(tmp_path):
     assert profile.kind == "bounded"
 
 
-def test_one_step_prediction_and_design_take_ties():
-    found = identify(experiment(PLAIN), TIED, noise="innovations")
-    assert abs(found["vK_i"].value - 1.583) < 4 * found["vK_i"].std
+def test_a_design_takes_ties():
     plan = design("stan-launch-804", structure=TIED, duration_s=150.0, amplitude_rpm=13.0)
     parameters = plan.prediction.parameters
     assert parameters["vK_i"].std == pytest.approx(0.1 * parameters["vK_p"].std)

@@ -12,7 +12,8 @@ from scipy.signal import find_peaks
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fitted
+from shipfp_rs.identification.options import Options
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
 from shipfp_rs.simulation.raw_log import simulate_raw_log
 from shipfp_rs.simulation.sensors import TABLE_6_6
@@ -214,7 +215,7 @@ def test_a_twin_study_finds_the_full_tugs_dead_times_and_gauge_side_inertia() ->
     structure = Structure.linear(
         products=True, torque="gauge", free_exponent=True, dead_time_loop=True, dead_time_set_point=True
     ).with_fixed(tau_n=truth.tau_n, g=truth.g)
-    fingerprint = identify(experiment, structure, noise="white", offsets=False, initial_state="zero")
+    fingerprint = fitted(experiment, structure, Options(noise="white", at_rest=True))
     found = {name: entry.value for name, entry in fingerprint.parameters.items()}
     assert found["T_d"] == pytest.approx(truth.T_d, abs=0.003)
     assert found["T_set"] == pytest.approx(truth.T_set, abs=0.003)

@@ -51,7 +51,7 @@ def leverage(
     """
     if (weighting := fingerprint.settings.get("weighting")) != "std":
         raise InputError(f"leverage: the fit's weighting is {weighting!r}, expected 'std'")
-    block = Block.build(data, structure, offsets=False, initial_state=False, weigh=True)
+    block = Block.build(data, structure, weigh=True)
     values = dict(fingerprint.optimum)
     free = structure.free
     evaluation = block.evaluate(values, [parameter.name for parameter in free])

@@ -43,9 +43,7 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
     """
     experiment = subject.respond(excitation)
     structure, rate = subject.structure, excitation.rate_hz
-    block = Block.build(
-        experiment, structure, offsets=not structure.equations.own_offsets, initial_state=True, weigh=False
-    )
+    block = Block.build(experiment, structure)
     noises = [sensors[output] for output in structure.outputs]
     values = dict(subject.values) | dict.fromkeys(block.nuisance, 0.0)
     whitening = Whitening([np.array([1.0, -noise.correlation(rate)]) for noise in noises])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.whitening import Evaluation, Whitening, is_coloured
+from shipfp_rs.identification.whitening import Evaluation, Whitening
 from shipfp_rs.optimise.normal_equations import Products
 from shipfp_rs.structures.equations import Against, Equations
 from shipfp_rs.structures.structure import Structure
@@ -21,7 +20,6 @@ from shipfp_rs.structures.structure import Structure
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Data = Experiment | FrequencyResponse
-Offsets = bool | Literal["relative"]
 
 
 @dataclass(frozen=True)
@@ -38,14 +36,13 @@ class Block:
     nuisance: tuple[str, ...]
     weigh: bool = False
     """Divide the residuals of a frequency response by its own standard deviations, in amplitude and in phase."""
-    relative: bool = False
-    """Whether offsets are errors of the operating point, by which the whole output was divided."""
 
     @classmethod
-    def build(
-        cls, data: Data, structure: Structure, *, offsets: Offsets, initial_state: bool, weigh: bool
-    ) -> Block:
-        """Pick the measured signal of every output and name the block's own unknowns."""
+    def build(cls, data: Data, structure: Structure, *, weigh: bool = False, at_rest: bool = False) -> Block:
+        """Pick the measured signal of every output and name the block's own unknowns.
+
+        A record that starts `at_rest` has none; a structure whose states hold errors of the operating point has no offsets.
+        """
         if isinstance(data, FrequencyResponse):
             signals = tuple(
                 structure.signal_for(output, data.response, data.name) for output in structure.outputs
@@ -63,10 +60,10 @@ class Block:
                 structure.signal_for(output, data.signals, data.name) for output in structure.outputs
             )
             measured = structure.measured(data)
-            nuisance = (structure.equations.states if initial_state else ()) + (
-                tuple(f"offset {output}" for output in structure.outputs) if offsets else ()
-            )
-            block = cls(data, structure, signals, measured, nuisance, relative=offsets == "relative")
+            equations = structure.equations
+            offsets = () if equations.own_offsets else structure.outputs
+            own = (*equations.states, *(f"offset {output}" for output in offsets))
+            block = cls(data, structure, signals, measured, () if at_rest else own)
         if not block.valid.any():
             raise InputError(f"{data.name!r}: every sample of {', '.join(signals)} is masked, nothing to fit")
         return block
@@ -109,17 +106,6 @@ class Block:
         """The block's own unknowns that are constants added to an output; they come last."""
         return tuple(name for name in self.nuisance if name not in self.structure.equations.states)
 
-    @cached_property
-    def _level(self) -> Array:
-        """Change of the outputs for one unit of an offset, shape (O, R) or (1, R).
-
-        With y = (1 + c) (1 + m) - 1 of an operating point that is off by c, and a model m, to the first order in c and in
-        the noise: y - m = c (1 + y).
-        """
-        if not self.relative:
-            return np.ones((1, self.measured.shape[1]))
-        return np.where(self.valid, 1.0 + self.measured, 0.0)
-
     def evaluate(
         self, values: dict[str, float], names: Sequence[str], *, constants: bool = True, sharp: bool = True
     ) -> Evaluation:
@@ -142,9 +128,9 @@ class Block:
             simulated, jacobian = equations.sensitivities(known, self.data, wanted)
             jacobian = jacobian.reshape(len(wanted), *simulated.shape)
             if offsets:
-                simulated = simulated + self._level * np.array([[values[name]] for name in offsets])
+                simulated = simulated + np.array([[values[name]] for name in offsets])
             if offsets and constants:
-                jacobian = np.concatenate([jacobian, np.eye(len(offsets))[:, :, None] * self._level])
+                jacobian = np.concatenate([jacobian, np.eye(len(offsets))[:, :, None] * np.ones(len(valid))])
         residual = self.measured - simulated
         if not valid.all():
             residual[:, ~valid] = 0.0
@@ -177,15 +163,16 @@ class Block:
 
         Where a kernel adds up the products, only the number of valid samples is kept, not which they are.
         """
-        if self._kernel(whitening) is not None:
+        if self._kernel is not None:
             rows = products.rows(root)
             if rows is not None:
                 return Evaluation(rows[-1], rows[:-1], np.ones(products.count, dtype=bool))
         return self.filtered(values, names, whitening).turned()
 
-    def _kernel(self, whitening: Whitening | None) -> Equations | None:
-        """The equations, if they have a kernel that sums up an experiment's products, whitened so, in one pass."""
-        if isinstance(self.data, FrequencyResponse) or self.relative or is_coloured(whitening):
+    @property
+    def _kernel(self) -> Equations | None:
+        """The equations, if they have a kernel that sums up an experiment's products in one pass."""
+        if isinstance(self.data, FrequencyResponse):
             return None
         equations = self.structure.equations
         return equations if equations.has_products else None
@@ -202,13 +189,13 @@ class Block:
 
         Without names (None) those of the residuals alone; not `sharp`, with an error far below the noise.
         """
-        kernel = self._kernel(whitening)
+        kernel = self._kernel
         if kernel is None or isinstance(self.data, FrequencyResponse):
             evaluation = self.evaluate(values, names or (), sharp=sharp)
             if names is None:
                 evaluation.jacobian = evaluation.jacobian[:0]
             if whitening is not None and not isinstance(self.data, FrequencyResponse):
-                return whitening.products(evaluation)
+                evaluation = whitening(evaluation)
             with np.errstate(over="ignore", invalid="ignore"):
                 return Products.of(evaluation.residual, evaluation.jacobian, int(evaluation.valid.sum()))
         outputs = self.structure.outputs

@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.identification.identifiability import Sensitivity
-from shipfp_rs.identification.sandwich import score_covariance
 from shipfp_rs.identification.search import Search
-from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.identification.whitening import Evaluation
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +27,7 @@ def without_nuisance(jacobian: Array, count: int) -> Array:
 def row_variance(search: Search, evaluations: Sequence[Evaluation], residual: Array, freedom: int) -> Array:
     """Variance of every row, shape (R,): that of the output's weighted residuals, 1 for priors and for known deviations.
 
-    It is 0 for a ridge, which is no measurement, and infinite where there are too few samples.
+    It is infinite where there are too few samples.
     """
     outputs = len(search.structure.outputs)
     widths = [evaluation.residual.shape[1] for evaluation in evaluations]
@@ -43,7 +41,6 @@ def row_variance(search: Search, evaluations: Sequence[Evaluation], residual: Ar
         variance = squares * outputs / freedom if freedom > 0 else np.full(outputs, np.inf)
     rows = np.ones(len(residual))
     rows[: ends[-1]] = np.concatenate([np.repeat(variance, width) for width in widths])
-    rows[len(rows) - len(search.ridge) :] = 0.0
     return rows
 
 
@@ -53,18 +50,3 @@ def covariance_of(inner: Sensitivity, jacobian: Array, variance: Array) -> Array
     if not np.isfinite(variance).all():
         return np.full_like(base, np.inf)
     return np.asarray(base @ (jacobian.T @ (jacobian * variance[:, None])) @ base)
-
-
-def score_spread(search: Search, best: Minimum) -> Array:
-    """Covariance (P, P) of J'e from the residuals' own spectral matrix, each experiment's own unknowns taken out."""
-    count, outputs = len(search.free), len(search.structure.outputs)
-    evaluations = search.filtered(best.vector, best.noise)
-    parts = list(search.parts(evaluations, best.noise))
-    priors = search.priors(best.vector)[:, :-1]
-    stacked = np.concatenate([*(part[:-1].reshape(len(part) - 1, -1).T for part in parts), priors])
-    own = without_nuisance(stacked, count).T
-    ends = np.cumsum([0, *(part[0].size for part in parts)])
-    rows = [own[:, ends[i] : ends[i + 1]].reshape(count, outputs, -1) for i in range(len(parts))]
-    records = [(part[-1], evaluation.valid) for part, evaluation in zip(parts, evaluations, strict=True)]
-    known = own[:, ends[-1] : own.shape[1] - len(search.ridge)]
-    return score_covariance(rows, records) + known @ known.T

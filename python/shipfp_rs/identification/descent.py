@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +37,6 @@ CORNER = "M_max"
 is a minimum, whatever the slopes on one side of it promise."""
 CORNER_REACH = 0.25
 """What a plain step may promise at most where no step lowers the deviance, although nothing makes a corner there."""
-HOPE = 3.0
-"""How much farther than promised the deviance may fall."""
 
 
 @dataclass(frozen=True)
@@ -72,30 +69,26 @@ def descend(
     kept: Array,
     noise: Noise,
     *,
-    reweighs: bool,
     near: bool,
     enough: float,
-    worth: float = np.inf,
-    max_evaluations: int,
+    max_evaluations: int = 500,
     time_limit_s: float | None = None,
-    tick: Callable[[], None] | None = None,
 ) -> Reached:
-    """Descend to where a step promises less than `enough` of the deviance, or too little to get below `worth`.
+    """Descend to where a step promises less than `enough` of the deviance.
 
     A valley whose floor is flat, such as that of a ship whose torque was not measured, has a minimum that steps creep
     towards for hundreds of passes: there the descent ends as soon as the fall of the deviance means nothing any more.
-    With weights that follow the residuals (`reweighs`) the deviance is N ln det of their scatter, whose Gauss-Newton
-    step is that of the sum of squares weighted by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974,
-    section 5-10): every step has the weights of the point where it starts, and none is taken that the deviance does
-    not fall by. From a start that is not `near` a minimum the first steps are short. Steps follow the problem's own
-    valley (`Equations.curved`).
+    The deviance is N ln det of the residuals' scatter, whose Gauss-Newton step is that of the sum of squares weighted
+    by the scatter's inverse (Bard, Nonlinear Parameter Estimation, 1974, section 5-10): every step has the weights of
+    the point where it starts, and none is taken that the deviance does not fall by. From a start that is not `near` a
+    minimum the first steps are short. Steps follow the problem's own valley (`Equations.curved`).
 
     Raises
     ------
     IdentificationError
         Where the start can't be simulated.
     """
-    walk = _Walk(problem, elimination, reweighs, tick)
+    walk = _Walk(problem, elimination)
     until = np.inf if time_limit_s is None else time.monotonic() + time_limit_s
     try:
         place = walk.at(kept, noise)
@@ -105,13 +98,12 @@ def descend(
     fallen, refused = deque([np.inf], maxlen=CREEPING), deque([False], maxlen=CREEPING)
     while True:
         promise = gauss_newton_step(place.point, walk.bounds).promise
-        hopeless = HOPE * promise < place.objective - worth
         creeps = (
             promise < (REFUSED_REACH if any(refused) else WITHIN_REACH)
             and fallen[0] - place.objective < CREPT
         )
         stuck = damping > MOST_DAMPING
-        if promise < enough or hopeless or creeps or stuck:
+        if promise < enough or creeps or stuck:
             crept = creeps or (stuck and (promise < CORNER_REACH or CORNER in problem.names))
             return Reached(place.point.vector, place.noise, walk.passes, "", promise < enough or crept, crept)
         if walk.passes >= max_evaluations:
@@ -151,14 +143,8 @@ def damped_step(point: Point, bounds: Bounds, damping: float) -> Step:
 class _Walk:
     """Points of a problem, evaluated with the weights of their own residuals."""
 
-    def __init__(
-        self,
-        problem: WeightedProblem,
-        elimination: Elimination,
-        reweighs: bool,
-        tick: Callable[[], None] | None,
-    ) -> None:
-        self._problem, self._elimination, self._reweighs, self._tick = problem, elimination, reweighs, tick
+    def __init__(self, problem: WeightedProblem, elimination: Elimination) -> None:
+        self._problem, self._elimination = problem, elimination
         lower, upper = problem.bounds()
         self.bounds = Bounds(lower[~problem.linear], upper[~problem.linear])
         self.passes = 0
@@ -166,20 +152,15 @@ class _Walk:
     def at(self, kept: Array, noise: Noise) -> _Place:
         """Evaluate a vector; raises `SimulationError` where it can't be simulated."""
         require_going()
-        if self._tick is not None:
-            self._tick()
         self.passes += 1
         problem = self._problem
         problem.require_stable(kept)
-        objective = None
-        if self._reweighs:
-            vector, sums = self._elimination.complete(kept, noise)
-            own = problem.priors(vector)[:, -1]
-            noise, objective = problem.noise_at(vector, noise, *mean_scatter(sums))
-            objective += float(own @ own)
+        vector, sums = self._elimination.complete(kept, noise)
+        own = problem.priors(vector)[:, -1]
+        noise, deviance = problem.noise_at(noise, *mean_scatter(sums))
         residual, jacobian = self._elimination(kept, noise)
-        cost = float(residual @ residual)
-        return _Place(Point(kept, residual, jacobian, cost), noise, cost if objective is None else objective)
+        point = Point(kept, residual, jacobian, float(residual @ residual))
+        return _Place(point, noise, deviance + float(own @ own))
 
     def tried(self, place: _Place, step: Step) -> tuple[_Place | None, float]:
         """Return the place behind a step, None where the deviance is no lower there, and the part of the promise kept."""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from shipfp_rs.identification.covariances import covariance_of, row_variance, score_spread, without_nuisance
+from shipfp_rs.identification.covariances import covariance_of, row_variance, without_nuisance
 from shipfp_rs.identification.estimate import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import (
     NULL_PART,
@@ -141,11 +141,6 @@ class _Spread:
         inner, freedom = optimum.inside(held, rows)
         unscaled = inner.covariance()
         covariance = covariance_of(inner, optimum.own[:, ~held], variance)
-        if search.covariance == "sandwich" and np.isfinite(covariance).all():
-            # By the root of the middle: no combination gets a variance below zero where the data leave much open.
-            sizes, turned = np.linalg.eigh(score_spread(search, optimum.best)[np.ix_(~held, ~held)])
-            half = unscaled @ (turned * np.sqrt(np.maximum(sizes, 0.0)))
-            covariance = half @ half.T
         return cls(held, inner, unscaled, covariance, quantile, freedom, float(np.mean(variance)))
 
     def thresholds(self, names: Sequence[str]) -> dict[str, float]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
-from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Weighting
+from shipfp_rs.identification.options import Intervals, NoiseModel, Weighting
 from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, Positive, Whole, fits
@@ -34,26 +34,17 @@ STATES = ("on", "off", "open")
 WORDS: Mapping[str, tuple[str, ...]] = {
     "weighting": get_args(Weighting),
     "noise": get_args(NoiseModel),
-    "covariance": get_args(Covariance),
     "intervals": get_args(Intervals),
     "set_point": ("band-limited", "straight lines"),
     "set_point_noise": ("left out", "taken for signal"),
 }
 """Settings that are one of some words."""
 SETTINGS: Mapping[str, tuple[Any, str]] = {
-    "offsets": (bool | str, "true, false or 'relative'"),
-    "initial_state": (str | Mapping[str, float], "'estimated', 'zero' or a table of numbers"),
-    "huber": (Positive | None, "null or a positive number"),
-    "ridge": (Mapping[str, tuple[float, float]], "a table of values and weights, two numbers each"),
-    "random_search": (Whole, "a whole number of 0 or more"),
     "starts": (Count, "a whole number of 1 or more"),
-    "max_evaluations": (Count, "a whole number of 1 or more"),
-    "tolerance": (Positive, "a positive number"),
     "time_limit_s": (Positive | None, "null or a positive number"),
     "structure": (str, "a text"),
     "ladder": (Sequence[Mapping[str, Any]], "a list of tables"),
     "optimum": (Mapping[str, float], "a table of numbers"),
-    "kalman_gain": (Mapping[str, float], "a table of numbers"),
     "criterion": (float | None, "null or a number"),
     "converged": (bool, "true or false"),
     "message": (str, "a text"),
@@ -185,9 +176,6 @@ def _require_settings(settings: Mapping[str, Any]) -> None:
         expect(
             settings.get(name, known[0]) in known, f"settings.{name}", settings.get(name), " or ".join(known)
         )
-    for name, known in (("offsets", ("relative",)), ("initial_state", ("estimated", "zero"))):
-        found = settings.get(name)
-        expect(not isinstance(found, str) or found in known, f"settings.{name}", found, SETTINGS[name][1])
     for name in OF_A_SEARCH if any(name in settings for name in OF_A_SEARCH) else ():
         expect(name in settings, f"settings.{name}", None, SETTINGS[name][1])
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -11,10 +11,10 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
-from shipfp_rs.identification.blocks import Data, Offsets
+from shipfp_rs.identification.blocks import Data
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.minima import search_minima
-from shipfp_rs.identification.options import Covariance, Intervals, NoiseModel, Options, Weighting
+from shipfp_rs.identification.options import Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.usability import judged
@@ -25,19 +25,7 @@ from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 
 OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
 """Arguments of `identify` that are no options of a search."""
-ONLY_WITH_A_STRUCTURE = (
-    "weighting",
-    "noise",
-    "covariance",
-    "huber",
-    "ridge",
-    "offsets",
-    "initial_state",
-    "random_search",
-    "starts",
-    "max_evaluations",
-    "tolerance",
-)
+ONLY_WITH_A_STRUCTURE = ("weighting", "noise", "starts")
 """Options that the fit without a structure has not, since it has one likelihood and one search."""
 
 
@@ -53,20 +41,11 @@ def identify(
     priors: Mapping[str, tuple[float, float]] | None = None,
     weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
-    covariance: Covariance | None = None,
     intervals: Intervals = "profile",
-    huber: Positive | None = None,
-    ridge: Mapping[str, tuple[float, float]] | None = None,
-    offsets: Offsets | None = None,
-    initial_state: Literal["estimated", "zero"] | Mapping[str, float] = "estimated",
-    random_search: Whole = 0,
     starts: Count | None = None,
     seed: Whole | None = 0,
-    max_evaluations: Count = 500,
-    tolerance: Positive = 1e-12,
     time_limit_s: Positive | None = None,
     vessel: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Fingerprint:
     """Fit a structure to experiments and frequency responses, jointly, and say what they can tell.
 
@@ -85,38 +64,17 @@ def identify(
         with a diagonal W; "std" uses the responses' own standard deviations; "none" is plain least squares (4.2).
     noise
         "ar": prewhiten the residuals of each output with a fitted AR(8) and refit, so that the intervals hold for
-        coloured noise; "white": take them as they are; "innovations": minimise the one-step prediction error with a
-        Kalman gain estimated for each experiment, for disturbances of the drive train itself (linear structure without
-        dead time in the loop). Default: "ar" for experiments, "white" for responses.
-    covariance
-        "model": as if the noise models were right; "sandwich": from the spectral matrix of what they leave over, for noise
-        of one source that reaches several outputs, each in its own way, as moving water does; experiments only. Default:
-        "model".
+        coloured noise; "white": take them as they are. Default: "ar" for experiments, "white" for responses.
     intervals
         "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
-    huber
-        Threshold in robust standard deviations above which a residual counts linearly (eq. 4.7); None: never.
-    ridge
-        Parameter to (nominal value, weight): adds weight (value - nominal)^2 to the cost of the whitened residuals
-        (eq. 4.6 with lambda R = weight).
-    offsets
-        Estimate an offset per output of every experiment along; None: where the structure has no unknowns of its own for
-        the errors of the operating point, as the ship has; "relative": as an error of the operating point, which
-        slopes are relative to, too. A mean torque over a minute of moving water is uncertain by parts in a thousand.
-    initial_state
-        "estimated" along with every experiment, "zero", or given values such as {"initial dn": 0.01}.
-    random_search
-        Start from the best of this many vectors drawn within the bounds.
     starts, seed
         Number of starts, the first one declared by the structure, the others drawn within the bounds. Default: 1, or 5
         where a dead time is free, since the cost then has several minima.
-    max_evaluations, tolerance, time_limit_s
-        Limits of each search.
+    time_limit_s
+        Limit of each search.
     vessel
         Name for the record.
-    progress
-        Called with (starts done, starts in all).
 
     Returns
     -------
@@ -134,25 +92,10 @@ def identify(
     -----
     Intervals are profiles of the quadratic likelihood of the whitened problem between the bounds, with Student's t; away
     from bounds that is the Gauss-Newton covariance. "variance" and "determinant":
-    eq. 4.4 to 4.6 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant.
+    eq. 4.4 and 4.5 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant. With every experiment an
+    initial state is estimated along, and an offset of each output where the structure has no unknowns of its own for it.
     """
-    options = Options(
-        weighting=weighting,
-        noise=noise,
-        covariance=covariance,
-        intervals=intervals,
-        huber=huber,
-        ridge=ridge,
-        offsets=offsets,
-        initial_state=initial_state,
-        random_search=random_search,
-        starts=starts,
-        seed=seed,
-        max_evaluations=max_evaluations,
-        tolerance=tolerance,
-        time_limit_s=time_limit_s,
-        progress=progress,
-    )
+    options = Options(weighting, noise, intervals, starts, seed, time_limit_s)
     if structure is None:
         return _full_ship(
             data,
@@ -170,6 +113,13 @@ def identify(
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
+    return fitted(data, structure, options, vessel=vessel)
+
+
+def fitted(
+    data: Data | Sequence[Data], structure: Structure, options: Options, *, vessel: str | None = None
+) -> Fingerprint:
+    """Fit a structure as `identify` does."""
     found = search_minima(data, structure, options)
     return judged(fingerprint_of(found, vessel=vessel), sum(block.count for block in found.search.blocks))
 
@@ -193,9 +143,8 @@ def _full_ship(
                 f"identify: data of type {type(item).__name__} without a structure, expected an Experiment; "
                 "give a structure for a FrequencyResponse"
             )
-    usual = identify.__kwdefaults__ or {}
     for name in ONLY_WITH_A_STRUCTURE:
-        if getattr(options, name) != usual[name]:
+        if getattr(options, name) != getattr(Options, name):
             raise InputError(
                 f"{name}: found without a structure, expected only with one; the full model of the ship is fitted by one "
                 "likelihood from starts of its own"
@@ -225,8 +174,8 @@ def options_of(given: Mapping[str, Any]) -> Options:
     InputError
         For an option that it has not.
     """
-    usual = {name: value for name, value in (identify.__kwdefaults__ or {}).items() if name not in OF_A_CALL}
+    known = [name for name in identify.__kwdefaults__ or {} if name not in OF_A_CALL]
     for name in given:
-        if name not in usual:
-            raise InputError(f"identify has no option {name!r} here, {hints.suggestion(name, list(usual))}")
-    return Options(**{**usual, **given})
+        if name not in known:
+            raise InputError(f"identify has no option {name!r} here, {hints.suggestion(name, known)}")
+    return Options(**given)

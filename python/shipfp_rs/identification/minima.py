@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +13,10 @@ import numpy.typing as npt
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.blocks import Block, Data, Offsets
+from shipfp_rs.identification.blocks import Block, Data
 from shipfp_rs.identification.options import Options
-from shipfp_rs.identification.search import Search, best_of_random, start_vectors
-from shipfp_rs.identification.weighted_problem import Minimum, Noise
-from shipfp_rs.structures.innovations import with_innovations
+from shipfp_rs.identification.search import Search, start_vectors
+from shipfp_rs.identification.weighted_problem import Minimum
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 
@@ -40,10 +39,8 @@ class Found:
     seed: int | None
 
 
-def search_minima(
-    data: Data | Sequence[Data], structure: Structure, options: Options, *, weights: Noise | None = None
-) -> Found:
-    """Search as `identify` does, and judge nothing yet; `weights` are those of another search's minimum.
+def search_minima(data: Data | Sequence[Data], structure: Structure, options: Options) -> Found:
+    """Search as `identify` does, and judge nothing yet.
 
     Raises
     ------
@@ -51,11 +48,7 @@ def search_minima(
         As `identify`.
     """
     options.require(structure)
-    starts, offsets = options.starts_for(structure), options.offsets_for(structure)
-    if options.noise == "innovations":
-        # There the offsets pass through the predictor, so its equations hold them.
-        structure, offsets = with_innovations(structure, offsets=bool(offsets)), False
-    search = _search(data, structure, options, offsets, weights)
+    starts, search = options.starts_for(structure), _search(data, structure, options)
     LOGGER.info(
         "identify: %s, %d free parameters, %s, %d starts",
         structure.name,
@@ -63,66 +56,30 @@ def search_minima(
         ", ".join(block.data.name for block in search.blocks),
         starts,
     )
-    vectors = start_vectors(search, starts, options.seed)
-    if options.random_search:
-        vectors[0] = best_of_random(search, options.random_search, options.seed)
-    minima = _minima(search, vectors, options.progress)
+    minima = _minima(search, start_vectors(search, starts, options.seed))
     # Only the best minimum is refined with noise models, which take most of the time.
     best = search.refine(minima[0])
-    given = options.initial_state
     settings = {
         "weighting": search.weighting,
         "noise": search.noise,
-        "covariance": search.covariance,
         "intervals": search.intervals,
-        "offsets": offsets,
-        "initial_state": given if isinstance(given, str) else dict(given),
-        "huber": options.huber,
-        "ridge": {name: list(pair) for name, pair in search.ridge.items()},
-        "random_search": options.random_search,
         "starts": starts,
-        "max_evaluations": options.max_evaluations,
-        "tolerance": options.tolerance,
         "time_limit_s": options.time_limit_s,
     }
     return Found(search, best, minima, settings, options.seed)
 
 
-def _search(
-    data: Data | Sequence[Data],
-    structure: Structure,
-    options: Options,
-    offsets: Offsets,
-    weights: Noise | None,
-) -> Search:
+def _search(data: Data | Sequence[Data], structure: Structure, options: Options) -> Search:
     """Build the weighted problem; what the options leave open follows from the kind of data."""
-    blocks = _blocks(
-        data,
-        structure,
-        offsets=offsets,
-        initial_state=options.initial_state == "estimated",
-        weigh=options.weighting == "std",
-    )
-    in_time = [isinstance(block.data, Experiment) for block in blocks]
-    covariance = options.covariance or "model"
-    if covariance == "sandwich" and not all(in_time):
-        raise InputError(
-            "covariance 'sandwich' is for experiments, a frequency response has no order in time"
-        )
+    blocks = _blocks(data, structure, weigh=options.weighting == "std", at_rest=options.at_rest)
+    in_time = any(isinstance(block.data, Experiment) for block in blocks)
     search = Search(
         structure,
         blocks,
         options.weighting,
-        options.noise or ("ar" if any(in_time) else "white"),
-        max_evaluations=options.max_evaluations,
-        tolerance=options.tolerance,
-        huber=options.huber,
-        ridge=dict(options.ridge or {}),
-        initial=options.given_state,
+        options.noise or ("ar" if in_time else "white"),
+        options.intervals,
         time_limit_s=options.time_limit_s,
-        covariance=covariance,
-        intervals=options.intervals,
-        weights=weights,
     )
     if not search.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
@@ -130,7 +87,7 @@ def _search(
 
 
 def _blocks(
-    data: Data | Sequence[Data], structure: Structure, *, offsets: Offsets, initial_state: bool, weigh: bool
+    data: Data | Sequence[Data], structure: Structure, *, weigh: bool, at_rest: bool
 ) -> tuple[Block, ...]:
     items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     if not items:
@@ -146,12 +103,7 @@ def _blocks(
             )
         if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "ship"):
             _require_sense(item)
-    return tuple(
-        Block.build(
-            item, structure.part(item.name), offsets=offsets, initial_state=initial_state, weigh=weigh
-        )
-        for item in items
-    )
+    return tuple(Block.build(item, structure.part(item.name), weigh=weigh, at_rest=at_rest) for item in items)
 
 
 def _require_sense(data: FrequencyResponse) -> None:
@@ -178,9 +130,7 @@ def _require_sense(data: FrequencyResponse) -> None:
         )
 
 
-def _minima(
-    search: Search, vectors: Sequence[Array], progress: Callable[[int, int], None] | None
-) -> list[Minimum]:
+def _minima(search: Search, vectors: Sequence[Array]) -> list[Minimum]:
     found, failures = [], []
     for done, start in enumerate(vectors):
         try:
@@ -188,8 +138,6 @@ def _minima(
             LOGGER.debug("identify: start %d led to the criterion %.9g", done + 1, found[-1].criterion)
         except IdentificationError as error:
             failures.append(str(error))
-        if progress is not None:
-            progress(done + 1, len(vectors))
     if not found:
         raise IdentificationError(f"none of {len(vectors)} starts led to a minimum; the first: {failures[0]}")
     found.sort(key=lambda minimum: minimum.criterion)

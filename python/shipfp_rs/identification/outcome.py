@@ -57,11 +57,6 @@ def fingerprint_of(ended: Found, *, vessel: str | None) -> Fingerprint:
         settings=dict(ended.settings)
         | {
             "optimum": {name: found.values[name] for name in structure.names},
-            "kalman_gain": {
-                name: float(value)
-                for name, value, gain in zip(search.unknowns, best.vector, _kalman_gains(search), strict=True)
-                if gain
-            },
             "criterion": best.criterion,
             "converged": best.converged,
             "message": best.message,
@@ -81,17 +76,15 @@ def fingerprint_of(ended: Found, *, vessel: str | None) -> Fingerprint:
             {**fit, "overall": overall},
             structure,
             "" if best.converged else best.message,
-            any_colour=search.covariance == "sandwich",
         ),
     )
 
 
 def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, float]]]:
-    """Figures of fit of the plain simulation, all Kalman gains zero."""
+    """Figures of fit of the plain simulation."""
     plain = replace(
         search, blocks=tuple(replace(block, weigh=False) if block.weigh else block for block in search.blocks)
     )
-    vector = np.where(_kalman_gains(search), 0.0, vector)
     outputs = search.structure.outputs
     rows = []
     for block, values in plain.each(vector):
@@ -106,12 +99,6 @@ def _fit_by_block(search: Search, vector: Array) -> list[dict[str, dict[str, flo
             fits = [nrmse_pct(*pair) for pair in zip(measured, _complex(evaluation.residual), strict=True)]
         rows.append({output: {"nrmse_pct": fit} for output, fit in zip(outputs, fits, strict=True)})
     return rows
-
-
-def _kalman_gains(search: Search) -> list[bool]:
-    """Which of the unknowns are an experiment's Kalman gain; a structure's own parameter may be called gain, too."""
-    own = len(search.free)
-    return [index >= own and name.startswith("gain ") for index, name in enumerate(search.unknowns)]
 
 
 def _complex(parts: Array) -> npt.NDArray[np.complex128]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.search import AR_ORDER, Search
 from shipfp_rs.identification.weighted_problem import Minimum, Noise, mean_scatter
 from shipfp_rs.identification.whiteness import ResidualTest, whiteness
-from shipfp_rs.identification.whitening import Evaluation, Whitening, is_coloured
+from shipfp_rs.identification.whitening import Evaluation, Whitening
 from shipfp_rs.optimise.normal_equations import Products, orthonormal
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
@@ -65,37 +65,21 @@ def input_correlations(
     Ljung's test compares the correlations of residual and lagged set point with their scatter for white residuals.
     A fit has taken away what its own sensitivities J explain, so here the lagged set points U are cleared of
     J first: with A = (I - J J+) U and S the covariance of the residuals e, (A'e)' (A' S A)^-1 (A'e) is chi-squared.
-    `evaluations` are those of the search at the minimum, filtered by the noise models. A column that belongs to a
-    constant offset may be left out.
+    `evaluations` are those of the search at the minimum, filtered by the noise models, without columns of offsets.
     """
-    if any(map(is_coloured, minimum.noise.whitening or ())):
-        return _coloured_correlations(search, minimum, evaluations)
     noise, outputs = minimum.noise, search.structure.outputs
     residuals = [noise.root @ evaluation.residual for evaluation in evaluations]
     priors = search.priors(minimum.vector)
-    if search.huber is None:
-        gram = search.gram(minimum.vector, noise, minimum.sums)
-    else:
-        # Outlying residuals are cut off at the threshold of the fit's cost (eq. 4.7).
-        residuals = [np.clip(residual, -search.huber, search.huber) for residual in residuals]
-        gram = np.asarray(priors.T @ priors)
-        for part, residual in zip(
-            replace(search, huber=None).parts(evaluations, noise), residuals, strict=True
-        ):
-            part[-1] = residual
-            rows = part.reshape(len(part), -1)
-            gram += rows @ rows.T
+    gram = search.gram(minimum.vector, noise, minimum.sums)
     lags = _lags(search)
     count = sum(map(np.count_nonzero, residuals)) + int(np.count_nonzero(priors[:, -1]))
     basis = orthonormal(gram[:-1, :-1])
     along = basis.T @ gram[:-1, -1]
     free = range(len(search.free))
     records = [
-        _Record.of(
-            block, evaluation, residual, basis[[*free, *range(own.start, own.stop)]], noise, place, lags
-        )
-        for place, (block, evaluation, residual, own) in enumerate(
-            zip(search.blocks, evaluations, residuals, search.places(), strict=True)
+        _Record.of(block, evaluation, residual, basis[[*free, *range(own.start, own.stop)]], noise, lags)
+        for block, evaluation, residual, own in zip(
+            search.blocks, evaluations, residuals, search.places(), strict=True
         )
     ]
     tests: dict[str, ResidualTest] = {}
@@ -139,7 +123,6 @@ class _Record:
         residual: Array,
         basis: Array,
         noise: Noise,
-        place: int,
         lags: npt.NDArray[np.int64],
     ) -> _Record:
         """Add up a block's lagged set points, whitened residuals (O, R) and sensitivities combined by a basis (Q, B)."""
@@ -147,7 +130,7 @@ class _Record:
         columns = len(evaluation.jacobian)
         mix = np.zeros((outputs, basis.shape[1], columns * outputs + 1))
         mix[..., :-1] = -np.einsum("op,qb->obqp", noise.root, basis[:columns]).reshape(*mix.shape[:2], -1)
-        whitening = noise.of(place)
+        whitening = noise.whitening
         filters = [np.ones(1)] if whitening is None else list(whitening.models)
         for output, row in enumerate(basis[columns:]):
             gain = filters[min(output, len(filters) - 1)].sum()
@@ -191,38 +174,6 @@ def _lags(search: Search) -> npt.NDArray[np.int64]:
     shortest = min((len(b.data) for b in search.blocks if isinstance(b.data, Experiment)), default=0)
     lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
     return np.append(0, lags)
-
-
-def _coloured_correlations(
-    search: Search, minimum: Minimum, evaluations: Sequence[Evaluation]
-) -> dict[str, ResidualTest]:
-    """Do as `input_correlations` for residuals that are weighed by frequency: white, and of one variance."""
-    noise, outputs, lags = minimum.noise, search.structure.outputs, _lags(search)
-    unknowns = search.size
-    gram = np.zeros((unknowns + 1 + len(outputs) * len(lags),) * 2)
-    priors = search.priors(minimum.vector)
-    gram[: unknowns + 1, : unknowns + 1] = priors.T @ priors
-    parts = search.parts(evaluations, noise)
-    for place, (block, part) in enumerate(zip(search.blocks, parts, strict=True)):
-        samples, whitening = len(block.valid), noise.of(place)
-        assert whitening is not None
-        told = _with_past(block, samples, np.ones(1), int(lags[-1]))
-        lagged = np.array([told[lags[-1] - lag :][:samples] for lag in lags]) * block.valid
-        each = np.einsum("oq,ls->olqs", np.eye(len(outputs)), lagged).reshape(-1, len(outputs), samples)
-        asked = whitening(Evaluation(np.zeros(each.shape[1:]), each, block.valid)).jacobian
-        rows = np.concatenate([part, noise.root @ asked]).reshape(len(gram), -1)
-        gram += rows @ rows.T
-    count = len(outputs) * sum(int(evaluation.valid.sum()) for evaluation in evaluations)
-    sum_of_squares = max(float(gram[unknowns, unknowns]), 0.0)
-    basis = orthonormal(gram[:unknowns, :unknowns])
-    left = gram[unknowns:, unknowns:] - (half := basis.T @ gram[:unknowns, unknowns:]).T @ half
-    tests = {}
-    for place, output in enumerate(outputs):
-        own = slice(1 + place * len(lags), 1 + (place + 1) * len(lags))
-        size = np.sqrt(np.diag(gram)[unknowns:][own])
-        covariance = left[own, own] * sum_of_squares / max(count, 1)
-        tests[output] = _test(size, covariance, left[own, 0], sum_of_squares, count, lags)
-    return tests
 
 
 def _with_past(block: Block, samples: int, model: Array, reach: int) -> Array:
@@ -278,7 +229,7 @@ def responds(search: Search, minimum: Minimum) -> bool:
     """
     if not all(isinstance(block.data, Experiment) for block in search.blocks):
         return True
-    still = [_of_constants(block, minimum.noise.of(place)) for place, block in enumerate(search.blocks)]
+    still = [_of_constants(block, minimum.noise.whitening) for block in search.blocks]
     (_, before), (count, after) = mean_scatter(still), mean_scatter(minimum.sums)
     fall = [np.linalg.slogdet(scatter + 1e-300 * np.eye(len(scatter)))[1] for scatter in (before, after)]
     return bool(chi2.sf(count * (fall[0] - fall[1]), search.size) < STILL)
@@ -293,7 +244,8 @@ def _of_constants(block: Block, whitening: Whitening | None) -> Products:
         scatter = block.scatter + np.outer(block.mean - mean, block.mean - mean)
         return Products(block.count * scatter[:, None, :, None], block.count)
     level = np.where(block.valid, block.measured - mean[:, None], 0.0)
-    return whitening.products(Evaluation(level, np.zeros((0, *level.shape)), block.valid))
+    left = whitening(Evaluation(level, np.zeros((0, *level.shape)), block.valid))
+    return Products.of(left.residual, left.jacobian, int(left.valid.sum()))
 
 
 def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
@@ -311,11 +263,10 @@ def residual_tests(search: Search, minimum: Minimum) -> dict[str, OutputTests]:
     experiments = [isinstance(block.data, Experiment) for block in search.blocks]
     if not any(experiments):
         return {}
-    listed = search.huber is not None or any(block.relative for block in search.blocks)
-    evaluations = search.filtered(minimum.vector, minimum.noise, constants=listed)
+    evaluations = search.filtered(minimum)
     records = [e for e, timed in zip(evaluations, experiments, strict=True) if timed]
     samples = sum(int(record.valid.sum()) for record in records)
-    whitening = minimum.noise.of(0)
+    whitening = minimum.noise.whitening
     tests: dict[str, OutputTests] = {}
     for index, (output, by_input) in enumerate(input_correlations(search, minimum, evaluations).items()):
         fitted = 0 if whitening is None else int(np.count_nonzero(whitening.models[index][1:]))

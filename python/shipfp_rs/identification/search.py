@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.descent import descend
 from shipfp_rs.identification.variable_projection import Elimination
@@ -33,10 +33,6 @@ LITTLE = 0.1
 """Fall of the deviance that ends a descent whose noise models are still to be fitted."""
 NOTHING = 1e-6
 """Fall of the deviance that ends the last descent: a thousandth of a standard deviation."""
-FINE = 1e-3
-"""Fall of the deviance that ends a descent weighed by frequency, a thirtieth of a standard deviation."""
-COLOURS, AGREED = 5, 0.5
-"""Fits with the spectral matrix of the residuals before, at most, and the change of the deviance that ends them."""
 UNMOVED = 1e-10
 """Relative change of the vector that ends a descent where there is no noise."""
 
@@ -45,65 +41,23 @@ UNMOVED = 1e-10
 class Search(WeightedProblem):
     """The way from a start vector to a minimum of a weighted problem."""
 
-    max_evaluations: int
-    tolerance: float
     time_limit_s: float | None = None
-    enough: float | None = None
-    """Fall of the deviance that is not worth a step; None: as little as the estimates' last digits ask for."""
-    worth: float = np.inf
-    """A descent ends early when it can't get below this deviance."""
 
-    def minimise(self, start: Array, tick: Callable[[], None] | None = None) -> Minimum:
+    def minimise(self, start: Array) -> Minimum:
         """Search from `start`; the weights are refitted until they agree with the residuals."""
-        noise = replace(self.initial_noise(), sharp=not self._refines and self.enough is None)
-        return self._weighted(start, noise, tick, ROUGH if self._refines else CRITERION_TOLERANCE)
+        noise = replace(self.initial_noise(), sharp=not self._refines)
+        return self._weighted(start, noise, ROUGH if self._refines else CRITERION_TOLERANCE)
 
-    def refine(
-        self, minimum: Minimum, tick: Callable[[], None] | None = None, *, last: bool = True
-    ) -> Minimum:
-        """Go on from a minimum with AR noise models fitted to its residuals, until these agree too.
-
-        Not the `last` search of these records, it ends where they nearly do.
-        """
-        coloured = self.noise == "spectrum"
-        for tolerance in (
-            ((ROUGH, CRITERION_TOLERANCE) if last and not coloured else (ROUGH,)) if self._refines else ()
-        ):
-            noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH and self.enough is None)
-            minimum = self._weighted(minimum.vector, noise, tick, tolerance)
-        return self._coloured(minimum, tick) if self._refines and coloured else minimum
-
-    def _coloured(self, minimum: Minimum, tick: Callable[[], None] | None) -> Minimum:
-        """Go on from a minimum with the spectral matrix of its residuals, until these agree, too."""
-        noise, deviance = self._with_colour(minimum)
-        for _ in range(COLOURS):
-            held = replace(self, weights=noise, enough=FINE if self.enough is None else self.enough)
-            found = held._weighted(minimum.vector, noise, tick, CRITERION_TOLERANCE)
-            before = deviance
-            noise, deviance = self._with_colour(found)
-            minimum = replace(found, criterion=deviance, evaluations=minimum.evaluations + found.evaluations)
-            if abs(before - deviance) < AGREED:
-                break
+    def refine(self, minimum: Minimum) -> Minimum:
+        """Go on from a minimum with AR noise models fitted to its residuals, until these agree too."""
+        for tolerance in (ROUGH, CRITERION_TOLERANCE) if self._refines else ():
+            noise = replace(self._with_models(minimum), sharp=tolerance < ROUGH)
+            minimum = self._weighted(minimum.vector, noise, tolerance)
         return minimum
-
-    def _with_colour(self, minimum: Minimum) -> tuple[Noise, float]:
-        noise = self._with_models(minimum)
-        assert noise.whitening is not None
-        each = [
-            whitening.coloured(evaluation)
-            for whitening, evaluation in zip(noise.whitening, self.evaluate(minimum.vector, ()), strict=True)
-        ]
-        whitening = tuple(one for one, _ in each)
-        root = np.eye(len(self.structure.outputs))
-        return replace(noise, root=root, whitening=whitening), sum(deviance for _, deviance in each)
 
     @property
     def _refines(self) -> bool:
-        return (
-            self.weights is None
-            and self.noise in ("ar", "spectrum")
-            and any(isinstance(block.data, Experiment) for block in self.blocks)
-        )
+        return self.noise == "ar" and any(isinstance(block.data, Experiment) for block in self.blocks)
 
     def _with_models(self, minimum: Minimum) -> Noise:
         raw = self.evaluate(minimum.vector, ())
@@ -116,8 +70,7 @@ class Search(WeightedProblem):
             autoregressive_model([(e.residual[output], e.valid) for e in time_blocks], AR_ORDER)
             for output in range(len(self.structure.outputs))
         )
-        whitening = Whitening(models)
-        return replace(minimum.noise, whitening=(whitening,) * len(self.blocks))
+        return replace(minimum.noise, whitening=Whitening(models))
 
     def _named(self, message: str, linear: npt.NDArray[np.bool_]) -> str:
         """Put names into a message in place of entries of the searched vector, which lacks the `linear` unknowns."""
@@ -126,16 +79,10 @@ class Search(WeightedProblem):
 
     @property
     def _reweighs(self) -> bool:
-        return self.weights is None and self.weighting in ("variance", "determinant")
+        """Whether residuals are in units of their own deviation."""
+        return self.weighting in ("variance", "determinant")
 
-    @property
-    def _whitens(self) -> bool:
-        """Whether residuals are in units of their deviation, by weights of their own or given ones."""
-        return self.weights is not None or self._reweighs
-
-    def _weighted(
-        self, start: Array, noise: Noise, tick: Callable[[], None] | None, tolerance: float
-    ) -> Minimum:
+    def _weighted(self, start: Array, noise: Noise, tolerance: float) -> Minimum:
         problem, linear = Elimination(self, start), self.linear
         kept, used, criterion, limit = start[~linear], 0, np.inf, ""
         if self._descends:
@@ -144,17 +91,13 @@ class Search(WeightedProblem):
                 problem,
                 kept,
                 noise,
-                reweighs=self._reweighs,
-                near=self.weights is not None or noise.whitening is not None,
-                enough=(LITTLE if tolerance >= ROUGH else NOTHING) if self.enough is None else self.enough,
-                worth=self.worth,
-                max_evaluations=self.max_evaluations,
+                near=noise.whitening is not None,
+                enough=LITTLE if tolerance >= ROUGH else NOTHING,
                 time_limit_s=self.time_limit_s,
-                tick=tick,
             )
             kept, noise, used, limit = reached.kept, reached.noise, reached.passes, reached.limit
         # Where a descent crept, steps towards the floor's lowest point would do no better.
-        done = self._descends and (reached.crept or tolerance >= ROUGH or self.enough is not None)
+        done = self._descends and (reached.crept or tolerance >= ROUGH)
         if limit or done:
             vector, sums = problem.complete(kept, noise)
             message = f"{STOPPED} {limit}, before a minimum was reached" if limit else ""
@@ -163,7 +106,7 @@ class Search(WeightedProblem):
         # While the weights still change much, a few steps towards the minimum for the present ones are enough.
         rough = self._reweighs and noise.whitening is None and not self._descends
         for _ in range(WEIGHT_ITERATIONS if self._reweighs else 1):
-            solution = self._solve(problem, kept, noise, tick, rough=rough)
+            solution = self._solve(problem, kept, noise, rough=rough)
             used += solution.evaluations
             before, criterion = criterion, solution.cost
             moved = np.max(np.abs(solution.vector - kept) / (np.abs(kept) + 1e-9))
@@ -172,7 +115,7 @@ class Search(WeightedProblem):
             count, scatter = mean_scatter(sums)
             if not self._reweighs:
                 break
-            following, criterion = self.noise_at(vector, noise, count, scatter)
+            following, criterion = self.noise_at(noise, count, scatter)
             settled = moved < UNMOVED or abs(before - criterion) < (ROUGH if rough else tolerance)
             if solution.message.startswith(STOPPED) or (settled and not rough):
                 break
@@ -189,24 +132,16 @@ class Search(WeightedProblem):
 
     @property
     def _descends(self) -> bool:
-        """Whether `descend` searches: for whitened residuals without a Huber threshold, along a known valley."""
-        return self._whitens and self.huber is None and self.structure.equations.has_valley
+        """Whether `descend` searches: for whitened residuals, along a known valley."""
+        return self._reweighs and self.structure.equations.has_valley
 
     def _criterion(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> float:
         """Return the figure by which minima are ranked."""
         if self._reweighs:
-            return self.noise_at(vector, noise, *mean_scatter(sums))[1]
+            return self.noise_at(noise, *mean_scatter(sums))[1]
         return float(self.gram(vector, noise, sums)[-1, -1])
 
-    def _solve(
-        self,
-        problem: Elimination,
-        kept: Array,
-        noise: Noise,
-        tick: Callable[[], None] | None,
-        *,
-        rough: bool,
-    ) -> Solution:
+    def _solve(self, problem: Elimination, kept: Array, noise: Noise, *, rough: bool) -> Solution:
         lower, upper = self.bounds()
         samples = len(self.structure.outputs) * sum(block.count for block in self.blocks)
 
@@ -219,8 +154,7 @@ class Search(WeightedProblem):
             if rough
             else partial(
                 minimise,
-                tolerance=self.tolerance,
-                near=samples * self._whitens,
+                near=samples * self._reweighs,
                 deviations=NOTHING**0.5 if self._descends else None,
             )
         )
@@ -229,9 +163,7 @@ class Search(WeightedProblem):
             kept,
             lower[~self.linear],
             upper[~self.linear],
-            max_evaluations=self.max_evaluations,
             time_limit_s=self.time_limit_s,
-            tick=tick,
         )
 
 
@@ -258,20 +190,3 @@ def _drawn(parameter: Parameter, random: np.random.Generator) -> float:
     if np.isfinite(parameter.lower) and np.isfinite(parameter.upper):
         return float(random.uniform(parameter.lower, parameter.upper))
     return float(parameter.start * (1.0 + random.normal()))
-
-
-def best_of_random(search: Search, count: int, seed: int | None) -> Array:
-    """Draw `count` vectors within the bounds and return the one with the least cost, the declared start included."""
-    noise, best, least = search.initial_noise(), None, np.inf
-    for vector in start_vectors(search, count + 1, seed):
-        try:
-            search.require_stable(vector)
-            residual, _ = Elimination(search, vector)(vector[~search.linear], noise)
-        except SimulationError:
-            continue
-        cost = float(residual @ residual)
-        if cost < least:
-            best, least = vector, cost
-    if best is None:
-        raise IdentificationError(f"none of {count + 1} random vectors can be simulated; tighten the bounds")
-    return best

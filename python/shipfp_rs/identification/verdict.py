@@ -20,12 +20,10 @@ def verdict(
     fit: Mapping[str, Mapping[str, float | None]],
     structure: Structure,
     trouble: str = "",
-    *,
-    any_colour: bool = False,
 ) -> tuple[str, ...]:
     """Return the sentences of the verdict, most important first.
 
-    `trouble` says why the search's end is no minimum; with `any_colour` the intervals hold for noise of any colour.
+    `trouble` says why the search's end is no minimum.
     """
     lines = [
         *(
@@ -36,7 +34,7 @@ def verdict(
         *_known(parameters, derived, structure),
         *_unknown(parameters),
         *_gaps(identifiability),
-        *_contradictions(fit, structure, any_colour),
+        *_contradictions(fit, structure),
     ]
     if poor := _poor(fit):
         lines.append(
@@ -126,9 +124,7 @@ def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str,
     return {"structure_p": min(1.0, len(found) * min(found)), "structure_misses_pct": missed}
 
 
-def _contradictions(
-    fit: Mapping[str, Mapping[str, float | None]], structure: Structure, any_colour: bool
-) -> list[str]:
+def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: Structure) -> list[str]:
     """Say where the residuals contradict the structure, or else the noise model."""
     threshold = ALARM / len(structure.outputs)
     rows = {output: row for output, row in fit.items() if output in structure.outputs}
@@ -149,7 +145,7 @@ def _contradictions(
         for output, row in rows.items()
         if (p := row.get("whiteness_p")) is not None and p < threshold
     ]
-    if coloured and not any_colour:
+    if coloured:
         return [
             "The noise is not what was assumed: whitened residuals are still correlated in "
             + ", ".join(coloured)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,8 +17,6 @@ from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
-EXACT = 1e-5
-"""Residual over spread of an output below which there is no noise."""
 NOTHING_LEFT = "no valid sample is left to fit; widen the window or repair the log"
 
 
@@ -27,14 +25,9 @@ class Noise:
     """What is known of the residuals: what leaves them white, and the inverse root of the covariance of what is left."""
 
     root: Array
-    whitening: tuple[Whitening, ...] | None = None
-    """Of each block."""
+    whitening: Whitening | None = None
     sharp: bool = True
     """Whether passes over the records must be far more exact than the noise; on the way to a minimum they need not."""
-
-    def of(self, block: int) -> Whitening | None:
-        """Return what leaves a block's residuals white, if that is known."""
-        return None if self.whitening is None else self.whitening[block]
 
 
 @dataclass(frozen=True)
@@ -61,13 +54,7 @@ class WeightedProblem:
     blocks: tuple[Block, ...]
     weighting: str
     noise: str
-    huber: float | None = None
-    ridge: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    initial: Mapping[str, float] = field(default_factory=dict)
-    covariance: str = "model"
     intervals: str = "profile"
-    weights: Noise | None = None
-    """Weights and noise models of another search, held; None: they follow the residuals."""
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
@@ -99,7 +86,7 @@ class WeightedProblem:
         """Return every parameter by name, fixed and tied ones included."""
         values = {parameter.name: parameter.start for parameter in self.structure.parameters}
         found = {name: float(value) for name, value in zip(self.names, vector, strict=False)}
-        return self.structure.complete(values | dict(self.initial) | found)
+        return self.structure.complete(values | found)
 
     def places(self) -> Iterator[slice]:
         """Yield the places of each block's own unknowns in the full vector."""
@@ -119,33 +106,25 @@ class WeightedProblem:
         names = self.names if names is None else names
         return [block.evaluate(values, names) for block, values in self.each(vector)]
 
-    def filtered(
-        self, vector: Array, noise: Noise, names: Sequence[str] | None = None, *, constants: bool = True
-    ) -> list[Evaluation]:
-        """Evaluate every block and prewhiten the experiments, with or without the columns of offsets."""
-        names = self.names if names is None else names
+    def filtered(self, minimum: Minimum) -> list[Evaluation]:
+        """Evaluate every block and prewhiten the experiments, without the columns of offsets."""
         return [
-            block.filtered(values, names, noise.of(place), constants=constants)
-            for place, (block, values) in enumerate(self.each(vector))
+            block.filtered(values, self.names, minimum.noise.whitening, constants=False)
+            for block, values in self.each(minimum.vector)
         ]
 
     def whitened(self, minimum: Minimum) -> tuple[list[Evaluation], Array, Array]:
         """Return the filtered evaluations, the stacked weighted residuals (R,) and their Jacobian (R, Q).
 
         The Jacobian is that of the residual, minus that of the model. Long records are turned into as few rows as have
-        the same products, unless a threshold bends single residuals.
+        the same products.
         """
         vector, noise = minimum.vector, minimum.noise
-        if self.huber is None:
-            evaluations = [
-                block.turned(values, self.names, noise.of(place), noise.root, sums)
-                for place, ((block, values), sums) in enumerate(
-                    zip(self.each(vector), minimum.sums, strict=True)
-                )
-            ]
-        else:
-            evaluations = self.filtered(vector, noise)
-        parts = [part.reshape(len(part), -1).T for part in self.parts(evaluations, noise)]
+        evaluations = [
+            block.turned(values, self.names, noise.whitening, noise.root, sums)
+            for (block, values), sums in zip(self.each(vector), minimum.sums, strict=True)
+        ]
+        parts = [part.reshape(len(part), -1).T for part in self._parts(evaluations, noise)]
         rows = np.concatenate([*parts, self.priors(vector)])
         return evaluations, rows[:, -1], rows[:, :-1]
 
@@ -153,22 +132,14 @@ class WeightedProblem:
         """Pass over the data once: every block's sums of products, filtered by the noise's models."""
         with np.errstate(over="ignore", invalid="ignore"):
             return [
-                block.products(values, self.names, noise.of(place), sharp=noise.sharp)
-                for place, (block, values) in enumerate(self.each(vector))
+                block.products(values, self.names, noise.whitening, sharp=noise.sharp)
+                for block, values in self.each(vector)
             ]
 
     def gram(self, vector: Array, noise: Noise, sums: Sequence[Products]) -> Array:
-        """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors and ridge.
-
-        A threshold bends single residuals, so with one they are computed again, whatever their sums.
-        """
+        """Products (Q + 1, Q + 1) of the columns of [-d(model)/d(unknowns), e], weighted, with priors."""
         priors = self.priors(vector)
         gram = np.asarray(priors.T @ priors)
-        if self.huber is not None:
-            for part in self.parts(self.filtered(vector, noise), noise):
-                rows = part.reshape(len(part), -1)
-                gram += rows @ rows.T
-            return gram
         with np.errstate(over="ignore", invalid="ignore"):
             for grid, products in zip(self._grids, sums, strict=True):
                 gram[grid] += products.gram(noise.root)
@@ -184,9 +155,9 @@ class WeightedProblem:
     def linear(self) -> npt.NDArray[np.bool_]:
         """True for the unknowns in which the residual is linear and the cost quadratic, shape (Q,)."""
         own = [name in block.linear for block in self.blocks for name in block.nuisance]
-        return np.array([False] * len(self.free) + own) & (self.huber is None)
+        return np.array([False] * len(self.free) + own)
 
-    def parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
+    def _parts(self, evaluations: Sequence[Evaluation], noise: Noise) -> Iterator[Array]:
         """Yield each block's [-d(model)/d(vector), e], weighted, shape (Q + 1, O, R)."""
         start, free = len(self.free), len(self.free)
         for block, evaluation in zip(self.blocks, evaluations, strict=True):
@@ -195,21 +166,16 @@ class WeightedProblem:
                 part = np.zeros((self.size + 1, *rows.shape[1:]))
                 part[:free], part[-1] = rows[:free], rows[-1]
                 part[start : start + len(block.nuisance)] = rows[free:-1]
-            if self.huber is not None:
-                _bend(part, self.huber)
             start += len(block.nuisance)
             yield part
 
     def priors(self, vector: Array) -> Array:
-        """Rows [J, e] of the priors, (mean - value) / std, and of the ridge, sqrt(weight) (nominal - value), eq. 4.6."""
-        rows = [(i, p.prior[0], 1.0 / p.prior[1]) for i, p in enumerate(self.free) if p.prior is not None]
-        rows += [
-            (self.names.index(name), nominal, weight**0.5) for name, (nominal, weight) in self.ridge.items()
-        ]
+        """Rows [J, e] of the priors, (mean - value) / std."""
+        rows = [(index, *p.prior) for index, p in enumerate(self.free) if p.prior is not None]
         table = np.zeros((len(rows), self.size + 1))
-        for row, (index, nominal, factor) in enumerate(rows):
-            table[row, index] = -factor
-            table[row, -1] = (nominal - vector[index]) * factor
+        for row, (index, mean, std) in enumerate(rows):
+            table[row, index] = -1.0 / std
+            table[row, -1] = (mean - vector[index]) / std
         return table
 
     def curved(self, kept: Array, step: Array, held: int | None = None) -> Array:
@@ -230,7 +196,7 @@ class WeightedProblem:
         upper = np.array([parameter.upper for parameter in self.free])
         return np.concatenate([lower, -open_end]), np.concatenate([upper, open_end])
 
-    def noise_at(self, vector: Array, noise: Noise, count: int, scatter: Array) -> tuple[Noise, float]:
+    def noise_at(self, noise: Noise, count: int, scatter: Array) -> tuple[Noise, float]:
         """Return the weights that follow from the filtered residuals, and the criterion by which minima are ranked.
 
         The weights are the identity, inverse standard deviations, or the inverse root of the covariance. With them the
@@ -240,8 +206,6 @@ class WeightedProblem:
         if self.weighting == "variance":
             scatter = np.diag(np.diag(scatter))
         criterion = float(count * np.linalg.slogdet(scatter + 1e-300 * np.eye(outputs))[1])
-        if self.huber is not None:
-            scatter = np.diag(_robust_variance(self.filtered(vector, noise, ())))
         # A perfect fit leaves no scatter to weigh by; this floor is far below any measurement.
         floor = 1e-24 + 1e-14 * np.trace(scatter) / outputs
         factor = np.linalg.cholesky(scatter + floor * np.eye(outputs))
@@ -250,8 +214,6 @@ class WeightedProblem:
     def initial_noise(self) -> Noise:
         """Weights before the first fit: by the spread of each measured output."""
         outputs = len(self.structure.outputs)
-        if self.weights is not None:
-            return self.weights
         if self.weighting in ("none", "std"):
             return Noise(np.eye(outputs))
         spread = np.sum([np.diag(block.scatter) for block in self.blocks], axis=0)
@@ -261,13 +223,6 @@ class WeightedProblem:
         """Raise SimulationError where the structure knows that its closed loop is unstable."""
         if not self.structure.equations.stable(self.values(vector)):
             raise SimulationError("the closed loop is unstable, a ship that was measured is not")
-
-
-def is_exact(search: WeightedProblem, minimum: Minimum) -> bool:
-    """Whether the residuals are rounding beside every output's spread: a simulation without noise."""
-    count, scatter = mean_scatter(minimum.sums)
-    spread = np.mean([np.diag(block.scatter) for block in search.blocks], axis=0)
-    return bool((np.diag(scatter) < EXACT**2 * spread).all()) and count > 0
 
 
 def mean_scatter(sums: Sequence[Products]) -> tuple[int, Array]:
@@ -284,22 +239,3 @@ def _weighted(evaluation: Evaluation, noise: Noise) -> Array:
     np.matmul(-noise.root, evaluation.jacobian, out=rows[:-1])
     np.matmul(noise.root, evaluation.residual, out=rows[-1])
     return rows
-
-
-def _bend(part: Array, threshold: float) -> None:
-    """Make the squares of the residuals (last row of the part) grow linearly above the threshold, in place.
-
-    Quadratic up to it, then 2 k |e| - k^2, with the same value and slope there (eq. 4.7; 4.8 as printed jumps).
-    """
-    residual = part[-1]
-    large = np.abs(residual) > threshold
-    bent = np.sqrt(2.0 * threshold * np.abs(residual[large]) - threshold**2)
-    part[:-1, large] *= threshold / bent
-    residual[large] = np.sign(residual[large]) * bent
-
-
-def _robust_variance(evaluations: Sequence[Evaluation]) -> Array:
-    """Variance of each output from the median absolute deviation, which outliers leave alone, shape (O,)."""
-    joined = np.concatenate([evaluation.residual[:, evaluation.valid] for evaluation in evaluations], axis=1)
-    spread = np.median(np.abs(joined - np.median(joined, axis=1, keepdims=True)), axis=1)
-    return np.asarray((1.4826 * spread) ** 2)

@@ -1,37 +1,18 @@
-"""What leaves residuals white: each output's autoregression, and the spectral matrix of what these leave of all outputs.
-
-Moving water drives speed and torque alike, slowly, and the governor ties the one to the other. No filter of single outputs
-shows that. The likelihood in the frequency domain (P. Whittle, 1953) weighs residuals by the inverse of their spectral
-matrix, which the residuals themselves tell, smoothed over frequency.
-"""
+"""What leaves residuals white: each output's autoregression."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import lfilter
-from scipy.signal.windows import tukey
 
-from shipfp_rs.optimise.normal_equations import Products
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array
 
 CHUNK = 2048
 """Samples that are worked on at a time, so that they fit into a cache."""
-BESIDE = 0.15
-"""Part of a frequency to either side over which spectra are smoothed, ..."""
-FEWEST, MOST = 8, 60
-"""... with so many lines of the record's spectrum at least and at most."""
-TAPER = 0.05
-"""Part of a record at its ends that is faded in and out before its spectrum is taken."""
-LEAST = 0.1
-"""Power that is added to each output at all frequencies, as a part of its median. It bounds the weight of a combination of
-outputs in which the noise cancels: few lines tell how well it does so, and no model is right to that many digits."""
-ROOM = 0.05
-"""Zeros behind a record, as a part of it, so that filters do not reach around from its end to its start."""
 
 
 @dataclass
@@ -61,12 +42,10 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """What leaves the residuals of one record white."""
+    """What leaves residuals white."""
 
     models: Sequence[Array]
     """Each output's autoregression [1, a1, ..., ap]."""
-    colour: ComplexArray | None = None
-    """Inverse root (O, O, F), a lower triangle, of the spectral matrix of what the models leave; None: not looked at."""
 
     @property
     def order(self) -> int:
@@ -78,96 +57,15 @@ class Whitening:
 
         A sample whose filter reaches over a masked one is masked too.
         """
-        rows, valid = self._left(evaluation)
-        if self.colour is not None:
-            rows = irfft(self._coloured(rows), _length(len(valid)))[..., : len(valid)]
-        rows = rows.swapaxes(0, 1)
-        return Evaluation(rows[-1], rows[:-1], valid)
-
-    def products(self, evaluation: Evaluation) -> Products:
-        """Sum up the products of what a call returns; of a colour in the frequency domain, by Parseval's theorem."""
-        rows, valid = self._left(evaluation)
-        if self.colour is not None:
-            length = _length(len(valid))
-            transforms = self._coloured(rows)
-            transforms *= np.sqrt(_lines(length) / length)
-            rows = transforms.view(float)
-        tall = rows.reshape(-1, rows.shape[-1])
-        with np.errstate(over="ignore", invalid="ignore"):
-            return Products((tall @ tall.T).reshape(rows.shape[:2] * 2), int(valid.sum()))
-
-    def _left(self, evaluation: Evaluation) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Return what the models leave of sensitivities and residual (O, Q + 1, N), and where it is valid."""
         order = self.order
         reach = lfilter(np.ones(order + 1), [1.0], np.where(evaluation.valid, 0.0, 1.0))
         valid = np.asarray(reach < 0.5)
         valid[:order] = False
-        outputs, samples = evaluation.residual.shape
-        rows = np.empty((outputs, len(evaluation.jacobian) + 1, samples))
+        rows = np.concatenate([evaluation.jacobian, evaluation.residual[None]])
         for index, model in enumerate(self.models):
-            rows[index, :-1], rows[index, -1] = evaluation.jacobian[:, index], evaluation.residual[index]
-            rows[index] = lfilter(model[: order + 1], [1.0], rows[index], axis=-1)
+            rows[:, index] = lfilter(model[: order + 1], [1.0], rows[:, index], axis=-1)
         rows *= valid
-        return rows, valid
-
-    def _coloured(self, rows: Array) -> ComplexArray:
-        """Return the transforms (O, Q + 1, F) of rows, with the colour taken out."""
-        assert self.colour is not None
-        transforms: ComplexArray = np.asarray(rfft(rows, _length(rows.shape[-1])))
-        coloured = np.empty_like(transforms)
-        for into in range(len(rows)):
-            np.multiply(transforms[into], self.colour[into, into], out=coloured[into])
-            for source in range(into):
-                coloured[into] += transforms[source] * self.colour[into, source]
-        return coloured
-
-    def coloured(self, evaluation: Evaluation) -> tuple[Whitening, float]:
-        """Return the whitening with the colour of a record's residuals, and Whittle's deviance of these.
-
-        The deviance is the sum over all frequencies of ln det of the spectral matrix; of white residuals N ln det of their
-        covariance.
-        """
-        left, valid = self._left(replace(evaluation, jacobian=evaluation.jacobian[:0]))
-        length, count = _length(len(valid)), int(valid.sum())
-        fade = tukey(len(valid), TAPER) * valid
-        transform = rfft(left[:, 0] * fade, length) / max(float(np.linalg.norm(fade)), 1e-300)
-        matrices = _smooth(np.einsum("of,pf->fop", transform, transform.conj()))
-        outputs = np.arange(len(transform))
-        least = LEAST * np.median(matrices[:, outputs, outputs].real, axis=0)
-        matrices[:, outputs, outputs] += least + 1e-300
-        roots = np.linalg.cholesky(matrices)
-        sizes = np.log(roots[:, outputs, outputs].real).sum(axis=1)
-        deviance = 2.0 * count / length * float(_lines(length) @ sizes)
-        colour = np.ascontiguousarray(np.linalg.inv(roots).transpose(1, 2, 0))
-        return replace(self, colour=colour), deviance
-
-
-def _length(samples: int) -> int:
-    """Length of the transform of a record."""
-    return int(next_fast_len(samples + int(ROOM * samples) + 1, real=True))
-
-
-def is_coloured(whitening: Whitening | None) -> bool:
-    """Whether residuals are weighed by frequency."""
-    return whitening is not None and whitening.colour is not None
-
-
-def _lines(length: int) -> Array:
-    """How often each frequency of a real transform stands for one of the whole, shape (F,)."""
-    lines = np.full(length // 2 + 1, 2.0)
-    lines[0] = 1.0
-    if length % 2 == 0:
-        lines[-1] = 1.0
-    return lines
-
-
-def _smooth(matrices: ComplexArray) -> ComplexArray:
-    """Mean of each frequency's neighbours, shape (F, O, O)."""
-    frequency = np.arange(len(matrices))
-    half = np.clip((BESIDE * frequency).astype(int), FEWEST, MOST)
-    low, high = np.maximum(frequency - half, 0), np.minimum(frequency + half + 1, len(matrices))
-    sums = np.concatenate([np.zeros_like(matrices[:1]), np.cumsum(matrices, axis=0)])
-    return np.asarray((sums[high] - sums[low]) / (high - low)[:, None, None])
+        return Evaluation(rows[-1], rows[:-1], valid)
 
 
 def autoregressive_model(residuals: Sequence[tuple[Array, npt.NDArray[np.bool_]]], order: int) -> Array:

@@ -29,6 +29,8 @@ DEVIATIONS = 1e-7
 HIDDEN = 1e-3
 """Remaining step, in standard deviations of the estimates, that does not prevent convergence: in a curved valley the search
 cannot take it."""
+TOLERANCE = 1e-12
+"""Relative change of the sum of squares below which a search ends and its end is taken for a minimum."""
 ROUGH = 1e-6
 """Relative change of the sum of squares that ends an approach."""
 STOPPED = "stopped at the limit of"
@@ -73,12 +75,10 @@ def minimise(
     lower: npt.ArrayLike,
     upper: npt.ArrayLike,
     *,
-    tolerance: float = 1e-12,
     near: int = 0,
     deviations: float | None = None,
     max_evaluations: int = 500,
     time_limit_s: float | None = None,
-    tick: Callable[[], None] | None = None,
 ) -> Solution:
     """Minimise the sum of squares of a residual between bounds, from one start.
 
@@ -91,8 +91,6 @@ def minimise(
         Where to begin, shape (Q,); moved between the bounds if it is outside.
     lower, upper
         Bounds, shape (Q,) or one for all; infinite where there is none.
-    tolerance
-        Relative change of the sum of squares below which the search ends and its end is taken for a minimum.
     near
         Where the start is close to the minimum, the number of samples whose noise the residual sums up: then Gauss-Newton
         steps go first, and end where the noise would hide them.
@@ -100,8 +98,6 @@ def minimise(
         Standard deviations of the estimates below which such a step is hidden; None: `DEVIATIONS`.
     max_evaluations, time_limit_s
         Limits of calls and of seconds.
-    tick
-        Called before every evaluation; what it raises ends the search.
 
     Returns
     -------
@@ -127,8 +123,8 @@ def minimise(
     (True, [1.0, 1.0])
     """
     vector, bounds = _checked(start, lower, upper)
-    recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
-    return _minimise(recorder, vector, bounds, tolerance, near=near, deviations=deviations)
+    recorder = _Recorder(function, max_evaluations, time_limit_s)
+    return _minimise(recorder, vector, bounds, near=near, deviations=deviations)
 
 
 @np.errstate(all="ignore")  # as in `_minimise`
@@ -140,14 +136,13 @@ def approach(
     *,
     max_evaluations: int = 500,
     time_limit_s: float | None = None,
-    tick: Callable[[], None] | None = None,
 ) -> Solution:
     """Go towards a minimum until the sum of squares falls by less than `ROUGH` of itself; parameters as for `minimise`.
 
     The solution is never converged; its message is empty unless a limit was reached.
     """
     vector, bounds = _checked(start, lower, upper)
-    recorder = _Recorder(function, max_evaluations, time_limit_s, tick)
+    recorder = _Recorder(function, max_evaluations, time_limit_s)
     point, message = recorder.begin(vector), ""
     try:
         _run_scipy(recorder, point, bounds=bounds, tolerance=ROUGH)
@@ -163,14 +158,8 @@ class _LimitReachedError(Exception):
 class _Recorder:
     """Calls the function; turns failures into an infinite cost, keeps the best point, and watches the limits."""
 
-    def __init__(
-        self,
-        function: Function,
-        max_evaluations: int,
-        time_limit_s: float | None,
-        tick: Callable[[], None] | None,
-    ) -> None:
-        self.function, self.tick = function, tick
+    def __init__(self, function: Function, max_evaluations: int, time_limit_s: float | None) -> None:
+        self.function = function
         self.max_evaluations, self.time_limit_s = max_evaluations, time_limit_s
         self.until = np.inf if time_limit_s is None else time.monotonic() + time_limit_s
         self.evaluations = 0
@@ -197,8 +186,6 @@ class _Recorder:
         return self.last
 
     def _evaluate(self, vector: Array) -> Point:
-        if self.tick is not None:
-            self.tick()
         self.evaluations += 1
         try:
             residual, jacobian = self.function(vector)
@@ -243,13 +230,12 @@ def _minimise(
     recorder: _Recorder,
     start: Array,
     bounds: Bounds,
-    tolerance: float,
     *,
     near: int = 0,
     deviations: float | None = None,
 ) -> Solution:
     first = point = recorder.begin(start)
-    run = partial(_run_scipy, recorder, bounds=bounds, tolerance=tolerance)
+    run = partial(_run_scipy, recorder, bounds=bounds, tolerance=TOLERANCE)
     converged, message = False, ""
     try:
         for turn in range(ROUNDS):
@@ -265,7 +251,7 @@ def _minimise(
                 else {}
             )
             point = polish(recorder, recorder.best, bounds, **enough)
-            message = doubt(point, first, bounds, tolerance, HIDDEN**2 / near if near else 0.0)
+            message = doubt(point, first, bounds, TOLERANCE, HIDDEN**2 / near if near else 0.0)
             lower = None if message else _way_down(recorder, run, point, first, bounds)
             if lower is not None:
                 point, message = lower, "a direction without slope leads further down"

@@ -151,7 +151,7 @@ class Window(Section):
         return self
 
 
-HOW = ("weighting", "noise", "covariance", "offsets", "initial_state")
+HOW = ("weighting", "noise", "starts")
 """Keys of [identify] that are options of `identify` under the same name."""
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
 """Keys of [identify] that narrow the choice that the data make; any other key declares the structure."""
@@ -183,17 +183,13 @@ class Identify(Section):
     """Name to [name of another one, factor] or [name, factor, offset]."""
     weighting: Literal["determinant", "variance", "none"] = "determinant"
     noise: Literal["ar", "white"] | None = None
-    covariance: Literal["model", "sandwich"] | None = None
-    offsets: Literal[True, False, "relative"] | None = None
-    initial_state: Literal["estimated", "zero"] = "estimated"
-    """These five as in `identify`."""
     starts: Starts | None = None
-    """None: what `identify` takes where none are given."""
+    """These three as in `identify`."""
     seed: Seed = 0
 
     @property
     def options(self) -> dict[str, Any]:
-        """Those of `identify`, but for starts and seed."""
+        """Those of `identify`, but for the seed."""
         return {name: getattr(self, name) for name in HOW}
 
     @property

@@ -61,7 +61,7 @@ def fitted(twin: Twin, part: str, *, near: Fingerprint | None = None) -> Fingerp
     if near is not None:
         structure = structure.with_start(**{name: near.settings["optimum"][name] for name in FREE})
     records = twin.experiments(experiments_of(part))
-    return identify(records, structure, noise="white", covariance="sandwich", starts=1, vessel=VESSEL)
+    return identify(records, structure, starts=1, vessel=VESSEL)
 
 
 def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:

@@ -10,8 +10,8 @@ from shipfp_rs import published
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import Weighting
+from shipfp_rs.identification.identify import fitted
+from shipfp_rs.identification.options import Options, Weighting
 from shipfp_rs.reproduce import Reproduction, Row, Way, printed_row, virtual_tables, virtual_verdict
 from shipfp_rs.reproduce.virtual_data import (
     VESSEL,
@@ -63,16 +63,9 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
     truth = shown(asdict(linearise(launch())))
     jobs = (*_thesis_jobs(), *_our_jobs())
     for done, job in enumerate(jobs):
-        fingerprint = identify(
-            job.data(),
-            job.structure,
-            weighting=job.weighting,
-            # The trials start at rest and hold neither noise nor offset: section 5.2 has all three at zero too.
-            noise="white",
-            offsets=False,
-            initial_state="zero",
-            vessel=VESSEL,
-        )
+        # The trials start at rest and hold neither noise nor offset: section 5.2 has all three at zero too.
+        options = Options(weighting=job.weighting, noise="white", at_rest=True)
+        fingerprint = fitted(job.data(), job.structure, options, vessel=VESSEL)
         fingerprints[f"{job.case}, {job.way}: {job.structure.name}"] = fingerprint
         rows.append(_row(job, fingerprint, steps[job.way], truth))
         if progress is not None:

@@ -111,9 +111,7 @@ def evaluate(
             experiments,
             structure,
             vessel=vessel.name,
-            starts=options.starts,
             seed=options.seed if seed is None else seed,
-            progress=lambda done, starts: notify(f"identifying, {done} of {starts} starts done"),
             **options.options,
         )
     if trial.channels.torque is None:

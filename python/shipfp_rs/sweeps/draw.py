@@ -116,7 +116,6 @@ def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
         experiments,
         plan.structure,
         vessel=plan.ship.name,
-        starts=options.starts,
         seed=seed,
         **options.options,
     )

@@ -45,8 +45,6 @@ Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
 OF_OTHER_CHAIN: Mapping[str, tuple[str, ...]] = {"experiment": ("sensors", "faults"), "log": ("noise",)}
 """Tables that do nothing with a chain."""
-VARIED_OF_IDENTIFY = (*HOW, "starts")
-"""Keys of [identify] that may be factors; the others would change which columns the table has."""
 
 
 class Header(Section):
@@ -337,5 +335,5 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 def _keys_of(section: str) -> tuple[str, ...] | None:
     """Return the keys of a table that a sweep may vary; None where it may vary all, or the table is unknown."""
     if section == "identify":
-        return VARIED_OF_IDENTIFY
+        return HOW  # the others would change which columns the table has
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None
