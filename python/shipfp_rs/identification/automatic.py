@@ -133,8 +133,9 @@ def intervals_of(
             moved = figure(fit.values) - one.value
             # Along a valley the steps differ by a part of the interval: it holds both.
             low, high = one.low + min(moved, 0.0), one.high + max(moved, 0.0)
-            if name in BOUNDS:
-                low, high = max(low, BOUNDS[name][0]), min(high, BOUNDS[name][1])
+            if name in fit.question.bounds:
+                least, most = fit.question.bounds[name]
+                low, high = max(low, least), min(high, most)
             found[name] = Interval(one.value + moved, low, high, one.kinds)
             lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
             if left and lower.cost < profiles.best.cost - LOWER:
@@ -161,6 +162,8 @@ def _either(one: Interval, other: Interval) -> Interval:
 
 def structure_of(fit: ShipFit) -> Structure:
     """Return the structure whose parameters were searched or given."""
+    if fit.question.structure is not None:
+        return fit.question.structure
     question, names = fit.question, set(fit.likelihood.coordinates.names) | set(fit.question.fixed)
     acting = [
         name
@@ -208,7 +211,7 @@ def _unit(name: str) -> str:
 
 
 def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
-    low, high = BOUNDS[name]
+    low, high = fit.question.bounds.get(name, BOUNDS[name])
     ends = max(interval.low, low), min(interval.high, high)
     unit, value = _unit(name), min(max(interval.value, low), high)
     logarithmic = low > 0.0
@@ -217,6 +220,9 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
         if logarithmic and ends[0] > 0
         else (ends[1] - ends[0]) / (high - low)
     )
+    c, found = fit.likelihood.coordinates, fit.best.products
+    if name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0:
+        return Estimate(None, unit=unit, status="unidentifiable", reason="the data do not depend on it")
     if width > UNTOLD:
         reason = f"the data allow everything between {ends[0]:.3g} and {ends[1]:.3g}"
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
@@ -295,7 +301,7 @@ def _record(fit: ShipFit, index: int, row: Sequence[float]) -> dict[str, Any]:
     return {
         "name": experiment.name,
         "domain": "time",
-        "signals": {output: question.signals[output] for output in question.outputs},
+        "signals": {output: question.signal_in(experiment, output) for output in question.outputs},
         "operating_point": dict(experiment.operating_point),
         "fit": {output: {"nrmse_pct": value} for output, value in zip(question.outputs, row, strict=True)},
         "samples": len(experiment),
@@ -311,7 +317,7 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
     values = {**c.given, **fit.values}
     names = structure_of(fit).names
     return {
-        "structure": "the full ship",
+        "structure": "the full ship" if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
         "set_point": "straight lines" if fit.smooth is False else "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),

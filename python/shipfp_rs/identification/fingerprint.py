@@ -95,12 +95,12 @@ class Fingerprint(Told, Modelled):
 
     @property
     def model_adequate(self) -> bool | None:
-        """Whether the residuals leave the structure unchallenged, `verdict.structure_test`; None where nothing tests it.
+        """Whether the residuals leave the model unchallenged (`adequate`, `verdict.structure_test`); None where nothing tests it.
 
         A structure that suits the ship is called wrong in one fit of a hundred.
         """
         p = self.fit.get("overall", {}).get("structure_p")
-        return None if p is None else p >= ALARM
+        return self.adequate.get("stands") if p is None else p >= ALARM
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form, the contract of `fingerprint.json`."""

@@ -16,7 +16,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.minima import search_minima
 from shipfp_rs.identification.options import Intervals, NoiseModel, Options, Weighting
 from shipfp_rs.identification.outcome import fingerprint_of
-from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.question import Question, question_of, question_of_ship
 from shipfp_rs.identification.usability import judged
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
@@ -113,7 +113,7 @@ def identify(
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
-    return fitted(data, structure, options, vessel=vessel)
+    return _given_ship(data, structure, options, vessel) or fitted(data, structure, options, vessel=vessel)
 
 
 def fitted(
@@ -155,9 +155,26 @@ def _full_ship(
     question = question_of(
         experiments, torque=torque, outputs=outputs, elements=elements, fixed=fixed, priors=priors
     )
+    return _answered(question, options, vessel)
+
+
+def _given_ship(
+    data: Data | Sequence[Data], structure: Structure, options: Options, vessel: str | None
+) -> Fingerprint | None:
+    """Fit a given ship as the full one is; None where its search has not what the structure or an option asks for."""
+    given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    experiments = [item for item in given if isinstance(item, Experiment)]
+    asked = any(getattr(options, name) != getattr(Options, name) for name in ("weighting", "noise"))
+    if asked or not experiments or len(experiments) < len(given) or not structure.free or structure.ties:
+        return None
+    question = question_of_ship(experiments, structure)
+    return None if question is None else _answered(question, options, vessel)
+
+
+def _answered(question: Question, options: Options, vessel: str | None) -> Fingerprint:
     with threadpool_limits(limits=1):
         return identified(
-            experiments,
+            question.experiments,
             question,
             intervals=options.intervals,
             seed=options.seed,

@@ -28,6 +28,8 @@ OCTAVE = 1.0
 """Width of these errors in octaves."""
 OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
 """Frequencies on either side over which the residuals' spectral matrix is averaged: a third of the own one, within these."""
+STEEP, MOST_FALL = 40, -2.0
+"""Number of the lowest frequencies over which noise may fall by a power of the frequency, and the greatest fall."""
 FLOOR = 1e-3
 """Least of that matrix, over its median."""
 MOST_BEHIND, WALL = 0.95, 0.01
@@ -38,8 +40,6 @@ TORQUE_PLACES = [_core.SHIP_OUTPUTS.index(name) for name in TORQUES]
 """Their places."""
 SPEED_PLACES = [_core.SHIP_OUTPUTS.index("dn"), _core.SHIP_OUTPUTS.index("dn_prop")]
 """Places of the kernel's speeds."""
-LATE = {"T_M", "T_n"}
-"""Delays of channels."""
 SCALE = "torque scale"
 """A record's unknown that multiplies its torque."""
 LIMITS = {"M_max", "rate"}
@@ -111,9 +111,8 @@ class Likelihood:
         data, c = self.records[record], self.coordinates
         values = c.values(vector)
         slopes = c.slopes(values)
-        # The torque's scale and channels that are late are no derivatives that the kernel has to carry along.
-        parameters = [name for name in slopes if name not in LATE]
-        by = [*parameters, *(name for name in STATES if name != SCALE)]
+        # The torque's scale is no derivative that the kernel has to carry along.
+        by = [*slopes, *(name for name in STATES if name != SCALE)]
         v = values.get("v", 1.0)
         wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
         simulated = self.simulated(vector, record, wrt, wet=wet)
@@ -123,10 +122,7 @@ class Likelihood:
         seen = data.see(np.concatenate([simulated, scaled[:, None]], axis=1))
         residual = data.spectrum - seen[:, 0]
         jacobian = np.zeros((c.size, *residual.shape), complex)
-        for name in LATE & set(slopes):
-            late = torques if name == "T_M" else np.isin(self.outputs, SPEED_PLACES)
-            jacobian[c.place(name), late] = -data.see_slope(simulated[late, 0])
-        for column, name in enumerate(parameters, 1):
+        for column, name in enumerate(by[: len(slopes)], 1):
             own = 1.0 / v if KERNEL.get(name, name) in ("K_p", "K_i", "K_d") and name.startswith("v") else 1.0
             for place, slope in slopes[name].items():
                 jacobian[place] += (own * slope) * seen[:, column]
@@ -137,7 +133,7 @@ class Likelihood:
                     at = INDEX[KERNEL[gain]]
                     if at in wrt:
                         jacobian[c.place("v")] -= values[gain] / v * seen[:, 1 + wrt.index(at)]
-        jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(parameters) :], 1, 0)
+        jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(slopes) :], 1, 0)
         return residual, jacobian
 
     def products(self, vector: Array) -> Products:
@@ -184,15 +180,25 @@ class Likelihood:
             for index, record in enumerate(self.records)
         ]
 
-    def _left(self, residuals: Sequence[ComplexArray]) -> list[ComplexArray]:
-        """What the smooth errors leave of the residuals: noise, and all that the model lacks."""
+    def _left(self, residuals: Sequence[ComplexArray]) -> tuple[list[ComplexArray], list[ComplexArray]]:
+        """What the smooth errors leave of the residuals, (O, F), and the covariance of what they took, (O, O, F).
+
+        What is left is noise, and all that the model lacks. At low frequencies the errors take noise along, so its power is
+        what is left and what they are unsure of (Dempster, Laird and Rubin 1977, doi:10.1111/j.2517-6161.1977.tb01600.x).
+        """
         if self.roots is None:
-            return list(residuals)
+            return list(residuals), [np.zeros((len(one), *one.shape), complex) for one in residuals]
         cross, products = self.smooth_errors(residuals)
-        sizes = np.linalg.solve(products + np.eye(len(products)), cross)
-        return [
+        inverse = np.linalg.inv(products + np.eye(len(products)))
+        sizes = inverse @ cross
+        left = [
             one - np.tensordot(sizes, shapes, 1) for one, shapes in zip(residuals, self._shapes, strict=True)
         ]
+        unsure = [
+            np.einsum("eof,epf->opf", np.tensordot(inverse, shapes, 1), shapes.conj())
+            for shapes in self._shapes
+        ]
+        return left, unsure
 
     def cost(self, vector: Array) -> float:
         """Deviance at a vector; infinite where the ship runs away."""
@@ -224,7 +230,7 @@ class Likelihood:
         gram = np.zeros((self.coordinates.size + 1,) * 2)
         self._add_priors(vector, gram)
         found = float(gram[0, 0])
-        residuals = self._left(self.residuals(vector))
+        residuals, _ = self._left(self.residuals(vector))
         for record, residual, beyond in zip(self.records, residuals, self._beyond(vector), strict=True):
             residual[speed] = record.see(beyond[: record.decimated.shape[1]])
             root = noise_root(residual)
@@ -271,7 +277,7 @@ class Likelihood:
         residuals = self.residuals(vector, wet=wet)
         dry = self.residuals(vector, wet=False) if wet else residuals
         responses = tuple(record.spectrum - one for record, one in zip(self.records, dry, strict=True))
-        roots = tuple(noise_root(one) for one in self._left(residuals))
+        roots = tuple(map(noise_root, *self._left(residuals)))
         return replace(self, roots=roots, responses=responses)
 
     def with_noise_of(self, other: Likelihood) -> Self:
@@ -309,7 +315,8 @@ class Likelihood:
         assert torque is not None
         twisted = values.get("tau_twist", 0.0) > 0.0
         behind = values["tau_prop" if twisted or torque == "dM_g" else "tau_n"]
-        places = [self.outputs.index(_core.SHIP_OUTPUTS.index(name)) for name in ("dn", torque)]
+        speed = next(place for place, output in enumerate(self.outputs) if output in SPEED_PLACES)
+        places = [speed, self.outputs.index(_core.SHIP_OUTPUTS.index(torque))]
         return places, (values["tau_n"] - behind if torque == "dM_b" else 0.0, behind)
 
     def _beyond(self, vector: Array) -> list[Array]:
@@ -353,17 +360,29 @@ def _spread(root: ComplexArray) -> float:
     return -4.0 * float(np.log(np.abs(np.linalg.det(root))).sum())
 
 
-def noise_root(residual: ComplexArray) -> ComplexArray:
-    """Root of the inverse of the residuals' smoothed spectral matrix, (F, O, O)."""
+def _shape(amplitudes: Array) -> Array:
+    """How amplitudes fall from the lowest frequency on, by a power of it, and stay from `STEEP` on, shape (F,)."""
+    steep = min(STEEP, len(amplitudes) - 1)
+    places = np.log(np.arange(1, steep + 1))
+    fall = np.polyfit(places, np.log(amplitudes[1 : steep + 1] + 1e-300), 1)[0]
+    # Below the first frequency, at the mean, it rises no further.
+    reached = np.clip(np.arange(len(amplitudes)), 1, steep)
+    return np.asarray(reached ** min(max(float(fall), MOST_FALL), 0.0))
+
+
+def noise_root(residual: ComplexArray, unsure: ComplexArray | float = 0.0) -> ComplexArray:
+    """Root of the inverse of the smoothed spectral matrix of residuals (O, F), with what is unsure of them, (F, O, O)."""
     outputs, count = residual.shape
-    products = residual[:, None] * residual[None].conj()
-    # Moving water is slow: about a low frequency few are averaged, or its noise would be taken for less than it is.
     place = np.arange(count)
+    # Moving water is slow: at low frequencies its noise is steep, and a mean over some of them is right where it is flat.
+    shape = np.array([_shape(np.abs(row)) for row in residual])
+    flat = residual / shape
+    products = flat[:, None] * flat[None].conj() + unsure / (shape[:, None] * shape[None])
     reach = np.clip((OVER * place).astype(int), LEAST_REACH, max(min(MOST_REACH, count // 8), LEAST_REACH))
     first, last = np.maximum(place - reach, 0), np.minimum(place + reach, count - 1)
     sums = np.concatenate([np.zeros((outputs, outputs, 1)), np.cumsum(products, axis=-1)], axis=-1)
     smooth = (sums[..., last + 1] - sums[..., first]) / (last + 1 - first)
-    matrix = 0.5 * np.moveaxis(smooth, -1, 0)
+    matrix = 0.5 * np.moveaxis(smooth * shape[:, None] * shape[None], -1, 0)
     diagonal = np.arange(outputs)
     matrix[:, diagonal, diagonal] += FLOOR * np.median(matrix[:, diagonal, diagonal].real, axis=0) + 1e-18
     return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)))

@@ -130,11 +130,11 @@ class Profiles:
         spread = float(slope @ covariance @ slope)
         if not spread > 0.0:
             return value, "bound", []
-        scale = float(np.sqrt(spread))
-        way = covariance @ slope / spread
+        scale, way = float(np.sqrt(spread)), covariance @ slope / spread
         far, inside = self._farthest(figure, side, value)
-        x, inside_rise = inside.vector, max(inside.cost - basin.cost, 0.0)
-        reached, over = side * (far - value), np.inf
+        x, reached, over = inside.vector, side * (far - value), np.inf
+        # The last point inside on the profile itself, and the root of its rise: from there on it runs nearly straight.
+        known, root = 0.0, 0.0
         # On a bound the deviance rises along a slope, too: slope d + d^2 / spread is the quantile.
         found = basin.products or self.likelihood.products(basin.vector)
         uphill = max(-2.0 * side * float(found.downhill @ way), 0.0)
@@ -155,20 +155,19 @@ class Profiles:
             went = side * (figure(c.values(end.vector)) - value)
             rise = end.cost - basin.cost
             if abs(rise / RISE - 1.0) < ABOUT and went > reached:
-                # From the last point inside on the root of the rise runs nearly straight.
-                below = np.sqrt(inside_rise)
-                share = (np.sqrt(RISE) - below) / max(np.sqrt(rise) - below, 0.1)
-                return value + side * (reached + min(share, FURTHER) * (went - reached)), "data", visited
+                share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 0.1)
+                end_at = known + min(share, FURTHER) * (went - known)
+                return value + side * max(reached, end_at), "data", visited
             if rise > RISE * (1.0 + NEAR):
                 over = min(over, went)
-                # Between a rise that is known and one that is too large the root of the rise runs nearly straight.
-                root, below = np.sqrt(rise), np.sqrt(inside_rise)
-                share = (np.sqrt(RISE) - below) / max(root - below, 1e-9)
-                distance = reached + float(np.clip(share, 0.1, 0.95)) * (over - reached)
+                share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 1e-9)
+                distance = known + float(np.clip(share, 0.1, 0.95)) * (over - known)
+                distance = max(distance, reached + 0.1 * (over - reached))
             else:
                 stuck = end.settled and went < reached + 0.3 * (distance - reached)
                 if went > reached:
-                    reached, x, inside_rise = went, end.vector, max(rise, 0.0)
+                    reached, x = went, end.vector
+                    known, root = went, np.sqrt(max(rise, 0.0))
                     way = self._way(end, figure, way)
                 if stuck and scale <= SHRUNK * np.sqrt(spread):
                     return value + side * reached, "bound", visited

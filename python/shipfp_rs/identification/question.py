@@ -16,6 +16,8 @@ from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
 from shipfp_rs.identification.record import Record
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.ship import ShipEquations
+from shipfp_rs.structures.structure import Structure
 
 LAW_DEVIATION = 0.25
 """Prior deviation of c_2, the second-order coefficient of the load's law beside N^p: a fifth of what N^2.2 has itself, as
@@ -84,6 +86,10 @@ class Question:
         Output to the smooth relative error of its response that gauge and calibration leave open.
     loaded
         Whether a measured load drives the ship, too.
+    bounds
+        Parameter to the bounds of its search.
+    structure
+        The structure that was given; None: the full ship.
     """
 
     experiments: tuple[Experiment, ...]
@@ -96,33 +102,41 @@ class Question:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     accuracy: Mapping[str, float] = field(default_factory=dict)
     loaded: bool = False
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: BOUNDS)
+    structure: Structure | None = None
+
+    def signal_in(self, experiment: Experiment, output: str) -> str:
+        """Return the name of an output's signal in an experiment."""
+        if self.structure is None:
+            return self.signals[output]
+        return self.structure.signal_for(output, experiment.signals, experiment.name)
 
     def likelihood(self, elements: Sequence[str], step_s: float, smooth: bool | None) -> Likelihood:
         """Return the likelihood of the ship with some of the elements tried."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
         if "tau_twist" in names and "tau_prop" not in names:
             names.append("tau_prop")
-        free = {name: BOUNDS[name] for name in names if name not in self.fixed}
+        free = {name: self.bounds[name] for name in names if name not in self.fixed}
         given = {"c_2": 0.0, "p": 2.0, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "tau_prop": 0.0} | dict(
             self.fixed
         )
         records = tuple(
             Record.of(
                 one,
-                np.array([one.normalised(self.signals[output]) for output in self.outputs]),
+                np.array([one.normalised(self.signal_in(one, output)) for output in self.outputs]),
                 load=self.loaded,
                 smooth=smooth,
                 step_s=step_s,
             )
             for one in self.experiments
         )
-        torque = "dM_g" if self.gauge else "dM_b"
+        kernel = {**KERNEL_OUTPUTS, "dM": "dM_g" if self.gauge else "dM_b"}
+        if self.structure is not None and self.structure.settings["propeller_speed"]:
+            kernel["dn"] = "dn_prop"
         return Likelihood(
             records=records,
             coordinates=Coordinates(free, {n: v for n, v in given.items() if n not in free}, len(records)),
-            outputs=tuple(
-                _core.SHIP_OUTPUTS.index(KERNEL_OUTPUTS.get(output, torque)) for output in self.outputs
-            ),
+            outputs=tuple(_core.SHIP_OUTPUTS.index(kernel[output]) for output in self.outputs),
             accuracy=np.array([self.accuracy.get(output, ACCURACY) for output in self.outputs]),
             priors={
                 name: prior
@@ -206,6 +220,45 @@ def question_of(
         priors=dict(priors or {}),
         accuracy=dict(accuracy or {}),
         loaded=loaded,
+    )
+
+
+def question_of_ship(experiments: Sequence[Experiment], structure: Structure) -> Question | None:
+    """Return what a given ship asks of the experiments; None where it has what the full ship's search has not.
+
+    Raises
+    ------
+    InputError
+        Where an experiment lacks a signal.
+    """
+    equations = structure.equations
+    names = {parameter.name: parameter for parameter in structure.parameters}
+    own_gains = {"K_p", "K_i", "K_d"} & {parameter.name for parameter in structure.free}
+    if (
+        not isinstance(equations, ShipEquations)
+        or equations.mean_sampling
+        or equations.envelope
+        or equations.substeps
+        or own_gains
+        or any(name not in BOUNDS for name in names)
+    ):
+        return None
+    first = experiments[0]
+    signals = {
+        output: structure.signal_for(output, first.signals, first.name) for output in structure.outputs
+    }
+    return Question(
+        experiments=tuple(experiments),
+        outputs=structure.outputs,
+        gauge=equations.gauge,
+        signals=signals,
+        always=tuple(parameter.name for parameter in structure.free),
+        tried=(),
+        fixed={name: one.start for name, one in names.items() if one.fixed},
+        priors={name: one.prior for name, one in names.items() if one.prior is not None},
+        loaded=equations.loaded,
+        bounds={name: (one.lower, one.upper) for name, one in names.items()},
+        structure=structure,
     )
 
 

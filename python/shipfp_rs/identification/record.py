@@ -23,7 +23,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 BAND_HZ = 4.0
 """Highest frequency that is compared at most [Hz]: tachometers and loops of ships tell little above."""
 EXCITED = 0.99
-"""Part of the inputs' power times frequency, up to there, below the band's end: what lies above is noise to compare noise with."""
+"""Part of the inputs' power times frequency that lies below the band's end: above it the data are noise."""
 LEAST_HZ, LEAST_PERIODS = 0.5, 40
 """Least end of a band [Hz], and least number of the record's own frequencies in it: the noise is told from them."""
 EDGE_S = 2.0
@@ -32,8 +32,7 @@ BEFORE_S = 2.0
 """First stretch that is simulated but not compared [s]: a record that begins in the middle of an excitation does not tell
 what went on before, and dead times carry that into it."""
 STEP_S = 0.005
-"""Longest step of the last descent [s]; what straight lines between its ends lack of the loop's own motions is 0.02 per cent at
-4 Hz."""
+"""Longest step of the last descent [s]; at 4 Hz straight lines between its ends lack 0.02 per cent of the loop's motions."""
 SHARPENED = np.array([-1.0, 14.0, -1.0]) / 12.0
 """Samples behind this have in straight lines what the signal has: 1 + (pi f / rate)^2 / 3 of it, which such lines take off
 (Unser 1999, doi:10.1109/79.799930, on the spline of first degree)."""
@@ -93,7 +92,7 @@ class Record:
         smooth
             Whether the inputs are band-limited between their samples; None: where processing low-passed them.
         band_hz, step_s
-            Highest frequency compared at most [Hz]: none above those that the inputs excite; longest step of the simulation [s].
+            Highest frequency compared at most [Hz], if the inputs reach so far, and longest step of the simulation [s].
 
         Raises
         ------
@@ -150,18 +149,16 @@ class Record:
         return np.ascontiguousarray(np.isnan(self.measured).T)
 
     @cached_property
-    def _kept(self) -> tuple[Array, npt.NDArray[np.intp], Array, Array]:
-        """Frequencies [Hz] (F,), their places, the taper, and its slope [1/s]."""
+    def _kept(self) -> tuple[Array, npt.NDArray[np.intp], Array]:
+        """Frequencies [Hz] (F,), their places, and the taper."""
         # A length that the transform is quick at; the last second or so fades out anyhow.
         count = prev_fast_len(-(-self.measured.shape[1] // self.down), real=True)
         rate = self.data_hz / self.down
         at = np.arange(count) / rate
-        begun, left = at - BEFORE_S, at[-1] - at
-        edge = np.clip(np.minimum(begun, left) / EDGE_S, 0.0, 1.0)
-        slope = np.where(begun < left, 0.5, -0.5) * np.pi / EDGE_S * np.sin(np.pi * edge)
+        edge = np.clip(np.minimum(at - BEFORE_S, at[-1] - at) / EDGE_S, 0.0, 1.0)
         frequency = np.fft.rfftfreq(count, 1.0 / rate)
         places = np.flatnonzero(frequency <= self.band_hz)
-        return np.asarray(frequency[places]), places, np.asarray(0.5 - 0.5 * np.cos(np.pi * edge)), slope
+        return np.asarray(frequency[places]), places, np.asarray(0.5 - 0.5 * np.cos(np.pi * edge))
 
     @property
     def frequency_hz(self) -> Array:
@@ -187,16 +184,8 @@ class Record:
 
     def see(self, decimated: Array) -> ComplexArray:
         """Return the tapered spectra of decimated signals (..., K), shape (..., F)."""
-        return self._spectra(decimated * self._kept[2])
-
-    def see_slope(self, decimated: Array) -> ComplexArray:
-        """Return the tapered spectra of the slopes [1/s] of decimated signals (..., K), shape (..., F)."""
-        # The slope of the product with the taper has a part of either.
-        rise = 2j * np.pi * self.frequency_hz * self._spectra(decimated * self._kept[2])
-        return np.asarray(rise - self._spectra(decimated * self._kept[3]))
-
-    def _spectra(self, tapered: Array) -> ComplexArray:
-        found = rfft(tapered, axis=-1)[..., self._kept[1]] / np.sqrt(0.5 * tapered.shape[-1])
+        _, places, taper = self._kept
+        found = rfft(decimated * taper, axis=-1)[..., places] / np.sqrt(0.5 * len(taper))
         # The mean is a real number, with twice the variance of either part of the others.
         found[..., 0] *= np.sqrt(0.5)
         return np.asarray(found)
@@ -234,7 +223,7 @@ class Record:
 
 
 def _excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
-    """Return the frequency below which the inputs have all but a hundredth of their power times frequency, up to `most_hz`."""
+    """Return the frequency [Hz] up to which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
     found = LEAST_HZ
     for one in inputs:
         if not len(one):

@@ -20,6 +20,7 @@ from shipfp_rs.identification.trials import with_elements
 
 FINE_PART = 0.15
 """Step over the loop's quickest time constant, of the last descent."""
+DELAYS = {"T_d", "T_set", "tau_act"}
 REDIVIDED, MORE = 3, 2
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -38,6 +39,8 @@ def fit_ship(question: Question, *, time_limit_s: float | None = None) -> ShipFi
     smooth: bool | None = True if undecided else None
     likelihood = question.likelihood((), COARSE_STEP_S, smooth)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
+    if question.structure is not None:
+        guesses = [{one.name: one.start for one in question.structure.parameters}, *guesses]
     likelihood = question.likelihood((), min(step_for(guess, PART) for guess in guesses), smooth)
     starts = [likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in guesses]
     try:
@@ -71,6 +74,8 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
     """
     for _ in range(REDIVIDED):
         c = fit.likelihood.coordinates
+        if len(DELAYS & set(c.free)) < 2:
+            break
         best = fit.best
         states = [best.vector[c.states(record)] for record in range(c.records)]
         starts = [c.vector({**fit.values, **parts}, states) for parts in _redivided(fit.values)]

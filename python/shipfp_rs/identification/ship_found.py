@@ -11,7 +11,7 @@ from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED, Question
 
-COARSE_STEP_S = 0.02
+COARSE_STEP_S = 0.01
 """Longest step of the search and of profiles [s]; the last descent takes finer ones."""
 LEAST_STEP_S = 1e-3
 PART = 0.4

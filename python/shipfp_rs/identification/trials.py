@@ -11,16 +11,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
-from shipfp_rs.identification.ship_found import DEFAULTS, PART, ShipFit, step_for
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, PART, ShipFit, step_for
 from shipfp_rs.support.arrays import Array
 
 CHANCE = 6.0
-"""Fall of the deviance by two parameters that chance exceeds once in twenty: with less the data say nothing of an element."""
-ROUNDS = 3
-"""Descents with an element that was taken, the noise and the water from the end before."""
+"""Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
+LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
+"""Fall of the total from which a limit is fitted along. A rate limit has no soft edge and rough intervals: it must be sure."""
+ROUNDS, STILL = 10, 1.0
+"""Most descents, each under the noise and the water of the end before, and the fall of the total below which they end."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """A shaft's stiffness and damping to begin with."""
 KEPT = 5
@@ -34,6 +36,10 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the fit with the limits that the data ask for, one after the other, and a twist unless it ends off."""
     gains: dict[str, float] = {}
     limits = [element for element in fit.question.tried if element != "twist"]
+    if limits:
+        likelihood, best = _settled(fit.likelihood, fit.best, until)
+        others = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
+        fit = replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *others])))
     while limits:
         before = fit.likelihood.with_water(fit.best.vector, always=True).total(fit.best.vector)
         trials: list[tuple[float, str, ShipFit]] = []
@@ -44,8 +50,10 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
                 found_fit = _taken(fit, element, likelihood, end, until)
                 gains[element] = before - found_fit.likelihood.total(found_fit.best.vector)
                 trials.append((gains[element], element, found_fit))
-        gain, element, taken = max(trials, key=lambda trial: trial[0], default=(0.0, "", fit))
-        if gain <= CHANCE:
+        if not trials:
+            break
+        gain, element, taken = max(trials, key=lambda trial: trial[0])
+        if gain <= LEAST_FALL[element]:
             break
         fit = taken
         limits.remove(element)
@@ -60,11 +68,21 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
 
 def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until: float | None) -> ShipFit:
     """Return the fit with an element: with less left over the noise is less, and what else acts is seen."""
-    basin = end
+    likelihood, best = _settled(likelihood, end, until)
+    return replace(fit, likelihood=likelihood, basins=(best,), elements=(*fit.elements, element))
+
+
+def _settled(likelihood: Likelihood, basin: Basin, until: float | None) -> tuple[Likelihood, Basin]:
+    """Go on under the noise and the water of each end, until the total falls no further."""
+    total = np.inf
     for _ in range(ROUNDS):
-        likelihood = likelihood.with_noise(basin.vector).with_water(basin.vector)
-        basin = descend(likelihood, basin.vector, until=until)
-    return replace(fit, likelihood=likelihood, basins=(basin,), elements=(*fit.elements, element))
+        following = likelihood.with_noise(basin.vector).with_water(basin.vector)
+        end = descend(following, basin.vector, until=until)
+        then = following.total(end.vector)
+        if then > total - STILL and total < np.inf:
+            break
+        likelihood, basin, total = following, end, then
+    return likelihood, basin
 
 
 def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[Likelihood, Basin] | None:

@@ -60,7 +60,7 @@ def beyond_the_law(
 
 
 def moving_water(record: Record, beyond: Array, response: Array) -> Array:
-    """Return what moves the load beyond its law, shape (K,), less what goes with the response and what is no more than noise.
+    """Return what moves the load beyond its law (K,), less what goes with the response and what is no more than noise.
 
     `beyond` is of `beyond_the_law`, `response` decimated speed and torque of the ship without water, shape (2, K).
     """
