@@ -14,8 +14,9 @@ from shipfp_rs.identification.verdict import shown
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from tests.families import excitations, sensors
-from tests.families.draw import Draw
+from tests.families.draw import FAMILIES, Draw, draw
 from tests.families.plant import physical
+from tests.families.score import score
 
 TUG = {"engine_speed": 19.73, "ratio": 3.82, "efficiency": 0.97, "shaft_torque": 1725.0}
 BASE = {
@@ -107,3 +108,56 @@ def test_gains_of_the_demo_are_told_within_ten_per_cent_a11(tmp_path):
         assert low <= truth[name] <= high, name
         assert found[name].value == pytest.approx(truth[name], rel=0.1), name
     assert misses(found, {name: truth[name] for name in ("tau_n", "g", "p", "tau_prop")}) == {}
+
+
+def steps(seconds):
+    """Return steps that keep no governor's time."""
+    random, rows, at = np.random.default_rng(11), [], 0.0
+    while at < seconds - 5.0:
+        rows.append((round(at, 3), 1.0 + random.choice([-0.06, -0.03, 0.0, 0.03, 0.06])))
+        at += random.uniform(5.0, 20.0)
+    return excitations.Excitation("steps", 20.0, 20.0 + seconds, np.array(rows))
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("family", FAMILIES)
+def test_no_ship_is_grossly_wrong_and_usable_without_reserve_a1_a14(family):
+    drawn = draw(family, 74_000, load=False)
+    found = fp.identify(fp.Experiment(**drawn.experiment()))
+    rows = score(found.to_dict(), drawn.truth())["parameters"]
+    known = [name for name, row in rows.items() if row["known"]]
+    held = [name for name in known if rows[name]["inside_as_told"]]
+    print(
+        f"{family}: {len(held)} of {len(known)} intervals hold, not {set(known) - set(held)}; {found.usable}"
+    )
+    assert found.usability != "usable" or not any(row["gross_as_told"] for row in rows.values())
+    assert len(held) >= 0.7 * len(known)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("rate", [0.3, 1.0])
+def test_a_limited_rate_is_found_or_the_ship_is_not_usable_without_reserve_a2(rate):
+    found = fp.identify(trial(chirp(150.0), "brake", rate=rate))
+    told = BASE | {"rate": rate}
+    print(rate, found.usable, {name: (found[name].value, found[name].ci95) for name in told if name in found})
+    assert found.usability != "usable" or misses(found, told) == {}
+
+
+@pytest.mark.study
+def test_steps_tell_a_lag_and_dead_times_each_in_its_place_a4():
+    truth = BASE | {"tau_act": 0.08, "c_2": 0.3}
+    found = fp.identify(trial(steps(300.0), tau_act=0.08, c_2=0.3))
+    print(found.usable, {name: (found[name].value, found[name].ci95) for name in truth})
+    assert {name: row["state"] for name, row in found.elements.items()}["twist"] != "on"
+    assert len(misses(found, truth)) <= 1
+    assert abs(found["T_d"].value + found["tau_act"].value - 0.13) < 0.01
+
+
+@pytest.mark.study
+def test_a_plant_with_lags_has_no_invented_limit_and_a_slope_of_its_sign_a12():
+    truth = {**BASE, "T_d": 0.045, "T_set": 0.0, "tau_act": 0.1}
+    found = fp.identify(trial(chirp(150.0), "brake", T_d=0.045, T_set=0.0, tau_act=0.1))
+    print(found.usable, {name: (found[name].value, found[name].ci95) for name in truth})
+    assert found["p"].value - found["g"].value > 0.0
+    assert found.elements["torque_limit"]["state"] == "off"
+    assert len(misses(found, truth)) <= 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -85,3 +87,22 @@ def test_a_limited_ship_that_the_water_drives_leaves_little_over(water):
 def test_water_of_a_ship_without_a_limit_stays_noise(water):
     likelihood, _, at_truth = likelihood_of(water, "M_b", limited=False)
     assert likelihood.with_water(at_truth) is likelihood
+
+
+@pytest.mark.parametrize("place", ["M_b", "M_g"])
+def test_water_that_drives_a_ship_makes_it_likelier_only_beside_a_limit(water, place):
+    # Without a limit the one is a straight-line function of the other; what differs is how spectra are averaged.
+    free, limited = (
+        water_over_noise(*likelihood_of(water, place, limited=limited)[::2], water)
+        for limited in (False, True)
+    )
+    assert abs(free) < 0.1
+    assert limited < -0.5
+
+
+def water_over_noise(likelihood, at_truth, water):
+    """What the total gains a number compared where the true water drives the ship."""
+    known = likelihood.with_noise(at_truth)
+    wet = replace(known, water=(water[:: known.records[0].down],))
+    count = 2 * known.records[0].spectrum.size
+    return (wet._wet_total(at_truth) - known.total(at_truth)) / count

@@ -149,10 +149,9 @@ class Experiment(Tabular, EvenlySampled):
         return (float(found["period_s"]), float(found["std_s"])) if found else None
 
     @property
-    def held_set_point(self) -> tuple[float, float, float] | None:
-        """Period, phase [s] and slip of a set point that is held: its age where the torque is told, see `process`."""
-        found = self.provenance.get("held_set_point")
-        return (float(found["period_s"]), float(found["phase_s"]), float(found["slip"])) if found else None
+    def gauge_accuracy(self) -> Mapping[str, float]:
+        """Smooth relative error of each signal's response that its calibration leaves open, where the trial says it."""
+        return {name: float(value) for name, value in (self.provenance.get("gauge_accuracy") or {}).items()}
 
     @property
     def is_low_passed(self) -> bool:

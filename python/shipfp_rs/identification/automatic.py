@@ -59,6 +59,8 @@ def identified(
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES | fit.along]
+    if question.structure is not None:
+        values = {name: values[name] for name in question.structure.names}
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
@@ -72,7 +74,7 @@ def identified(
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}
     parameters = {one.name: told.get(one.name) or _fixed(fit, one) for one in structure.parameters}
-    if "dM" not in question.outputs:
+    if "dM" not in question.outputs and question.structure is None:
         parameters = _without_torque(parameters, question)
     together = (*(("vK_p", "vK_i") if gains else ()), *TOGETHER)
     derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}

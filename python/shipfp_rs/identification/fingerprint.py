@@ -95,7 +95,7 @@ class Fingerprint(Told, Modelled):
 
     @property
     def model_adequate(self) -> bool | None:
-        """Whether the residuals leave the model unchallenged (`adequate`, `verdict.structure_test`); None where nothing tests it.
+        """Whether the residuals leave the model unchallenged, by `adequate` or `structure_test`; None where none tests it.
 
         A structure that suits the ship is called wrong in one fit of a hundred.
         """

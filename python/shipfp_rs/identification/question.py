@@ -111,6 +111,11 @@ class Question:
             return self.signals[output]
         return self.structure.signal_for(output, experiment.signals, experiment.name)
 
+    def _accuracy(self, output: str) -> float:
+        """Of an output's signals: as asked, or as the worst of the experiments' says, or as usual."""
+        said = [one.gauge_accuracy.get(self.signal_in(one, output), ACCURACY) for one in self.experiments]
+        return self.accuracy.get(output, max(said))
+
     def likelihood(self, elements: Sequence[str], step_s: float, smooth: bool | None) -> Likelihood:
         """Return the likelihood of the ship with some of the elements tried."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
@@ -137,7 +142,7 @@ class Question:
             records=records,
             coordinates=Coordinates(free, {n: v for n, v in given.items() if n not in free}, len(records)),
             outputs=tuple(_core.SHIP_OUTPUTS.index(kernel[output]) for output in self.outputs),
-            accuracy=np.array([self.accuracy.get(output, ACCURACY) for output in self.outputs]),
+            accuracy=np.array([self._accuracy(output) for output in self.outputs]),
             priors={
                 name: prior
                 for name, prior in {**PRIORS, **WIDE, **self.priors}.items()

@@ -20,7 +20,7 @@ from shipfp_rs.support.arrays import Array
 CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
 LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
-"""Fall of the total from which a limit is fitted along. A rate limit has no soft edge and rough intervals: it must be sure."""
+"""Fall of the total from which a limit is fitted along; one of rate, whose intervals are rough, must be sure."""
 ROUNDS, STILL = 10, 1.0
 """Most descents, each under the noise and the water of the end before, and the fall of the total below which they end."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)

@@ -26,7 +26,6 @@ from shipfp_rs.processing.conditioning import about_local_point, detrended, set_
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
-from shipfp_rs.processing.held_set_point import age_at
 from shipfp_rs.processing.low_pass import nearest_rate
 from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
@@ -81,7 +80,8 @@ def process(
         samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
         or, where they are the set point's or the load's, in every answer to it.
         `provenance["ripple"]` has what was taken off the torque because it goes with the angle of shaft and engine.
-        `provenance["governor_clock"]` has the sampling period of the governor [s], where the raw torque tells it.
+        `provenance["governor_clock"]` has the sampling period of the governor [s], where the raw torque tells it,
+        `provenance["gauge_accuracy"]` the accuracy of the signals of which the trial says it.
 
     Raises
     ------
@@ -244,7 +244,11 @@ class _Recording:
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
                 "governor_clock": clock,
-                "held_set_point": self._held_set_point(_label(window)),
+                "gauge_accuracy": {
+                    signal: sensor.gauge_accuracy
+                    for signal, sensor in self.trial.channels.levels.items()
+                    if not isinstance(sensor, Load) and sensor.gauge_accuracy is not None
+                },
                 **account,
             },
         )
@@ -314,11 +318,6 @@ class _Recording:
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
         }
-
-    def _held_set_point(self, label: str) -> dict[str, float] | None:
-        if not self.trial.channels.set_point.held or (torque := self.trial.channels.torque) is None:
-            return None
-        return age_at(self._base.channel, self._rows(torque).channel, self.grids[label].start_s)
 
     def _drives(self) -> list[str]:
         """Channels that drive the model; where they are repaired all outputs are masked."""

@@ -16,6 +16,8 @@ Rate = Annotated[float, Field(gt=0.0, le=1e8)]
 """Samples per second; the range covers every logger."""
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
 """Delay of a channel [s]; more than a minute is no delay but another clock."""
+Accuracy = Annotated[float, Field(ge=0.0, le=0.2)]
+"""Smooth relative error of a channel that its calibration leaves open, one standard deviation."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "pulses": {"pulses_per_rev", "missing", "quadrature", "threshold", "hysteresis", "unit"},
@@ -82,6 +84,8 @@ class Torque(Section):
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
     delay_s: Delay = 0.0
     """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
+    gauge_accuracy: Accuracy | None = None
+    """None: what the likelihood leaves open, 0.003."""
 
     @property
     def place(self) -> Literal["gauge", "brake"]:
@@ -100,6 +104,8 @@ class Rack(Section):
     calibration: Line
     delay_s: Delay = 0.0
     """Delay of the channel [s], which is removed. For a bus half of its repetition period is part of it."""
+    gauge_accuracy: Accuracy | None = None
+    """As of the torque."""
 
 
 class Load(Section):
