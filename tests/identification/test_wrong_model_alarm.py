@@ -78,5 +78,5 @@ def test_the_verdict_counts_every_output_and_is_none_without_a_test():
     found = of_the_structure(0)
     least = min(found.fit[output]["input_correlation_p"] for output in ("dn", "dM"))
     assert found.fit["overall"]["structure_p"] == pytest.approx(min(1.0, 2 * least))
-    assert replace(found, fit={"dn": {"nrmse_pct": 90.0}}).model_adequate is None
+    assert replace(found, fit={"dn": {"nrmse_pct": 90.0}}, adequate={}).model_adequate is None
     assert Fingerprint._from_dict(found.to_dict()).model_adequate == found.model_adequate
