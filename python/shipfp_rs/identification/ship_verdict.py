@@ -25,6 +25,10 @@ BENT = (
     "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: they agree only "
     "if the channels are wrong by more than a calibration leaves open."
 )
+JAGGED = (
+    "Usable for simulation and comparison, but its intervals are too narrow: the rate of the fuel rack is limited, and the "
+    "deviance of such a ship is not smooth."
+)
 ALWAYS = ("tau_n", "g", "p", "vK_p", "vK_i")
 """Parameters that are off on no ship, so that an end of what is searched is no value of theirs."""
 AT_BOUND = 1e-6
@@ -93,6 +97,8 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
         found = Usability("not usable", f"Not usable, because {because}.", "misfit")
     elif strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
+    elif fingerprint.elements.get("rack_rate", {}).get("state") == "on" and found.state == "usable":
+        found = replace(found, state="usable except", sentence=JAGGED)
     known = [name for name, one in fingerprint.parameters.items() if one.status in KNOWN]
     lines = [found.sentence]
     if known and found.state != "not usable":

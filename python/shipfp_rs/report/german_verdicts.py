@@ -20,6 +20,12 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"stimmen nur überein, wenn die Kanäle um mehr falsch sind, als eine Kalibrierung offen lässt.",
     ),
     (
+        r"^Usable for simulation and comparison, but its intervals are too narrow: the rate of the fuel rack is limited, and the "
+        r"deviance of such a ship is not smooth\.",
+        r"Brauchbar für Simulation und Vergleich, aber die Bereiche sind zu eng: Die Geschwindigkeit der Füllungsstange ist "
+        r"begrenzt, und die Abweichung eines solchen Schiffs ist nicht glatt.",
+    ),
+    (
         r"^Not usable, because the model misses (\S+) % of the response to the set point\.",
         r"Nicht brauchbar, weil dem Modell \1 % der Antwort auf den Sollwert fehlen.",
     ),
