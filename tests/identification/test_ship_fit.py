@@ -9,9 +9,11 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.profiles import Profiles, figures_of
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.record import Record
 from shipfp_rs.identification.ship_fit import fit_ship
+from shipfp_rs.identification.ship_found import DEFAULTS
 from tests.families.draw import draw
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
@@ -204,3 +206,21 @@ def test_intervals_by_curvature_take_no_profile_and_lie_near():
     )
     assert symmetric["tau_n"].std == pytest.approx(profile["tau_n"].std, rel=0.5)
     assert symmetric["tau_n"].value == pytest.approx(profile["tau_n"].value, rel=1e-3)
+
+
+def test_points_of_another_figure_do_not_move_the_ends_of_an_interval():
+    # They lie inside with a rise near the quantile, which is not that of the profile there.
+    question = question_of([trial()], torque="brake", outputs=["dn", "dM"])
+    likelihood = question.likelihood((), 0.02, False)
+    c = likelihood.coordinates
+    start = c.vector({**DEFAULTS, "c_2": 0.0, "T_d": 0.01, "T_set": 0.01, "tau_act": 0.01})
+    likelihood = likelihood.with_noise(descend(likelihood, start).vector)
+    best = descend(likelihood, start)
+    figures = figures_of(["tau_n", "p", "vK_p"])
+    alone = {name: Profiles(likelihood, [best]).interval(figure) for name, figure in figures.items()}
+    together = Profiles(likelihood, [best])
+    for name, figure in figures.items():
+        found, expected = together.interval(figure), alone[name]
+        width = expected.high - expected.low
+        assert found.low == pytest.approx(expected.low, abs=0.1 * width), name
+        assert found.high == pytest.approx(expected.high, abs=0.1 * width), name

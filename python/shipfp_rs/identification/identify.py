@@ -70,7 +70,8 @@ def identify(
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
     starts, seed
         Number of starts, the first one declared by the structure, the others drawn within the bounds. Default: 1, or 5
-        where a dead time is free, since the cost then has several minima.
+        where a dead time is free, since the cost then has several minima. The search of a ship by the one likelihood begins
+        at the declared start and at regressions, whatever the number.
     time_limit_s
         Limit of each search.
     vessel

@@ -106,7 +106,7 @@ class Likelihood:
         assert self.water is not None
         return tuple(record.driven_by(water) for record, water in zip(self.records, self.water, strict=True))
 
-    def spectra(self, vector: Array, record: int, *, wet: bool = True) -> tuple[ComplexArray, ComplexArray]:
+    def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
         data, c = self.records[record], self.coordinates
         values = c.values(vector)
@@ -115,7 +115,7 @@ class Likelihood:
         by = [*slopes, *(name for name in STATES if name != SCALE)]
         v = values.get("v", 1.0)
         wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
-        simulated = self.simulated(vector, record, wrt, wet=wet)
+        simulated = self.simulated(vector, record, wrt)
         scale = 1.0 + vector[c.states(record)][list(STATES).index(SCALE)]
         torques = np.isin(self.outputs, TORQUE_PLACES)
         scaled = np.where(torques[:, None], (simulated[:, 0] + 1.0) / scale, 0.0)
@@ -232,7 +232,7 @@ class Likelihood:
         found = float(gram[0, 0])
         residuals, _ = self._left(self.residuals(vector))
         for record, residual, beyond in zip(self.records, residuals, self._beyond(vector), strict=True):
-            residual[speed] = record.see(beyond[: record.decimated.shape[1]])
+            residual[speed] = record.see(beyond)
             root = noise_root(residual)
             turned = np.einsum("fab,bf->af", root, residual)
             load = values["p"] + 2j * np.pi * record.frequency_hz * inertia[1]
@@ -272,11 +272,10 @@ class Likelihood:
         flat = turned.reshape(len(spectra), -1)
         return np.concatenate([flat.real, flat.imag], axis=1)
 
-    def with_noise(self, vector: Array, *, wet: bool = False) -> Self:
-        """Return the likelihood whose noise is that of the residuals at a vector; wet: of what water leaves of them, too."""
-        residuals = self.residuals(vector, wet=wet)
-        dry = self.residuals(vector, wet=False) if wet else residuals
-        responses = tuple(record.spectrum - one for record, one in zip(self.records, dry, strict=True))
+    def with_noise(self, vector: Array) -> Self:
+        """Return the likelihood whose noise is that of the residuals at a vector, water's part included."""
+        residuals = self.residuals(vector, wet=False)
+        responses = tuple(record.spectrum - one for record, one in zip(self.records, residuals, strict=True))
         roots = tuple(map(noise_root, *self._left(residuals)))
         return replace(self, roots=roots, responses=responses)
 

@@ -22,8 +22,8 @@ from shipfp_rs.support.threads import where_alone
 RISE = float(chi2.ppf(0.95, 1))
 """Of the deviance at the ends of an interval of 95 per cent."""
 NEAR, ABOUT = 0.1, 0.4
-"""What a point within an interval may be above the quantile, in parts of it; and from which part on, above or below, the end
-follows from the root of the rise, which is straight but for a few per cent of the way."""
+"""A point counts as inside where its rise is above the quantile by this part at most. Within the second part, above or
+below, the end follows from the root of the rise, which runs nearly straight."""
 TRIES = 7
 STEPS = 15
 STIFF = 10.0

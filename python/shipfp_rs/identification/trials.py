@@ -41,10 +41,11 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         others = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
         fit = replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *others])))
     while limits:
-        before = fit.likelihood.with_water(fit.best.vector, always=True).total(fit.best.vector)
+        driven = fit.likelihood.with_water(fit.best.vector, always=True)
+        before = driven.total(fit.best.vector)
         trials: list[tuple[float, str, ShipFit]] = []
         for element in limits:
-            found = _trial(fit, element, until)
+            found = _trial(fit, driven, element, until)
             if found is not None:
                 likelihood, end = found
                 found_fit = _taken(fit, element, likelihood, end, until)
@@ -58,7 +59,7 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         fit = taken
         limits.remove(element)
     if "twist" in fit.question.tried:
-        found = _trial(fit, "twist", until)
+        found = _trial(fit, fit.likelihood, "twist", until)
         if found is not None:
             gains["twist"] = fit.best.cost - found[1].cost
             if gains["twist"] > CHANCE:
@@ -85,7 +86,9 @@ def _settled(likelihood: Likelihood, basin: Basin, until: float | None) -> tuple
     return likelihood, basin
 
 
-def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[Likelihood, Basin] | None:
+def _trial(
+    fit: ShipFit, before: Likelihood, element: str, until: float | None
+) -> tuple[Likelihood, Basin] | None:
     """Return the best end with an element beside those that act, with the noise and the water of before.
 
     None where the record comes near none, or the element ends on its bound: there it is off or stands in for something else.
@@ -95,9 +98,7 @@ def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[Likelihood,
         return None
     elements = (*fit.elements, element)
     likelihood = fit.question.likelihood(elements, step_for(fit.values, PART), fit.smooth)
-    likelihood = likelihood.with_noise_of(fit.likelihood)
-    if element != "twist":
-        likelihood = replace(likelihood, water=fit.likelihood.with_water(fit.best.vector, always=True).water)
+    likelihood = likelihood.with_noise_of(before)
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     vectors = sorted(vectors, key=likelihood.cost)[:KEPT]
