@@ -126,8 +126,7 @@ def begun(fit, truth, elements):
 
 def _step_s(fit) -> float:
     from shipfp_rs.identification.record import STEP_S
-    from shipfp_rs.identification.ship_fit import FINE_PART
-    from shipfp_rs.identification.ship_found import step_for
+    from shipfp_rs.identification.ship_found import FINE_PART, step_for
 
     return min(STEP_S, step_for(fit.values, FINE_PART))
 

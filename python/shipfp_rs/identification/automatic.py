@@ -22,7 +22,7 @@ from shipfp_rs.identification.gates import doubts, require_excited
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
-from shipfp_rs.identification.ship_found import PART, ShipFit, step_for
+from shipfp_rs.identification.ship_found import ShipFit, likelihood_at
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
@@ -121,7 +121,7 @@ def intervals_of(
         return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}, []
     possible: list[Array] = []
     for left in reversed(range(RESTARTS + 1)):
-        coarse = fit.question.likelihood(fit.elements, step_for(fit.values, PART), fit.smooth)
+        coarse = likelihood_at(fit.question, fit.elements, fit.values, fit.smooth)
         coarse = coarse.with_noise_of(fit.likelihood)
         basins = [descend(coarse, one.vector) for one in fit.basins]
         if not np.isfinite([one.cost for one in basins]).all():  # too quick a ship for that step
@@ -131,14 +131,11 @@ def intervals_of(
         profiles.visited += [Basin(coarse.cost(vector), vector) for vector in possible]
         found = {}
         for name, figure in figures.items():
-            one = profiles.interval(figure, TRIES if name in coarse.coordinates.names else COMBINED_TRIES)
-            moved = figure(fit.values) - one.value
-            # Along a valley the steps differ by a part of the interval: it holds both.
-            low, high = one.low + min(moved, 0.0), one.high + max(moved, 0.0)
-            if name in fit.question.bounds:
-                least, most = fit.question.bounds[name]
-                low, high = max(low, least), min(high, most)
-            found[name] = Interval(one.value + moved, low, high, one.kinds)
+            bounds = fit.question.bounds.get(name, (-np.inf, np.inf))
+            one = profiles.interval(
+                figure, TRIES if name in coarse.coordinates.names else COMBINED_TRIES, bounds
+            )
+            found[name] = one
             lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
             if left and lower.cost < profiles.best.cost - LOWER:
                 points = (*profiles.basins, *profiles.visited)
@@ -152,6 +149,13 @@ def intervals_of(
             break
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
+    for name, figure in figures.items():
+        one = profiles.widened(figure, found[name])
+        moved = figure(fit.values) - one.value
+        # Along a valley the steps differ by a part of the interval: it holds both.
+        low, high = one.low + min(moved, 0.0), one.high + max(moved, 0.0)
+        least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
+        found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
     return fit, found, [coarse.coordinates.values(vector) for vector in inside]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.likelihood import Likelihood, Products
+from shipfp_rs.identification.likelihood import Likelihood, Products, Tangent
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import require_going, where_alone
 
@@ -23,6 +23,10 @@ LEAST = 1e-14
 """Damping that keeps a matrix that nothing tells a part of from being singular by rounding."""
 DAMPED, LESS, MORE = 1e-4, 0.15, 8.0
 """Damping of a descent to begin with, and its factors after a good step and a bad one (Marquardt 1963)."""
+KEEPS = 0.5
+"""Derivatives are kept where a step lowers the deviance by this part of what they promised."""
+MOST_DAMPED = 1e4
+"""Damping with which a descent ends: steps a ten-thousandth as long as the gradient's own lead nowhere lower."""
 ROUGH, MIDDLE, FINE = (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
 """Most steps and least decrease of the descents, from many starts to few minima."""
 MOST_BASINS = 5
@@ -30,6 +34,9 @@ SAME = 4.0
 """Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
 ALIKE = 10.0
 """Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
+
+LIKELY = 30.0
+"""Ends of first descents above the least by more than this are not followed: their last steps bring less."""
 
 Penalty = Callable[[Array], tuple[float, Array]]
 """Row that is added to the residuals: its value at a vector and its gradient."""
@@ -52,72 +59,89 @@ def descend(
     steps: int = MOST_STEPS,
     settled: float = SETTLED,
     penalty: Penalty | None = None,
+    near: Tangent | None = None,
     until: float | None = None,
 ) -> Basin:
     """Go down from a vector within the bounds, Levenberg-Marquardt with an active set.
+
+    Derivatives take most of a pass's time and change little: they are kept as long as steps do what they promise.
 
     Parameters
     ----------
     likelihood, start
         What is lowered, from where.
     steps, settled
-        Most steps, and the decrease below which it ends.
+        How often derivatives are computed at most, and the decrease below which it ends.
     penalty
         A stiff row beside, for a profile; the cost returned is without it.
+    near
+        Derivatives at a vector nearby to begin with; then those of another one are good enough to end with, too.
     until
         Clock (`time.monotonic`) at which it ends.
     """
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
 
-    def at(vector: Array) -> tuple[Products, Products]:
-        found = likelihood.products(vector)
+    def at(vector: Array, tangent: Tangent | None) -> tuple[Products, Products]:
+        found = likelihood.products(vector, tangent)
         if penalty is None:
             return found, found
         value, slope = penalty(vector)
         # The row's residual is -value, its derivative as the model's: slope.
-        return found, Products(
-            found.cost + value**2, found.downhill - value * slope, found.matrix + np.outer(slope, slope)
+        return found, found._replace(
+            cost=found.cost + value**2,
+            downhill=found.downhill - value * slope,
+            matrix=found.matrix + np.outer(slope, slope),
         )
 
     try:
-        plain, now = at(x)
+        plain, now = at(x, near)
     except SimulationError:
         return Basin(np.inf, x, False)
-    damping, last = DAMPED, False
-    for _ in range(steps):
+    exact, left, damping = near is None, steps - (near is None), DAMPED
+    while damping < MOST_DAMPED:
         require_going()
         if until is not None and time.monotonic() > until:
-            return Basin(plain.cost, x, False, plain)
-        fell = 0.0
-        for _ in range(8):
+            break
+        try:
+            step = _step(now, x, low, high, damping)
+        except np.linalg.LinAlgError:  # directions that nothing tells, by rounding
+            damping = max(damping * MORE, 1e-9)
+            continue
+        promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
+        if promised < 0.0:  # bounds cut off what would have made up for the rest
+            damping *= MORE
+            continue
+        done, fell = bool(promised < 0.1 * settled), 0.0
+        if not done:
             try:
-                step = _step(now, x, low, high, damping)
-            except np.linalg.LinAlgError:  # directions that nothing tells, by rounding
-                damping = max(damping * MORE, 1e-9)
-                continue
-            promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
-            if promised < 0.0:  # bounds cut off what would have made up for the rest
-                damping *= MORE
-                continue
-            if promised < 0.1 * settled:
-                return Basin(plain.cost, x, True, plain)
-            try:
-                plain_then, then = at(np.clip(x + step, low, high))
+                then = at(np.clip(x + step, low, high), now.tangent)
+                fell = now.cost - then[1].cost
             except SimulationError:
+                fell = -np.inf
+            good = fell / promised
+            if fell > 0.0:
+                damping *= LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0
+                went = np.clip(x + step, low, high) - x
+                x, plain, now = x + went, then[0].learnt(plain, went), then[1].learnt(plain, went)
+                done = bool(fell < settled)
+                if good > KEEPS and not (done and exact):
+                    exact = False
+                    if not done:
+                        continue
+            elif exact:
                 damping = max(damping * MORE, 1e-6)
                 continue
-            if then.cost < now.cost:
-                fell = now.cost - then.cost
-                good = fell / promised
-                damping = damping * (LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0)
-                x, plain, now = np.clip(x + step, low, high), plain_then, then
-                break
-            damping = max(damping * MORE, 1e-6)
-        if fell < settled:
-            last = True
+        if done and exact:
+            return Basin(plain.cost, x, True, plain)
+        if left < 1:
             break
-    return Basin(plain.cost, x, last, plain)
+        left, exact = left - 1, True
+        try:
+            plain, now = at(x, None)
+        except SimulationError:
+            break
+    return Basin(plain.cost, x, damping >= MOST_DAMPED, plain)
 
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
@@ -154,14 +178,14 @@ def best_basins(
     SimulationError
         Where no start leads to a ship that can be simulated.
     """
-    ends = _each(likelihood, starts, until, *ROUGH)
+    ends = each(likelihood, starts, until, *ROUGH)
     if not ends or not np.isfinite(ends[0].cost):
         raise SimulationError("no start leads to a ship that can be simulated")
     ends = distinct(likelihood, ends)[:MOST_BASINS]
     jobs = [partial(by_own_noise, likelihood, end.vector, until=until) for end in ends]
     vectors = [end.vector for end in sorted(where_alone(jobs), key=lambda end: end.cost)]
     likelihood = likelihood.with_noise(vectors[0])
-    ends = distinct(likelihood, _each(likelihood, vectors, until, *FINE))
+    ends = distinct(likelihood, each(likelihood, vectors, until, *FINE))
     return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE]
 
 
@@ -181,18 +205,23 @@ def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:
     ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda one: one.cost)
     if len(ends) < 2:
         return ends
-    matrix = likelihood.products(ends[0].vector).matrix
+    first = ends[0].products or likelihood.products(ends[0].vector)
     kept: list[Basin] = []
     for end in ends:
         apart = [end.vector - other.vector for other in kept]
-        if all(one @ matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in apart):
+        if all(one @ first.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in apart):
             kept.append(end)
     return kept
 
 
-def _each(
-    likelihood: Likelihood, starts: Sequence[Array], until: float | None, steps: int, settled: float
+def each(
+    likelihood: Likelihood,
+    starts: Sequence[Array],
+    until: float | None,
+    steps: int = MOST_STEPS,
+    settled: float = SETTLED,
 ) -> list[Basin]:
+    """Go down from each start, side by side; return the ends, the lowest first."""
     jobs = [
         partial(descend, likelihood, start, steps=steps, settled=settled, until=until) for start in starts
     ]

@@ -50,12 +50,42 @@ WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
 
 
+class Tangent(NamedTuple):
+    """The model's derivatives at a vector (P, R), smooth errors taken out, and their products with each other (P, P).
+
+    R counts the real numbers of all records' spectra in units of the noise.
+    """
+
+    rows: Array
+    matrix: Array
+
+
 class Products(NamedTuple):
-    """Deviance at a vector, half its gradient's negative, and the Gauss-Newton matrix."""
+    """Deviance at a vector, half its gradient's negative, the Gauss-Newton matrix, and the derivatives behind both."""
 
     cost: float
     downhill: Array
     matrix: Array
+    tangent: Tangent
+    left: tuple[Array, Array]
+    """Residuals in units of the noise (R,), and the same with smooth errors taken out."""
+
+    def learnt(self, before: Products, step: Array) -> Products:
+        """Return them with derivatives that agree with the step that led here (Broyden 1965, doi:10.2307/2003941)."""
+        rows, matrix = self.tangent
+        moved = [was - now for was, now in zip(before.left, self.left, strict=True)]
+        scale = np.maximum(np.diag(matrix), 1e-30)
+        # In units of each entry's own curvature the least change is along the step.
+        along = scale * step / (step @ (scale * step))
+        foreseen, seen = matrix @ step, rows @ moved[0]
+        missed = moved[1] - step @ rows
+        cross, square = seen - foreseen, moved[0] @ moved[1] - step @ (2.0 * seen - foreseen)
+        more = np.outer(along, cross) + np.outer(cross, along) + square * np.outer(along, along)
+        return self._replace(
+            downhill=self.downhill + along * (missed @ self.left[0]),
+            matrix=self.matrix + more,
+            tangent=Tangent(rows + np.outer(along, missed), matrix + more),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +166,10 @@ class Likelihood:
         jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(slopes) :], 1, 0)
         return residual, jacobian
 
-    def products(self, vector: Array) -> Products:
+    def products(self, vector: Array, tangent: Tangent | None = None) -> Products:
         """Deviance, gradient and Gauss-Newton matrix at a vector.
+
+        With a `tangent` from nearby only the deviance is exact, in a fraction of the time.
 
         Raises
         ------
@@ -145,33 +177,35 @@ class Likelihood:
             Where the ship runs away, or leaves the numbers.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._products(vector)
+            return self._products(vector, tangent)
 
-    def _products(self, vector: Array) -> Products:
-        gram = np.zeros((self.coordinates.size + 1,) * 2)
-        cross: Array | float = 0.0
-        errors: Array | float = 0.0
-        for index in range(len(self.records)):
-            residual, jacobian = self.spectra(vector, index)
-            rows = self._white(np.concatenate([residual[None], jacobian]), index)
-            gram += rows @ rows.T
-            if self.roots is not None:
-                shapes = self._errors[index]
-                cross = cross + rows @ shapes.T
-                errors = errors + shapes @ shapes.T
+    def _products(self, vector: Array, tangent: Tangent | None) -> Products:
+        if tangent is None:
+            pairs = [self.spectra(vector, index) for index in range(len(self.records))]
+            both = [np.concatenate([residual[None], jacobian]) for residual, jacobian in pairs]
+        else:
+            both = [residual[None] for residual in self.residuals(vector)]
+        rows = np.concatenate([self._white(one, index) for index, one in enumerate(both)], axis=1)
+        residual, taken = rows[0], rows
         if self.roots is not None:
-            assert isinstance(cross, np.ndarray)
-            gram -= cross @ np.linalg.solve(errors + np.eye(len(np.asarray(errors))), cross.T)
+            shapes, inverse = self._errors
+            taken = rows - (rows @ shapes.T) @ inverse @ shapes
+        if tangent is None:
+            tangent = Tangent(taken[1:], taken[1:] @ rows[1:].T)
+        gram = np.empty((self.coordinates.size + 1,) * 2)
+        gram[0, 0] = taken[0] @ residual
+        gram[0, 1:] = gram[1:, 0] = tangent.rows @ residual if tangent.rows.size else 0.0
+        gram[1:, 1:] = tangent.matrix
         self._add_priors(vector, gram)
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
-        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
+        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:], tangent, (residual, taken[0]))
 
     def smooth_errors(self, residuals: Sequence[ComplexArray]) -> tuple[Array, Array]:
-        """Products of the smooth errors' whitened shapes with the records' residuals (E,), and with each other (E, E)."""
-        white = [self._white(one[None], index)[0] for index, one in enumerate(residuals)]
-        cross = sum(shapes @ residual for shapes, residual in zip(self._errors, white, strict=True))
-        return np.asarray(cross), np.asarray(sum(shapes @ shapes.T for shapes in self._errors))
+        """Sizes of the smooth errors that residuals show, in prior deviations (E,), and what these are unsure by (E, E)."""
+        shapes, unsure = self._errors
+        white = np.concatenate([self._white(one[None], index)[0] for index, one in enumerate(residuals)])
+        return unsure @ (shapes @ white), unsure
 
     def residuals(self, vector: Array, *, wet: bool = True) -> list[ComplexArray]:
         """For each record the residuals at a vector, (O, F)."""
@@ -188,9 +222,7 @@ class Likelihood:
         """
         if self.roots is None:
             return list(residuals), [np.zeros((len(one), *one.shape), complex) for one in residuals]
-        cross, products = self.smooth_errors(residuals)
-        inverse = np.linalg.inv(products + np.eye(len(products)))
-        sizes = inverse @ cross
+        sizes, inverse = self.smooth_errors(residuals)
         left = [
             one - np.tensordot(sizes, shapes, 1) for one, shapes in zip(residuals, self._shapes, strict=True)
         ]
@@ -202,8 +234,9 @@ class Likelihood:
 
     def cost(self, vector: Array) -> float:
         """Deviance at a vector; infinite where the ship runs away."""
+        size = self.coordinates.size
         try:
-            return self.products(vector).cost
+            return self.products(vector, Tangent(np.empty((size, 0)), np.zeros((size, size)))).cost
         except SimulationError:
             return np.inf
 
@@ -268,7 +301,10 @@ class Likelihood:
     def _white(self, spectra: ComplexArray, record: int) -> Array:
         """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, 2 O F)."""
         own = None if self.roots is None else self.roots[record]
-        turned = spectra / WHITE if own is None else np.einsum("fab,wbf->waf", own, spectra)
+        turned = spectra / WHITE if own is None else np.zeros_like(spectra)
+        if own is not None:  # lower triangles
+            for a, b in zip(*np.tril_indices(own.shape[1]), strict=True):
+                turned[:, a] += own[:, a, b] * spectra[:, b]
         flat = turned.reshape(len(spectra), -1)
         return np.concatenate([flat.real, flat.imag], axis=1)
 
@@ -349,9 +385,12 @@ class Likelihood:
         return tuple(found)
 
     @cached_property
-    def _errors(self) -> tuple[Array, ...]:
-        """The shapes in units of the noise, as rows of real numbers (E, 2 O F)."""
-        return tuple(self._white(shapes, index) for index, shapes in enumerate(self._shapes))
+    def _errors(self) -> tuple[Array, Array]:
+        """The shapes in units of the noise as rows of all records' numbers (E, R), and what their sizes vary by (E, E)."""
+        rows = np.concatenate(
+            [self._white(shapes, index) for index, shapes in enumerate(self._shapes)], axis=1
+        )
+        return rows, np.linalg.inv(rows @ rows.T + np.eye(len(rows)))
 
 
 def _spread(root: ComplexArray) -> float:

@@ -7,7 +7,7 @@ where the deviance has risen by the quantile. Profiles start from every basin th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import itemgetter
 
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.likelihood import Likelihood, Tangent
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import where_alone
 
@@ -63,12 +63,18 @@ class Profiles:
         """The lowest minimum."""
         return min(self.basins, key=lambda basin: basin.cost)
 
-    def interval(self, figure: Figure, tries: int = TRIES) -> Interval:
-        """Return the interval of a figure of the parameters."""
+    def interval(
+        self, figure: Figure, tries: int = TRIES, within: tuple[float, float] = (-np.inf, np.inf)
+    ) -> Interval:
+        """Return the interval of a figure of the parameters that can only be `within` bounds."""
         best = self.best
         value = figure(self.likelihood.coordinates.values(best.vector))
         # Both sides at a time, each from what was visited before.
-        ends = where_alone([partial(self._end, best, figure, side, tries) for side in (-1, 1)])
+        jobs = [
+            partial(self._end, best, figure, side, tries, most)
+            for side, most in zip((-1, 1), within, strict=True)
+        ]
+        ends = where_alone(jobs)
         for *_, visited in ends:
             self.visited += visited
         (low, first, _), (high, last, _) = ends
@@ -109,6 +115,11 @@ class Profiles:
         found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)])
         return found
 
+    def widened(self, figure: Figure, interval: Interval) -> Interval:
+        """Return the interval with the points in it that profiles of other figures visited since."""
+        ends = [self._farthest(figure, side, interval.value)[0] for side in (-1, 1)]
+        return replace(interval, low=min(interval.low, ends[0]), high=max(interval.high, ends[1]))
+
     def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Basin]:
         """The point within the interval that is farthest on one side, of all that were visited."""
         c, best = self.likelihood.coordinates, self.best
@@ -120,11 +131,18 @@ class Profiles:
                     far, farthest = at, point
         return far, farthest
 
-    def _end(self, basin: Basin, figure: Figure, side: int, tries: int) -> tuple[float, str, list[Basin]]:
-        """Where the deviance has risen enough on one side, what ended the profile there, and the points that it visited."""
+    def _end(
+        self, basin: Basin, figure: Figure, side: int, tries: int, most: float
+    ) -> tuple[float, str, list[Basin]]:
+        """Where the deviance has risen enough on one side, what ended the profile there, and the points that it visited.
+
+        Beyond `most` the figure can't be.
+        """
         c = self.likelihood.coordinates
-        low, high = c.bounds
         value = figure(c.values(basin.vector))
+        room = side * (most - value)
+        if room <= 0.0:
+            return value, "bound", []
         slope = self.gradient(figure, basin.vector)
         covariance = self.covariance(basin, slope)
         spread = float(slope @ covariance @ slope)
@@ -144,14 +162,24 @@ class Profiles:
         distance = max(np.sqrt(RISE) * scale, 1.2 * reached)
         visited: list[Basin] = []
         for _ in range(tries):
+            distance = min(distance, room)
             target = value + side * distance
-            start = np.clip(x + way * (target - figure(c.values(x))), low, high)
-            end = self._held(start, figure, target, scale)
+            tangent = found.tangent
+            end = self._held(self._moved(x, way, figure, target), figure, target, scale, tangent)
+            if end.cost - basin.cost > RISE * (1.0 + ABOUT):
+                # Another valley may be lower there.
+                other = self._nearest(figure, target, visited)
+                if other is not x:
+                    again = self._held(
+                        self._moved(other, way, figure, target), figure, target, scale, tangent
+                    )
+                    end = min(end, again, key=lambda one: one.cost)
             if not np.isfinite(end.cost):
                 over = distance
                 distance = 0.5 * (reached + over)
                 continue
-            visited.append(end)
+            found = end.products or found
+            visited.append(replace(end, products=None))
             went = side * (figure(c.values(end.vector)) - value)
             rise = end.cost - basin.cost
             if abs(rise / RISE - 1.0) < ABOUT and went > reached:
@@ -163,6 +191,8 @@ class Profiles:
                 share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 1e-9)
                 distance = known + float(np.clip(share, 0.1, 0.95)) * (over - known)
                 distance = max(distance, reached + 0.1 * (over - reached))
+            elif distance == room:
+                return most, "bound", visited
             else:
                 stuck = end.settled and went < reached + 0.3 * (distance - reached)
                 if went > reached:
@@ -183,6 +213,17 @@ class Profiles:
         # Where the tries end first the next one's target is nearer to the end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
+    def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
+        """A vector moved along a way to where the figure is about at the target."""
+        c = self.likelihood.coordinates
+        return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
+
+    def _nearest(self, figure: Figure, target: float, visited: Sequence[Basin]) -> Array:
+        """Of the points that may be true the one whose figure is nearest to a target."""
+        c, most = self.likelihood.coordinates, self.best.cost + RISE
+        points = [one for one in (*self.basins, *self.visited, *visited) if one.cost <= most]
+        return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
+
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
         """How everything moves along while the figure moves by one, at a point in a valley that may bend."""
         slope = self.gradient(figure, end.vector)
@@ -190,14 +231,14 @@ class Profiles:
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
 
-    def _held(self, start: Array, figure: Figure, target: float, deviation: float) -> Basin:
+    def _held(self, start: Array, figure: Figure, target: float, deviation: float, near: Tangent) -> Basin:
         stiffness = STIFF / deviation
 
         def penalty(vector: Array) -> tuple[float, Array]:
             apart = figure(self.likelihood.coordinates.values(vector)) - target
             return apart * stiffness, self.gradient(figure, vector) * stiffness
 
-        return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty)
+        return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty, near=near)
 
 
 def scaled_inverse(matrix: Array) -> Array:

@@ -99,13 +99,20 @@ class Record:
         InputError
             Where the record is too short for a spectrum.
         """
-        fine = max(1, int(np.ceil(1.0 / (step_s * experiment.rate_hz) - 1e-9)))
-        limit = 0.4 * experiment.rate_hz
+        rate_hz = experiment.rate_hz
         u, loads = 1.0 + experiment.dn_set, experiment.normalised("M_load") if load else np.empty(0)
-        seen_hz = min(band_hz, limit)
-        excited_hz = _excited_hz([u, loads], experiment.rate_hz, seen_hz)
-        stride, substeps = 1, fine
+        seen_hz = min(band_hz, 0.4 * rate_hz)
+        excited_hz = _excited_hz([u, loads], rate_hz, seen_hz)
         smooth = experiment.is_low_passed if smooth is None else smooth
+        # Samples that a step leaves out, but none of those that the decimated data keep.
+        down = _down(rate_hz, seen_hz)
+        thin = max(one for one in range(1, down + 1) if down % one == 0 and one <= max(step_s * rate_hz, 1.0))
+        if thin > 1:
+            u, loads = (_thinned(values, thin) for values in (u, loads))
+            measured = np.array([_thinned(row, thin) for row in measured])
+            rate_hz, smooth = rate_hz / thin, True
+        fine = max(1, int(np.ceil(1.0 / (step_s * rate_hz) - 1e-9)))
+        stride, substeps = 1, fine
         if smooth and experiment.hold == "first":
             # Straight lines between fine samples are near what a low-pass leaves between coarse ones.
             u, loads = (_sharpened(_interpolated(values, fine)) for values in (u, loads))
@@ -119,12 +126,12 @@ class Record:
             name=experiment.name,
             u=np.ascontiguousarray(u),
             load=np.ascontiguousarray(loads),
-            rate_hz=experiment.rate_hz * stride,
+            rate_hz=rate_hz * stride,
             stride=stride,
             substeps=substeps,
             hold=experiment.hold,
             measured=measured,
-            data_hz=experiment.rate_hz,
+            data_hz=rate_hz,
             seen_hz=seen_hz,
             band_hz=excited_hz,
         )
@@ -132,7 +139,7 @@ class Record:
     @cached_property
     def down(self) -> int:
         """Samples of the data between two that are kept."""
-        return max(1, int(self.data_hz / (3.0 * self.seen_hz)))
+        return _down(self.data_hz, self.seen_hz)
 
     @cached_property
     def taps(self) -> Array:
@@ -220,6 +227,24 @@ class Record:
             self.down,
         )
         return seen[..., : len(self._kept[2])]
+
+
+def _down(rate_hz: float, seen_hz: float) -> int:
+    """Samples of data at a rate between two that are kept: three or more a period of the highest frequency seen."""
+    return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
+
+
+def _thinned(values: Array, factor: int) -> Array:
+    """Every so manieth sample of a signal behind a low-pass; masked where one of its own was."""
+    if not len(values):
+        return values
+    kept, at = np.isfinite(values), np.arange(len(values))
+    bridged = np.interp(at, at[kept], values[kept])
+    pad = 20 * factor
+    wide = np.pad(bridged - bridged[0], pad, mode="edge")
+    found = resample_poly(wide, 1, factor)[pad // factor :][: -(-len(values) // factor)] + bridged[0]
+    torn = np.add.reduceat(~kept, np.arange(0, len(values), factor)) > 0
+    return np.where(torn, np.nan, found)
 
 
 def _excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:

@@ -11,15 +11,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import ALIKE, best_basins, descend, distinct
+from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.question import Question
-from shipfp_rs.identification.record import STEP_S
-from shipfp_rs.identification.ship_found import COARSE_STEP_S, DEFAULTS, PART, ShipFit, step_for
+from shipfp_rs.identification.ship_found import (
+    COARSE_STEP_S,
+    DEFAULTS,
+    ROUGH_PART,
+    ROUGH_STEP_S,
+    ShipFit,
+    likelihood_at,
+    rough_likelihood,
+    step_for,
+)
 from shipfp_rs.identification.trials import with_elements
 
-FINE_PART = 0.15
-"""Step over the loop's quickest time constant, of the last descent."""
 DELAYS = {"T_d", "T_set", "tau_act"}
 REDIVIDED, MORE = 3, 2
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
@@ -41,15 +47,20 @@ def fit_ship(question: Question, *, time_limit_s: float | None = None) -> ShipFi
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
     if question.structure is not None:
         guesses = [{one.name: one.start for one in question.structure.parameters}, *guesses]
-    likelihood = question.likelihood((), min(step_for(guess, PART) for guess in guesses), smooth)
+    step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
+    likelihood = question.likelihood((), step_s, smooth)
     starts = [likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in guesses]
     try:
         likelihood, basins = best_basins(likelihood, starts, until=until)
     except SimulationError as error:
         raise IdentificationError(f"identify: {error}") from error
+    values = likelihood.coordinates.values(basins[0].vector)
+    likelihood = likelihood_at(question, (), values, smooth).with_noise_of(likelihood)
+    basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in basins])
+    if not basins:
+        raise IdentificationError("identify: the ship found can't be simulated at a fine step")
     if undecided:
-        step_s = step_for(likelihood.coordinates.values(basins[0].vector), PART)
-        straight = question.likelihood((), step_s, False).with_noise_of(likelihood)
+        straight = likelihood_at(question, (), values, False).with_noise_of(likelihood)
         end = descend(straight, basins[0].vector, until=until)
         if end.cost < basins[0].cost - 1.0:
             smooth, likelihood = False, straight
@@ -76,12 +87,13 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
         c = fit.likelihood.coordinates
         if len(DELAYS & set(c.free)) < 2:
             break
-        best = fit.best
+        best, rough = fit.best, rough_likelihood(fit, fit.elements)
         states = [best.vector[c.states(record)] for record in range(c.records)]
         starts = [c.vector({**fit.values, **parts}, states) for parts in _redivided(fit.values)]
-        rough = [descend(fit.likelihood, start, steps=10, settled=5.0, until=until) for start in starts]
-        rough = distinct(fit.likelihood, [*fit.basins, *rough])[: len(fit.basins) + MORE]
-        ends = distinct(fit.likelihood, [descend(fit.likelihood, one.vector, until=until) for one in rough])
+        known = each(rough, [one.vector for one in fit.basins], until, 3, 1.0)
+        ends = distinct(rough, [*known, *each(rough, starts, until, 10, 5.0)])
+        new = [one.vector for one in ends if one not in known and one.cost < known[0].cost + LIKELY]
+        ends = distinct(fit.likelihood, [*fit.basins, *each(fit.likelihood, new[:MORE], until)])
         fit = replace(fit, basins=tuple(one for one in ends if one.cost < ends[0].cost + ALIKE))
         if fit.best.cost > best.cost - 1.0:
             break
@@ -107,8 +119,8 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
     """Go down once more at the fine step, with the noise of the end."""
-    step_s = min(STEP_S, step_for(fit.values, FINE_PART))
-    likelihood = fit.question.likelihood(fit.elements, step_s, fit.smooth).with_noise_of(fit.likelihood)
+    likelihood = likelihood_at(fit.question, fit.elements, fit.values, fit.smooth, fine=True)
+    likelihood = likelihood.with_noise_of(fit.likelihood)
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not ends:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")

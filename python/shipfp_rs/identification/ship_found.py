@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +10,15 @@ import numpy as np
 from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED, Question
+from shipfp_rs.identification.record import STEP_S
 
+ROUGH_STEP_S = 0.04
+"""Longest step of descents from many starts [s]."""
 COARSE_STEP_S = 0.01
-"""Longest step of the search and of profiles [s]; the last descent takes finer ones."""
+"""Longest step of the minima that they lead to, and of profiles [s]; the last descent takes finer ones."""
 LEAST_STEP_S = 1e-3
-PART = 0.4
-"""Step over the loop's quickest time constant, of the search."""
+FINE_PART, PART, ROUGH_PART = 0.15, 0.4, 0.8
+"""Step over the loop's quickest time constant, of the last descent, the search and its first descents."""
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
 what the model leaves out elsewhere gives as much again."""
@@ -65,7 +68,26 @@ class ShipFit:
         return frozenset(names - set(self.question.always))
 
 
-def step_for(values: Mapping[str, float], part: float) -> float:
+def likelihood_at(
+    question: Question,
+    elements: Sequence[str],
+    values: Mapping[str, float],
+    smooth: bool | None,
+    *,
+    fine: bool = False,
+) -> Likelihood:
+    """Return the likelihood of a ship whose loop is about as quick as that of these values; fine: of the last descent."""
+    step_s = min(STEP_S, step_for(values, FINE_PART)) if fine else step_for(values, PART)
+    return question.likelihood(elements, step_s, smooth)
+
+
+def rough_likelihood(fit: ShipFit, elements: Sequence[str]) -> Likelihood:
+    """Return the likelihood with these elements for first descents, under the noise of a fit."""
+    step_s = step_for(fit.values, ROUGH_PART, ROUGH_STEP_S)
+    return fit.question.likelihood(elements, step_s, fit.smooth).with_noise_of(fit.likelihood)
+
+
+def step_for(values: Mapping[str, float], part: float, longest_s: float = COARSE_STEP_S) -> float:
     """Return the step for a loop [s]: a part of its quickest time constant."""
     quickest = (abs(values.get("p", 2.0) - values["g"]) + values["vK_p"]) / values["tau_n"]
-    return float(np.clip(part / max(quickest, 1e-9), LEAST_STEP_S, COARSE_STEP_S))
+    return float(np.clip(part / max(quickest, 1e-9), LEAST_STEP_S, longest_s))

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from shipfp_rs.identification.basins import Basin, descend, distinct
+from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, PART, ShipFit, step_for
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, likelihood_at, rough_likelihood
 from shipfp_rs.support.arrays import Array
 
 CHANCE = 6.0
@@ -97,16 +97,16 @@ def _trial(
     if not starts:
         return None
     elements = (*fit.elements, element)
-    likelihood = fit.question.likelihood(elements, step_for(fit.values, PART), fit.smooth)
-    likelihood = likelihood.with_noise_of(before)
-    c = likelihood.coordinates
+    rough = rough_likelihood(fit, elements).with_noise_of(before)
+    c = rough.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    vectors = sorted(vectors, key=likelihood.cost)[:KEPT]
-    ends = sorted(
-        (descend(likelihood, x, steps=8, settled=10.0, until=until) for x in vectors), key=lambda e: e.cost
-    )
-    ends = [descend(likelihood, end.vector, steps=40, settled=0.1, until=until) for end in ends[:2]]
-    best = min(ends, key=lambda end: end.cost)
+    ends = each(rough, sorted(vectors, key=rough.cost)[:KEPT], until, 8, 10.0)
+    without = descend(rough_likelihood(fit, fit.elements).with_noise_of(before), fit.best.vector, steps=3)
+    ends = [end for end in ends[:2] if end.cost < without.cost + LIKELY]
+    if not ends:
+        return None
+    likelihood = likelihood_at(fit.question, elements, fit.values, fit.smooth).with_noise_of(before)
+    best = each(likelihood, [end.vector for end in ends], until, 40, 0.1)[0]
     low, high = c.bounds
     place = c.place(TRIED[element][0])
     stands_in = best.vector[place] <= low[place] + 1e-6 or best.vector[place] >= high[place] - 1e-6
