@@ -32,6 +32,8 @@ SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
 """Elements of the full model."""
+SHARPEST = ACCURACY
+"""Least rounding of a torque limit, over the operating torque: no gauge tells a sharper one, on which descents get stuck."""
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "tau_n": (0.01, 20.0),
     "g": (-10.0, 3.0),
@@ -53,7 +55,7 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "T_n": (0.0, 0.05),
     "v": (0.01, 10.0),
     "M_max": (1.005, 5.0),
-    "M_soft": (1e-4, 0.1),
+    "M_soft": (SHARPEST, 0.1),
     "rate": (0.01, 100.0),
     "tau_twist": (3e-4, 0.1),
     "zeta_twist": (0.0, 6.0),
@@ -248,6 +250,9 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         or any(name not in BOUNDS for name in names)
     ):
         return None
+    fixed = {name: one.start for name, one in names.items() if one.fixed}
+    if "M_soft" in fixed:
+        fixed["M_soft"] = max(fixed["M_soft"], SHARPEST)
     first = experiments[0]
     signals = {
         output: structure.signal_for(output, first.signals, first.name) for output in structure.outputs
@@ -259,7 +264,7 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         signals=signals,
         always=tuple(parameter.name for parameter in structure.free),
         tried=(),
-        fixed={name: one.start for name, one in names.items() if one.fixed},
+        fixed=fixed,
         priors={name: one.prior for name, one in names.items() if one.prior is not None},
         loaded=equations.loaded,
         bounds={name: (one.lower, one.upper) for name, one in names.items()},
