@@ -67,6 +67,8 @@ class TestRows:
             8,
             factors={"excitation.amplitude_rpm": {"values": [10.0, 80.0]}},
             noise={"n_e": 2e-4, "M_b": 1e-3},
+            # A gauge's smooth errors grow with the answer, and their part of the uncertainty stays.
+            identify={"products": True, "noise": "white"},
         )
         sweep(plan, tmp_path / "sweep", executor="threads", workers=1)
         widths = {10.0: [], 80.0: []}
