@@ -16,9 +16,9 @@ from tests.launch import TRUTH, noisy_record
 from benches import bench_cost, bench_plant, bench_pulse, rivals
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import _core, signals
-from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.search import Search, start_vectors
+from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.structure_fit import fit_structure
 from shipfp_rs.structures.structure import Structure
 
 Calls = dict[str, Callable[[], object] | None]
@@ -158,20 +158,22 @@ def pulses(short: bool, repeats: int, read: float) -> None:
 
 
 def identification(short: bool, repeats: int) -> None:
-    """One fit of a chirp of 1500 s at 200 Hz: two outputs, determinant weights, four parameters, states and offsets."""
-    chirp = signals.chirp(0.0014, 20.0, 15.0 if short else 1500.0, 13.0, law="logarithmic", rate_hz=200.0)
+    """One fit of a chirp of 1500 s at 200 Hz: two outputs, white noise, four parameters, states and offsets."""
+    chirp = signals.chirp(0.0014, 20.0, 25.0 if short else 1500.0, 13.0, law="logarithmic", rate_hz=200.0)
     record = noisy_record(chirp, 0.05, 0.0, 1)
     measured = np.array([record.normalised("n_e"), record.normalised("M_b")])
     twin = rivals.SciPyFit(record.dn_set, measured, 1.0 / record.rate_hz)
     structure = Structure.linear(products=True)
-    block = Block.build(record, structure)
-    search = Search(structure, (block,), "determinant", "white")
-    start = start_vectors(search, 1, 0)[0]
 
     def ours() -> tuple[np.ndarray, np.ndarray]:
         """Search, and the covariance of all unknowns, as the twin does."""
-        found = search.minimise(start)
-        return found.vector, np.linalg.inv(search.gram(found.vector, found.noise, found.sums)[:-1, :-1])
+        fit = fit_structure(record, structure, Options("white"))
+        values = fit.likelihood.coordinates.values(fit.best.vector)
+        told = fit.likelihood.coordinates.slopes(values)
+        slopes = np.array([told[name][place] for place, name in enumerate(TRUTH)])
+        matrix = fit.likelihood.products(fit.best.vector).matrix
+        covariance = np.linalg.inv(matrix)[:4, :4] * np.outer(slopes, slopes)
+        return np.array([values[name] for name in TRUTH]), covariance
 
     if not short:
         (found, covariance), (theirs, also) = ours(), twin()
@@ -185,7 +187,9 @@ def identification(short: bool, repeats: int) -> None:
             "shipfp_rs, search and covariance": ours,
             "SciPy least_squares over Numba": twin,
             "shipfp_rs, identify with all it tells": lambda: identify(record, structure, noise="white"),
-            "shipfp_rs, identify with noise='ar'": lambda: identify(record, structure, noise="ar"),
+            "shipfp_rs, identify with noise='coloured'": lambda: identify(
+                record, structure, noise="coloured"
+            ),
         },
         repeats,
     )

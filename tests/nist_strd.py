@@ -1,12 +1,10 @@
-"""NIST Statistical Reference Datasets, nonlinear regression; `python -m tests.nist_strd` prints the digits reached."""
+"""NIST Statistical Reference Datasets, nonlinear regression."""
 
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from shipfp_rs.optimise.least_squares import minimise
 
 FOLDER = Path(__file__).parent / "data" / "nist_strd"
 
@@ -66,7 +64,7 @@ MODELS = {
 
 @dataclass(frozen=True)
 class Problem:
-    """One dataset with its certified answer; `function` is what `minimise` takes."""
+    """One dataset with its certified answer; `function` gives residuals."""
 
     name: str
     starts: tuple[np.ndarray, np.ndarray]
@@ -99,7 +97,7 @@ class Problem:
         )
 
     def function(self, vector):
-        """Residual and its Jacobian, what `minimise` takes; complex step is exact for these models."""
+        """Residual and its Jacobian; complex step is exact for these models."""
         model = MODELS[self.name]
         with np.errstate(all="ignore"):
             residual = (self.y - model(vector, self.x)).astype(np.float64)
@@ -108,48 +106,8 @@ class Problem:
             jacobian = np.array([-model(step, x).imag / 1e-30 for step in steps]).T
         return residual, jacobian.astype(np.float64)
 
-    def digits(self, solution):
-        """Digits that agree with the certified parameters, their standard deviations and that of the residual."""
-        freedom = np.subtract(*solution.jacobian.shape)
-        deviation = np.sqrt(solution.cost / freedom)
-        scale = np.linalg.norm(solution.jacobian, axis=0)
-        # The columns differ by up to eighteen orders of magnitude: only scaled ones may be factored.
-        inverse = np.linalg.pinv(np.linalg.qr(solution.jacobian / np.where(scale > 0, scale, 1.0), mode="r"))
-        deviations = deviation * np.linalg.norm(inverse, axis=1) / np.where(scale > 0, scale, 1.0)
-        return (
-            agreeing(solution.vector, self.certified),
-            agreeing(deviations, self.deviations),
-            agreeing(deviation, self.residual_deviation),
-        )
-
 
 def agreeing(found, certified):
     """Smallest number of agreeing digits, -log10 of the relative error; NIST certifies 11."""
     error = np.abs(np.asarray(found) - certified) / np.abs(certified)
     return float(np.min(-np.log10(np.maximum(error, 1e-11))))
-
-
-def solve(problem, start):
-    """Run the layer as it stands from start 1 or 2."""
-    return minimise(problem.function, problem.starts[start - 1], -np.inf, np.inf, max_evaluations=5000)
-
-
-def main():
-    """Print the digits reached from both starts."""
-    print(
-        "digits agreeing with the certified parameters, their standard deviations, the residual's; evaluations"
-    )
-    for name in MODELS:
-        problem = Problem.read(name)
-        cells = []
-        for start in (1, 2):
-            solution = solve(problem, start)
-            digits = " ".join(f"{digits:4.1f}" for digits in problem.digits(solution))
-            cells.append(
-                f"{digits} {solution.evaluations:5d} {'converged' if solution.converged else 'not conv.'}"
-            )
-        print(f"{name:9s}  start 1: {cells[0]}  start 2: {cells[1]}")
-
-
-if __name__ == "__main__":
-    main()

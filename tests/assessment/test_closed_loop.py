@@ -31,7 +31,7 @@ def launch() -> Fingerprint:
 
 @pytest.fixture(scope="module")
 def tug() -> Fingerprint:
-    return identify(measured_response(1.637), extended_structure(), weighting="std", starts=8)
+    return identify(measured_response(1.637), extended_structure(), noise="std", starts=8)
 
 
 def margins(T_d: float = 0.0) -> dict[str, float]:

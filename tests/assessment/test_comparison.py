@@ -108,7 +108,8 @@ def test_ten_per_cent_more_inertia_is_found_and_named():
     assert changed["tau_prop"].significant
     low, high = changed["tau_prop"].ci95
     assert low < 0.1 * TUG.tau_prop < high
-    assert changed["tau_prop"].change_pct == pytest.approx(10.0, abs=2.0)
+    # Each trial tells it to 1.4 per cent, the change to two.
+    assert changed["tau_prop"].change_pct == pytest.approx(10.0, abs=4.0)
     assert not changed["p"].significant
     assert any("tau_prop changed by" in line for line in changed.verdict)
 

@@ -16,7 +16,7 @@ STRUCTURE = extended_structure()
 @pytest.fixture(scope="module")
 def fitted():
     data = measured_response(1.637)
-    return data, identify(data, STRUCTURE, weighting="std", starts=8)
+    return data, identify(data, STRUCTURE, noise="std", starts=8)
 
 
 def total(found) -> float:
@@ -59,12 +59,12 @@ def test_a_point_ten_times_as_sure_draws_the_fit_to_itself(fitted):
 def test_a_prior_takes_its_share(fitted):
     data, _ = fitted
     structure = STRUCTURE.with_prior(tau_n=(1.17, 0.06))
-    fingerprint = identify(data, structure, weighting="std", starts=8)
+    fingerprint = identify(data, structure, noise="std", starts=8)
     assert total(leverage(data, structure, fingerprint)) < fingerprint.identifiability.rank - 0.5
 
 
 def test_a_fit_that_was_not_weighed_by_deviations_is_refused(fitted):
     data, _ = fitted
-    fingerprint = identify(data, STRUCTURE, weighting="none")
-    with pytest.raises(InputError, match="the fit's weighting is 'none', expected 'std'"):
+    fingerprint = identify(data, STRUCTURE, noise="white")
+    with pytest.raises(InputError, match="the fit's noise is 'white', expected 'std'"):
         leverage(data, STRUCTURE, fingerprint)

@@ -20,7 +20,7 @@ CHIRP = signals.chirp(0.01, 5.0, 120.0, 13.0, rate_hz=50.0)
 
 @pytest.fixture(scope="module")
 def tug():
-    found = profile_likelihood(measured_response(1.637), extended_structure(), weighting="std", starts=8)
+    found = profile_likelihood(measured_response(1.637), extended_structure(), noise="std", starts=8)
     return {one.name: one for one in found}
 
 
@@ -83,5 +83,5 @@ def test_what_is_not_searched_for_and_unknown_options_are_refused():
     data, structure = measured_response(1.637), extended_structure()
     with pytest.raises(InputError, match="no free parameter 'taun', did you mean 'tau_n'"):
         profile_likelihood(data, structure, ["taun"])
-    with pytest.raises(InputError, match="identify has no option 'weighing' here, did you mean 'weighting'"):
-        profile_likelihood(data, structure, weighing="std")
+    with pytest.raises(InputError, match="identify has no option 'nois' here, did you mean 'noise'"):
+        profile_likelihood(data, structure, nois="std")

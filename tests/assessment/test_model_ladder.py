@@ -31,7 +31,7 @@ BOTH = Structure.linear(products=True, dead_time_loop=True, dead_time_set_point=
 def test_the_ladder_ends_on_the_structure_that_made_the_data(true, domain):
     rungs = [started_near_truth(structure) for structure in (PLAIN, SET_POINT, BOTH)]
     made, settings = (
-        (experiment(true, noise=0.02), {}) if domain == "time" else (response(true), {"weighting": "std"})
+        (experiment(true, noise=0.02), {}) if domain == "time" else (response(true), {"noise": "std"})
     )
     found = ladder(made, rungs, starts=1, **settings)
     assert found.rungs[found.best].structure == true.name
@@ -46,7 +46,7 @@ def test_the_ladder_ends_on_the_structure_that_made_the_data(true, domain):
 def test_a_rival_as_rich_as_the_last_rung_is_judged_by_how_well_it_fits():
     made = response(SET_POINT)
     rungs = [started_near_truth(structure) for structure in (PLAIN, LOOP, SET_POINT)]
-    found = ladder(made, rungs, starts=1, weighting="std")
+    found = ladder(made, rungs, starts=1, noise="std")
     assert [rung.supported for rung in found.rungs] == [True, True, True]
     assert found.rungs[2].p is None
     assert found.rungs[found.best].structure == "with T_set"
@@ -61,13 +61,13 @@ def test_void_parameters_are_seldom_taken():
             1e-3 * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
         )
         made = replace(response(PLAIN), response=dict(zip(("n_e", "M_b"), turned, strict=True)))
-        steps = [identify(made, started_near_truth(s), weighting="std", starts=1) for s in (PLAIN, SET_POINT)]
+        steps = [identify(made, started_near_truth(s), noise="std", starts=1) for s in (PLAIN, SET_POINT)]
         taken += climb(steps).best
     assert taken <= 2
 
 
 def test_it_prints_a_table_and_gives_json():
-    found = ladder(response(PLAIN), [PLAIN, SET_POINT], starts=1, weighting="std")
+    found = ladder(response(PLAIN), [PLAIN, SET_POINT], starts=1, noise="std")
     assert "*the first" in str(found)
     assert found.to_dict()["best"] == "plain"
     assert [row["structure"] for row in found.to_dict()["rungs"]] == ["plain", "with T_set"]

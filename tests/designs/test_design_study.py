@@ -143,7 +143,9 @@ def noisy(excitation: Excitation, seed: Sequence[int]) -> Experiment:
         for signal, samples in clean.signals.items()
         if signal in SENSORS
     }
-    return replace(clean, signals={**clean.signals, **drawn})
+    # A prediction holds for noise alone.
+    exact = {"gauge_accuracy": dict.fromkeys(SENSORS, 0.0)}
+    return replace(clean, signals={**clean.signals, **drawn}, provenance={**clean.provenance, **exact})
 
 
 def estimate(job: tuple[Excitation, Sequence[int]]) -> list[float]:

@@ -147,7 +147,7 @@ def test_coverage_of_the_stated_deviations_in_coloured_noise():
 def test_identification_from_the_responses_finds_the_ship(method):
     excitation, estimate, _ = METHODS[method]
     found = identify(
-        estimate(noisy_record(excitation(), 0.02, 0.9, 6)), Structure.linear(products=True), weighting="std"
+        estimate(noisy_record(excitation(), 0.02, 0.9, 6)), Structure.linear(products=True), noise="std"
     )
     for name, truth in TRUTH.items():
         assert found[name].value == pytest.approx(truth, abs=5 * found[name].std + 0.01 * abs(truth))

@@ -267,7 +267,7 @@ def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None
             "settings.optimum.T_d: found 0.1, expected 0.02, at which it is",
         ),
         (("settings", "optimum", "tau_n"), "1", "settings.optimum: found {"),
-        (("settings", "weighting"), "heavy", "settings.weighting: found 'heavy', expected determinant or"),
+        (("settings", "noise"), "loud", "settings.noise: found 'loud', expected coloured or white or std"),
         (("settings", "starts"), 0, "settings.starts: found 0, expected a whole number of 1 or more"),
         (
             ("settings", "time_limit_s"),

@@ -118,10 +118,10 @@ def test_what_the_structure_leaves_open_gets_no_number(case, domain, noise):
     structure, known = CASES[case]
     near = started_near_truth(structure)
     if domain == "time":
-        options = {"weighting": "variance", "noise": "white"} if noise == 0.0 else {}
+        options = {"noise": "white"} if noise == 0.0 else {}
         fingerprint = identify(experiment(structure, noise=noise), near, starts=1, **options)
     else:
-        fingerprint = identify(response(structure), near, weighting="std", starts=1)
+        fingerprint = identify(response(structure), near, noise="std", starts=1)
     assert_known_only(fingerprint, known)
     assert fingerprint.identifiability.rank < fingerprint.identifiability.free
     assert fingerprint.identifiability.null_space
@@ -135,7 +135,7 @@ def test_a_constant_set_point_tells_nothing():
 
 def test_one_steady_sine_tells_the_time_constant_alone():
     structure = started_near_truth(Structure.linear(products=True))
-    fingerprint = identify(response(structure, np.array([0.5])), structure, weighting="std")
+    fingerprint = identify(response(structure, np.array([0.5])), structure, noise="std")
     assert_known_only(fingerprint, {"tau_n"})
 
     sine = signals.sine_sequence([0.5], 100, 13.0, rate_hz=25.0)
@@ -149,7 +149,7 @@ def test_one_steady_sine_tells_the_time_constant_alone():
 def test_two_frequencies_are_too_few_for_both_dead_times_behind_a_gauge():
     structure = CASES["a gauge and both dead times"][0]
     two = np.array([0.1, 1.0])
-    fingerprint = identify(response(structure, two), started_near_truth(structure), weighting="std", starts=1)
+    fingerprint = identify(response(structure, two), started_near_truth(structure), noise="std", starts=1)
     assert_known_only(fingerprint, {"p", "tau_prop"})
 
 
@@ -158,7 +158,7 @@ def test_a_dead_time_beyond_its_bound_is_no_estimate(domain):
     structure = Structure.linear(products=True, dead_time_set_point=True)
     made = experiment(structure) if domain == "time" else response(structure)
     tight = structure.with_bounds(T_set=(0.0, 0.02, 0.04))
-    options = {} if domain == "time" else {"weighting": "std"}
+    options = {} if domain == "time" else {"noise": "std"}
     estimate = identify(made, tight, starts=1, **options)["T_set"]
     assert (estimate.status, estimate.value, estimate.std, estimate.ci95) == ("at_bound", 0.04, None, None)
 
@@ -193,13 +193,11 @@ def test_an_offset_that_is_estimated_takes_the_exponent_with_it_where_nothing_mo
 def test_too_few_samples_tell_nothing(samples):
     structure = Structure.linear(products=True)
     short = experiment(structure).window(0.0, samples / CHIRP.rate_hz)
-    assert_known_only(identify(short, structure), set())
+    assert_known_only(identify(short, structure, noise="white"), set())
 
 
 def test_a_single_point_of_a_response_is_too_few_for_five_parameters():
     structure = Structure.linear(free_exponent=True)
-    fingerprint = identify(
-        response(structure, np.array([0.2])), started_near_truth(structure), weighting="std"
-    )
+    fingerprint = identify(response(structure, np.array([0.2])), started_near_truth(structure), noise="std")
     for name in ("v", "K_p", "K_i", "g"):
         assert fingerprint[name].value is None

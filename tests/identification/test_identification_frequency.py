@@ -99,7 +99,7 @@ def test_what_each_set_of_measurements_tells(outputs, options, rank, free, known
     data = response_of(structure, truth, {"dn": "n_e", "dM": torque, "dX": "X_f"})
     start = {name: truth[name] * 1.05 for name in structure.names if not structure[name].fixed}
 
-    fingerprint = identify(data, structure.with_start(**start), weighting="none")
+    fingerprint = identify(data, structure.with_start(**start), noise="white")
 
     assert (fingerprint.identifiability.rank, fingerprint.identifiability.free) == (rank, free)
     for name in structure.names:
@@ -122,7 +122,7 @@ def test_a_known_v_closes_the_gap():
     fingerprint = identify(
         response_of(structure, LAUNCH, {"dn": "n_e", "dM": "M_b"}),
         structure.with_start(K_p=9.0, K_i=1.1),
-        weighting="none",
+        noise="white",
     )
     assert fingerprint.identifiability.rank == fingerprint.identifiability.free == 4
     for name in ("tau_n", "g", "K_p", "K_i"):
@@ -141,8 +141,8 @@ def test_a_prior_is_a_measurement_with_its_own_deviation():
         amplitude_std=dict.fromkeys(data.response, deviation),
         phase_std=dict.fromkeys(data.response, deviation),
     )
-    without = identify(data, structure, weighting="std")
-    with_prior = identify(data, structure.with_prior(tau_n=(1.17, 0.05)), weighting="std")
+    without = identify(data, structure, noise="std")
+    with_prior = identify(data, structure.with_prior(tau_n=(1.17, 0.05)), noise="std")
 
     assert without["tau_n"].value is None
     assert with_prior["tau_n"].status == "prior"
@@ -165,7 +165,7 @@ def test_intervals_from_known_deviations_cover_the_truth_as_often_as_they_say():
         }
         spread = dict.fromkeys(noisy, np.full(25, deviation))
         data = FrequencyResponse("noisy", FREQUENCY, noisy, amplitude_std=spread, phase_std=spread)
-        fingerprint = identify(data, structure.with_start(**truth), weighting="std")
+        fingerprint = identify(data, structure.with_start(**truth), noise="std")
         for index, (name, value) in enumerate(truth.items()):
             low, high = fingerprint[name].ci95
             covered[index] += low <= value <= high
@@ -177,11 +177,11 @@ def test_intervals_from_known_deviations_cover_the_truth_as_often_as_they_say():
 def test_a_bound_that_presses_is_reported_and_one_that_only_touches_a_null_direction_is_not():
     structure = Structure.linear()
     data = response_of(structure, LAUNCH, {"dn": "n_e", "dM": "M_b"})
-    pressed = identify(data, structure.with_bounds(tau_n=(1.6, 2.0, 3.0)), weighting="none")
+    pressed = identify(data, structure.with_bounds(tau_n=(1.6, 2.0, 3.0)), noise="white")
     assert pressed["tau_n"].status == "at_bound"
     assert pressed["tau_n"].value == 1.6
     touched = identify(
-        data, structure.with_bounds(v=(0.02, 0.02, 10.0), K_p=(1e-4, 700.0, 1e3)), weighting="none"
+        data, structure.with_bounds(v=(0.02, 0.02, 10.0), K_p=(1e-4, 700.0, 1e3)), noise="white"
     )
     assert touched["v"].status == "unidentifiable"
 
@@ -206,8 +206,8 @@ def test_a_sine_response_has_the_phase_of_output_minus_input():
     [
         (lambda d, s: identify([], s), "no data given"),
         (lambda d, s: identify(3, s), "data is 3, expected an Experiment or"),
-        (lambda d, s: identify(d, s, weighting="best"), "weighting is 'best', expected 'determinant'"),
-        (lambda d, s: identify(d, s, weighting="std"), "needs the standard deviations of 'n_e'"),
+        (lambda d, s: identify(d, s, noise="best"), "noise is 'best', expected 'coloured'"),
+        (lambda d, s: identify(d, s, noise="std"), "needs the standard deviations of 'n_e'"),
         (lambda d, s: identify(d, s, starts=0), "starts is 0, expected a whole number of 1 or more"),
         (lambda d, s: s.with_start(tau_n=20.0), "start 20 is outside its bounds 0.01 to 10"),
         (lambda d, s: s.with_bounds(tau_n=(2.0, 3.0)), "start 1.2 is outside its bounds 2 to 3"),

@@ -177,8 +177,7 @@ def test_a_window_that_begins_in_the_middle_of_the_excitation_tells_the_same_a6(
 @pytest.mark.parametrize(
     "option",
     [
-        {"noise": "ar"},
-        {"weighting": "variance"},
+        {"noise": "coloured"},
         {"starts": 3},
     ],
 )

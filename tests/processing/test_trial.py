@@ -71,7 +71,7 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
         ("[10.0, 70.0]", "[70.0, 10.0]", r"operating_point\.steady_s: found \[70\.0, 10\.0\]"),
         ("rate_hz = 50.0", "rate_hz = -200.0", r"processing\.rate_hz: found -200"),
         ("rate_hz = 50.0", "rate_hz = inf", r"processing\.rate_hz: found inf"),
-        ("# [identify]", '[identify]\nweighting = "det"', r"identify\.weighting: found 'det'"),
+        ("# [identify]", '[identify]\nnoise = "loud"', r"identify\.noise: found 'loud'"),
         ("# [identify]", "[identify]\noffsets = false", r"identify\.offsets: "),
         ("# [identify]", '[identify]\ncovariance = "sandwich"', r"identify\.covariance: "),
         ("# [identify]", '[identify]\ninitial_state = "zero"', r"identify\.initial_state: "),

@@ -70,7 +70,7 @@ def test_a_derivative_is_that_along_with_all_that_follows(case):
 def test_a_tie_that_holds_sharpens_and_its_interval_holds_the_truth(case, domain):
     tied = ANY[case]
     free = DELAYED if "T_d" in tied.names else EXTENDED if "tau_act" in tied.names else PLAIN
-    options = {"starts": 1} if domain == "time" else {"starts": 1, "weighting": "std"}
+    options = {"starts": 1, "noise": "white" if domain == "time" else "std"}
     made = experiment(free) if domain == "time" else response(free)
     found, apart = (identify(made, started_near_truth(structure), **options) for structure in (tied, free))
     for name, tie in tied.ties.items():
@@ -83,7 +83,7 @@ def test_a_tie_that_holds_sharpens_and_its_interval_holds_the_truth(case, domain
         assert estimate.std < apart[name].std
     for name in found.covariance["names"]:
         assert abs(found[name].value - VALUES[name]) < 4.5 * found[name].std
-        assert found[name].std < 1.02 * apart[name].std
+        assert found[name].std < 1.05 * apart[name].std  # either to a few per cent
     assert found.identifiability.free == apart.identifiability.free - len(tied.ties)
 
 
@@ -129,7 +129,7 @@ def test_everything_that_starts_from_a_fingerprint_knows_its_ties(tmp_path):
     apart = closed_loop(identify(made, PLAIN))
     for name, figure in closed_loop(loaded).items():
         if figure.value is not None:
-            assert figure.value == pytest.approx(apart[name].value, rel=1e-3)
+            assert figure.value == pytest.approx(apart[name].value, rel=2e-3)
             assert figure.std <= 1.02 * apart[name].std
     (profile,) = profile_likelihood(made, TIED, ["vK_p"])
     assert profile.kind == "bounded"

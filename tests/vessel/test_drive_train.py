@@ -12,8 +12,8 @@ from scipy.signal import find_peaks
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification.identify import fitted
 from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.structure_answer import fitted
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
 from shipfp_rs.simulation.raw_log import simulate_raw_log
 from shipfp_rs.simulation.sensors import TABLE_6_6

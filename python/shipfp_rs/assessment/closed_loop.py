@@ -68,7 +68,7 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     >>> from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
     >>> from shipfp_rs import identify
     >>> sines = measured_response(1.637)
-    >>> fitted = identify(sines, extended_structure(), weighting="std", starts=8)
+    >>> fitted = identify(sines, extended_structure(), noise="std", starts=8)
     >>> found = closed_loop(fitted)
     >>> found["phase margin"].unit
     'deg'

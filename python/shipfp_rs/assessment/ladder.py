@@ -10,9 +10,9 @@ from typing import Any
 from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification.blocks import Data
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.structure_records import Data
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 
@@ -102,7 +102,7 @@ def ladder(
     Parameters
     ----------
     data, settings
-        As for `identify`; the noise model and weighting are the same on every rung.
+        As for `identify`; the kind of noise is the same on every rung.
     structures
         Two or more with the same outputs, the simplest first.
     progress

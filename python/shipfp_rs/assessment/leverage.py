@@ -8,9 +8,10 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.blocks import Block
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
+from shipfp_rs.identification.likelihood import real_rows
+from shipfp_rs.identification.structure_records import seen
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
@@ -33,7 +34,7 @@ def leverage(
     structure
         The structure that was fitted.
     fingerprint
-        Of `identify(data, structure, weighting="std")`.
+        Of `identify(data, structure, noise="std")`.
 
     Returns
     -------
@@ -49,13 +50,13 @@ def leverage(
     -----
     D. C. Hoaglin and R. E. Welsch, "The hat matrix in regression and ANOVA", 10.1080/00031305.1978.10479237.
     """
-    if (weighting := fingerprint.settings.get("weighting")) != "std":
-        raise InputError(f"leverage: the fit's weighting is {weighting!r}, expected 'std'")
-    block = Block.build(data, structure, weigh=True)
+    if (noise := fingerprint.settings.get("noise")) != "std":
+        raise InputError(f"leverage: the fit's noise is {noise!r}, expected 'std'")
+    record = seen(data, structure, "std")
     values = dict(fingerprint.optimum)
     free = structure.free
-    evaluation = block.evaluate(values, [parameter.name for parameter in free])
-    rows = evaluation.jacobian.reshape(len(free), -1).T
+    _, slopes = record.evaluate(values, [parameter.name for parameter in free])
+    rows = real_rows(slopes).T
     scale = np.array([max(abs(values[parameter.name]), parameter.scale) for parameter in free])
     priors = [
         row / parameter.prior[1]
@@ -63,5 +64,7 @@ def leverage(
         if parameter.prior is not None
     ]
     told = Sensitivity.of(np.vstack([rows, *priors]), [parameter.name for parameter in free], scale)
-    share = np.einsum("ri,ij,rj->r", rows, told.covariance(), rows).reshape(len(structure.outputs), 2, -1)
-    return {signal: (own[0], own[1]) for signal, own in zip(block.signals, share, strict=True)}
+    share = np.einsum("ri,ij,rj->r", rows, told.covariance(), rows).reshape(2, len(structure.outputs), -1)
+    whole = np.zeros((*share.shape[:2], len(data)))
+    whole[..., record.valid] = share
+    return {signal: (whole[0, place], whole[1, place]) for place, signal in enumerate(record.signals)}

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any, Literal
 
 import numpy as np
 from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification.blocks import Data
-from shipfp_rs.identification.estimates import estimates
+from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.identify import options_of
-from shipfp_rs.identification.minima import search_minima
-from shipfp_rs.identification.profile import End, Profile
+from shipfp_rs.identification.structure_estimates import StructureEstimates
+from shipfp_rs.identification.structure_fit import LAST as SETTLED
+from shipfp_rs.identification.structure_fit import STEPS, fit_structure
+from shipfp_rs.identification.structure_records import Data
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
@@ -32,6 +34,8 @@ POINTS = 12
 """Of each side."""
 CONFIRMED = 0.9
 """Part of the level that the deviance past an end reaches, or the end is none."""
+FAR = 100.0
+"""Most of a deviance over the level that an end is interpolated with."""
 WITHOUT_BOUND = 10.0
 """Typical sizes to which a profile without end or bound is drawn."""
 
@@ -132,7 +136,7 @@ def profile_likelihood(
 
     Notes
     -----
-    The weights and noise models of the minimum are held. D. J. Venzon and S. H. Moolgavkar, 10.2307/2347496; for the three
+    The noise of the minimum is held. D. J. Venzon and S. H. Moolgavkar, 10.2307/2347496; for the three
     kinds A. Raue et al., 10.1093/bioinformatics/btp358, who call them identifiable, practically and structurally
     unidentifiable.
 
@@ -140,81 +144,95 @@ def profile_likelihood(
     --------
     >>> from shipfp_rs.reproduce.fullscale import extended_structure, measured_response
     >>> data, structure = measured_response(1.637), extended_structure()
-    >>> for found in profile_likelihood(data, structure, ["p", "v"], weighting="std", starts=8):
+    >>> for found in profile_likelihood(data, structure, ["p", "v"], noise="std", starts=8):
     ...     print(found.name, found.kind)
     p bounded
     v flat
     """
-    ended = search_minima(data, structure, options_of(options))
-    search, best = ended.search, ended.best
-    wanted = search.names if parameters is None else tuple(parameters)
+    chosen = options_of(options)
+    fit = fit_structure(data, structure, chosen)
+    names = fit.likelihood.coordinates.names
+    wanted = names if parameters is None else tuple(parameters)
     for name in wanted:
-        if name not in search.names:
-            raise InputError(f"no free parameter {name!r}, {hints.suggestion(name, list(search.names))}")
-    told, profile = estimates(search, best), Profile(search, best)
-    return tuple(
-        _likelihood(profile, search.free[index], index, search.names, told.values[name], told.threshold[name])
-        for name, index in ((name, search.names.index(name)) for name in wanted)
-    )
+        if name not in names:
+            raise InputError(f"no free parameter {name!r}, {hints.suggestion(name, list(names))}")
+    told = StructureEstimates(fit, "profile")
+    free = {one.name: one for one in structure.free}
+    return tuple(_likelihood(told, free[name]) for name in wanted)
 
 
-def _likelihood(
-    profile: Profile, parameter: Parameter, index: int, names: Sequence[str], value: float, threshold: float
-) -> Likelihood:
-    lower, low = _side(profile, parameter, index, value, -1.0, threshold)
-    upper, high = _side(profile, parameter, index, value, 1.0, threshold)
-    places = np.concatenate([low[0][::-1], [value], high[0]])
-    rise = np.concatenate([low[1][::-1], [0.0], high[1]])
-    vectors = np.concatenate([low[2][::-1], profile.minimum[None], high[2]])
-    others = {name: vectors[:, place] for place, name in enumerate(names) if place != index}
-    set_by_data = sum(end.kind == "data" for end in (lower, upper))
+def _likelihood(told: StructureEstimates, parameter: Parameter) -> Likelihood:
+    value, names = told.values[parameter.name], told.fit.likelihood.coordinates.names
+    found = told.profiles.interval(itemgetter(parameter.name))
+    sides = [
+        _side(told, parameter, sign, end, kind)
+        for sign, end, kind in zip((-1.0, 1.0), (found.low, found.high), found.kinds, strict=True)
+    ]
+    (lower, low), (upper, high) = sides
+    best = [[told.values[name] for name in names]]
+    rows = np.concatenate([low[2][::-1], best, high[2]])
     kinds: tuple[Kind, ...] = ("flat", "one-sided", "bounded")
     return Likelihood(
         parameter.name,
         parameter.unit,
         value,
-        places,
-        rise * LEVEL / threshold,
-        others,
-        (lower.value, upper.value),
-        kinds[set_by_data],
+        np.concatenate([low[0][::-1], [value], high[0]]),
+        np.concatenate([low[1][::-1], [0.0], high[1]]),
+        {name: rows[:, place] for place, name in enumerate(names) if name != parameter.name},
+        (lower[0], upper[0]),
+        kinds[sum(by_data for _, by_data in (lower, upper))],
     )
 
 
 def _side(
-    profile: Profile, parameter: Parameter, index: int, value: float, sign: float, threshold: float
-) -> tuple[End, Drawn]:
-    """Return the end on one side and what is drawn of it.
+    told: StructureEstimates, parameter: Parameter, sign: float, end: float, kind: str
+) -> tuple[tuple[float, bool], Drawn]:
+    """Return the end on one side, whether the data set it, and what is drawn of it.
 
-    Along a floor the search for an end may lose the other parameters, and where it does so hangs on the last digit. Such
-    an end is none if the deviance drawn past it stays below the level.
+    An end that the profile found is none if the deviance drawn past it stays below the level.
     """
-    scale = max(abs(value), parameter.scale)
+    value = told.values[parameter.name]
     bound = parameter.lower if sign < 0.0 else parameter.upper
+    scale = max(abs(value), parameter.scale)
     far = bound if np.isfinite(bound) else value + sign * WITHOUT_BOUND * scale
-    end = profile.end(index, sign * 0.01 * scale, threshold)
-    passed = value + BEYOND * (end.value - value) if end.kind == "data" else far
-    reach = float(np.clip(passed, min(bound, value), max(bound, value)))
-    drawn = _drawn(profile, index, value, reach, threshold)
-    if end.kind == "bound" or (end.kind == "data" and drawn[1].max(initial=0.0) > CONFIRMED * threshold):
-        return end, drawn
-    if reach != far:
-        drawn = _drawn(profile, index, value, far, threshold)
-    return _end_of(drawn, value, bound, sign, threshold), drawn
-
-
-def _end_of(drawn: Drawn, value: float, bound: float, sign: float, threshold: float) -> End:
-    """Where what is drawn first passes the level."""
+    if kind == "data" and sign * (bound - end) > 0.0:
+        passed = value + BEYOND * (end - value)
+        drawn = _drawn(told, parameter, value, min(max(passed, min(far, value)), max(far, value)))
+        if drawn[1].max(initial=0.0) > CONFIRMED * LEVEL:
+            return (float(end), True), drawn
+    drawn = _drawn(told, parameter, value, far)
     places, rise = np.append(value, drawn[0]), np.append(0.0, drawn[1])
-    above = np.flatnonzero(rise >= threshold)
+    above = np.flatnonzero(rise >= LEVEL)
     if not above.size:
-        return End(bound, "bound") if np.isfinite(bound) else End(sign * np.inf, "open")
+        return (bound if np.isfinite(bound) else sign * np.inf, False), drawn
     first = slice(above[0] - 1, above[0] + 1)
-    return End(float(np.interp(np.sqrt(threshold), np.sqrt(rise[first]), places[first])), "data")
+    known = np.minimum(rise[first], FAR * LEVEL)
+    return (float(np.interp(np.sqrt(LEVEL), np.sqrt(known), places[first])), True), drawn
 
 
-def _drawn(profile: Profile, index: int, value: float, reach: float, threshold: float) -> Drawn:
+def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: float) -> Drawn:
+    """The deviance with the parameter given at places up to `reach`, everything else at its best for it."""
+    names = told.fit.likelihood.coordinates.names
     if reach == value:
-        return np.empty(0), np.empty(0), np.empty((0, len(profile.minimum)))
-    places = np.linspace(value, reach, POINTS + 1)[1:]
-    return places, *profile.trace(index, places, threshold)
+        return np.empty(0), np.empty(0), np.empty((0, len(names)))
+    spaced = np.geomspace if parameter.name in told.fit.likelihood.coordinates.logarithmic else np.linspace
+    places = spaced(value, reach, POINTS + 1)[1:]
+    best = told.fit.best
+    vector = np.delete(best.vector, names.index(parameter.name))
+    before, rises, rows = vector, [], []
+    for place in places:
+        given = told.structure.with_fixed(**{parameter.name: float(place)})
+        coordinates = replace(told.fit.likelihood.coordinates, structure=given)
+        likelihood = replace(told.fit.likelihood, coordinates=coordinates)
+        # On along the valley, and from where it was.
+        ends = [
+            descend(likelihood, start, steps=STEPS, settled=SETTLED)
+            for start in (2.0 * vector - before, vector)
+        ]
+        end = min(ends, key=lambda one: one.cost)
+        if np.isfinite(end.cost):
+            before, vector = vector, end.vector
+        rises.append(max(end.cost - best.cost, 0.0))
+        values = coordinates.values(vector)
+        rows.append([values[name] for name in names])
+    return places, np.array(rises), np.array(rows)

@@ -49,6 +49,11 @@ class Noise:
         """Standard deviation of what a sample has beyond the one before it, over the operating point [-]."""
         return self.level * math.sqrt(1.0 - self.correlation(rate_hz) ** 2)
 
+    def whitened(self, rows: Array, rate_hz: float) -> Array:
+        """Return rows (W, N) in units of what each sample has beyond the one before it."""
+        left = rows[:, 1:] - self.correlation(rate_hz) * rows[:, :-1]
+        return np.concatenate([rows[:, :1] / self.level, left / self.innovation(rate_hz)], axis=1)
+
     def density(self, frequency_hz: Array, rate_hz: float) -> Array:
         """One-sided power spectral density at frequencies (F,) [1/Hz], of the samples."""
         turn = np.exp(-2j * math.pi * frequency_hz / rate_hz)

@@ -11,12 +11,10 @@ from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.quantities import quantities
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.blocks import Block
-from shipfp_rs.identification.covariances import without_nuisance
-from shipfp_rs.identification.estimates import why_unknown, with_tied
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability
-from shipfp_rs.identification.identifiability import Sensitivity, describe
-from shipfp_rs.identification.whitening import Whitening
+from shipfp_rs.identification.identifiability import Sensitivity, describe, why_unknown, without_nuisance
+from shipfp_rs.identification.structure_estimates import with_tied
+from shipfp_rs.identification.structure_records import seen
 from shipfp_rs.signals import Excitation
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
@@ -37,19 +35,20 @@ class Prediction:
 def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise]) -> Prediction:
     """Predict what `identify` will make of a record of this excitation.
 
-    The sensitivities are whitened with the noise's own autoregression, as `identify` does with a fitted one, and what an
+    The sensitivities are in units of the noise, by its own autoregression, and what an
     initial state and an offset of each output imitate is taken off: the record's transients and the price of its own
     unknowns count.
     """
     experiment = subject.respond(excitation)
     structure, rate = subject.structure, excitation.rate_hz
-    block = Block.build(experiment, structure)
+    record = seen(experiment, structure, "white")
     noises = [sensors[output] for output in structure.outputs]
-    values = dict(subject.values) | dict.fromkeys(block.nuisance, 0.0)
-    whitening = Whitening([np.array([1.0, -noise.correlation(rate)]) for noise in noises])
-    evaluation = block.filtered(values, subject.free, whitening)
-    scale = np.array([noise.innovation(rate) for noise in noises])
-    jacobian = (evaluation.jacobian / scale[:, None]).reshape(len(evaluation.jacobian), -1).T
+    values = dict(subject.values) | dict.fromkeys(record.unknowns, 0.0)
+    _, slopes = record.evaluate(values, subject.free)
+    white = [
+        noise.whitened(rows, rate) for noise, rows in zip(noises, np.moveaxis(slopes, 1, 0), strict=True)
+    ]
+    jacobian = np.concatenate(white, axis=1).T
     own = without_nuisance(jacobian, len(subject.free))
     priors = [
         row / parameter.prior[1]

@@ -38,13 +38,13 @@ def strain(likelihood: Likelihood, vector: Array) -> float:
 
 def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
     """Return what the model misses of each output's response, per cent of its size, all records together."""
-    missed = np.zeros(len(likelihood.outputs))
-    scatter = np.zeros(len(likelihood.outputs))
-    size = np.full(len(likelihood.outputs), 1e-30)
+    missed = np.zeros(len(likelihood.accuracy))
+    scatter = np.zeros(len(likelihood.accuracy))
+    size = np.full(len(likelihood.accuracy), 1e-30)
     for index, record in enumerate(likelihood.records):
         rate = record.data_hz / record.down
         begin = int(BEFORE_S * rate)
-        model = likelihood.simulated(vector, index, [])[:, 0, begin:]
+        model = likelihood.modelled(vector, index)[:, begin:]
         length = min(int(STRETCH_S * rate), model.shape[1] // 4)
         for output, (response, data) in enumerate(zip(model, record.decimated[:, begin:], strict=True)):
             power, left = (
@@ -70,7 +70,7 @@ def explained_pct(likelihood: Likelihood, vector: Array) -> list[list[float]]:
     """Return the fit 100 (1 - |y - model| / |y - mean|) of each record's outputs in the band."""
     rows = []
     for index, record in enumerate(likelihood.records):
-        model = likelihood.simulated(vector, index, [])[:, 0]
+        model = likelihood.modelled(vector, index)
         data = record.decimated
         spread = np.linalg.norm(data - data.mean(axis=1, keepdims=True), axis=1)
         rows.append(

@@ -35,6 +35,8 @@ SAME = 4.0
 ALIKE = 10.0
 """Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
 
+ROUNDS, STILL = 10, 1.0
+"""Most descents, each under the noise and the water of the end before, and the fall of the total below which they end."""
 LIKELY = 30.0
 """Ends of first descents above the least by more than this are not followed: their last steps bring less."""
 
@@ -198,6 +200,19 @@ def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None =
             return Basin(np.inf, vector, False)
         vector = descend(likelihood, vector, steps=steps, settled=settled, until=until).vector
     return Basin(likelihood.total(vector), vector)
+
+
+def settle(likelihood: Likelihood, basin: Basin, until: float | None = None) -> tuple[Likelihood, Basin]:
+    """Go on under the noise and the water of each end, until the total falls no further."""
+    total = np.inf
+    for _ in range(ROUNDS):
+        following = likelihood.with_noise(basin.vector).with_water(basin.vector)
+        end = descend(following, basin.vector, until=until)
+        then = following.total(end.vector)
+        if then > total - STILL and total < np.inf:
+            break
+        likelihood, basin, total = following, end, then
+    return likelihood, basin
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:

@@ -37,6 +37,10 @@ SMALLEST = 1e-3
 """Least of what has a logarithm and a lower bound of none."""
 
 
+STATE_DEVIATION = 0.1
+"""Of a record's states, over the operating point: where a quick loop has forgotten them, nothing else holds them."""
+
+
 @dataclass(frozen=True)
 class Coordinates:
     """Free parameters of a ship between bounds, as a vector, with the states of its records behind them.
@@ -54,6 +58,11 @@ class Coordinates:
     free: Mapping[str, tuple[float, float]]
     given: Mapping[str, float]
     records: int
+
+    @property
+    def state_deviation(self) -> float:
+        """Prior deviation of the records' states, over the operating point."""
+        return STATE_DEVIATION
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
-from shipfp_rs.identification.options import Intervals, NoiseModel, Weighting
+from shipfp_rs.identification.options import Intervals, NoiseModel
 from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, Positive, Whole, fits
@@ -32,7 +32,6 @@ REBUILT = ("linear", "ship", "joint")
 STATES = ("on", "off", "open")
 """What the data can say of an element of the ship."""
 WORDS: Mapping[str, tuple[str, ...]] = {
-    "weighting": get_args(Weighting),
     "noise": get_args(NoiseModel),
     "intervals": get_args(Intervals),
     "set_point": ("band-limited", "straight lines"),

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 
 from shipfp_rs.identification.estimate import Identifiability
-from shipfp_rs.optimise.gauss_newton import sparse_basis
 from shipfp_rs.structures.ties import Ties, followed
 from shipfp_rs.support.arrays import Array
 
@@ -140,7 +139,7 @@ def gradient_of(
 def describe(sensitivity: Sensitivity) -> Identifiability:
     """Put rank and null directions into parameter names, and name what extra knowledge would close the gap."""
     names, null = sensitivity.names, sensitivity.null
-    directions = [_direction(names, row) for row in sparse_basis(null)]
+    directions = [_direction(names, row) for row in _sparse_basis(null)]
     members = [name for index, name in enumerate(names) if np.linalg.norm(null[:, index]) > NULL_PART]
     missing = len(null)
     closing: list[str] = []
@@ -163,3 +162,44 @@ def _direction(names: Sequence[str], row: Array) -> dict[str, object]:
     part = {name: float(change) for name, change in zip(names, row, strict=True) if abs(change) > NULL_PART}
     text = ", ".join(f"{name} {100 * change / 100:+.3g} %" for name, change in part.items())
     return {"combination": text, "direction": part}
+
+
+def without_nuisance(jacobian: Array, count: int) -> Array:
+    """Return the parameters' columns without the part that the blocks' own unknowns could explain, shape (R, P)."""
+    columns, nuisance = jacobian[:, :count], jacobian[:, count:]
+    if not nuisance.shape[1]:
+        return columns
+    size = np.linalg.norm(nuisance, axis=0)
+    basis, _ = np.linalg.qr(nuisance[:, size > 0] / size[size > 0])
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def why_unknown(everything: Sensitivity, index: int) -> str:
+    """Say why the data do not tell a parameter, empty where they do."""
+    null_part = float(np.linalg.norm(everything.null[:, index])) if len(everything.null) else 0.0
+    if null_part <= NULL_PART:
+        return ""
+    partners = sorted(
+        {
+            other
+            for row in everything.null
+            if abs(row[index]) > NULL_PART
+            for other, part in zip(everything.names, row, strict=True)
+            if abs(part) > NULL_PART and other != everything.names[index]
+        }
+    )
+    return "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
+
+
+def _sparse_basis(null: Array) -> Array:
+    """Gauss-Jordan form with full pivoting: each direction has a leading 1 and zeros at the others' leads."""
+    basis = null.copy()
+    for row in range(len(basis)):
+        free_rows = np.abs(basis[row:])
+        pivot_row, pivot = divmod(int(np.argmax(free_rows)), basis.shape[1])
+        basis[[row, row + pivot_row]] = basis[[row + pivot_row, row]]
+        basis[row] /= basis[row, pivot]
+        for other in range(len(basis)):
+            if other != row:
+                basis[other] -= basis[other, pivot] * basis[row]
+    return basis

@@ -11,13 +11,11 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
-from shipfp_rs.identification.blocks import Data
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.minima import search_minima
-from shipfp_rs.identification.options import Intervals, NoiseModel, Options, Weighting
-from shipfp_rs.identification.outcome import fingerprint_of
+from shipfp_rs.identification.options import Intervals, NoiseModel, Options
 from shipfp_rs.identification.question import Question, question_of, question_of_ship
-from shipfp_rs.identification.usability import judged
+from shipfp_rs.identification.structure_answer import fitted
+from shipfp_rs.identification.structure_records import Data
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
@@ -25,7 +23,7 @@ from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 
 OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
 """Arguments of `identify` that are no options of a search."""
-ONLY_WITH_A_STRUCTURE = ("weighting", "noise", "starts")
+ONLY_WITH_A_STRUCTURE = ("noise", "starts")
 """Options that the fit without a structure has not, since it has one likelihood and one search."""
 
 
@@ -39,7 +37,6 @@ def identify(
     outputs: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
-    weighting: Weighting = "determinant",
     noise: NoiseModel | None = None,
     intervals: Intervals = "profile",
     starts: Count | None = None,
@@ -59,12 +56,11 @@ def identify(
     elements, torque, outputs, fixed, priors
         Without a structure: elements that act (True) or not (False), the side of the torque ("gauge" or "brake"; None:
         by the signal, brake before gauge), outputs, and parameters that are known or have a prior (mean, deviation).
-    weighting
-        "determinant" minimises det(E'E/N), the weights of eq. 4.4 iterated with W = (E'E/N)^-1; "variance" the same
-        with a diagonal W; "std" uses the responses' own standard deviations; "none" is plain least squares (4.2).
     noise
-        "ar": prewhiten the residuals of each output with a fitted AR(8) and refit, so that the intervals hold for
-        coloured noise; "white": take them as they are. Default: "ar" for experiments, "white" for responses.
+        "coloured": the spectral matrix of the residuals, estimated along, in the band that the set point excites. "white":
+        one covariance over all samples or frequencies, which is the thesis's determinant criterion (eq. 4.5 put into 4.4
+        properly). "std": the standard deviations that a response has. Default: "coloured" for experiments, "std" for
+        responses that have deviations, "white" for others.
     intervals
         "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
@@ -96,7 +92,7 @@ def identify(
     eq. 4.4 and 4.5 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant. With every experiment an
     initial state is estimated along, and an offset of each output where the structure has no unknowns of its own for it.
     """
-    options = Options(weighting, noise, intervals, starts, seed, time_limit_s)
+    options = Options(noise, intervals, starts, seed, time_limit_s)
     if structure is None:
         return _full_ship(
             data,
@@ -115,14 +111,6 @@ def identify(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
     return _given_ship(data, structure, options, vessel) or fitted(data, structure, options, vessel=vessel)
-
-
-def fitted(
-    data: Data | Sequence[Data], structure: Structure, options: Options, *, vessel: str | None = None
-) -> Fingerprint:
-    """Fit a structure as `identify` does."""
-    found = search_minima(data, structure, options)
-    return judged(fingerprint_of(found, vessel=vessel), sum(block.count for block in found.search.blocks))
 
 
 def _full_ship(
@@ -165,8 +153,13 @@ def _given_ship(
     """Fit a given ship as the full one is; None where its search has not what the structure or an option asks for."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     experiments = [item for item in given if isinstance(item, Experiment)]
-    asked = any(getattr(options, name) != getattr(Options, name) for name in ("weighting", "noise"))
-    if asked or not experiments or len(experiments) < len(given) or not structure.free or structure.ties:
+    if (
+        options.noise not in (None, "coloured")
+        or not experiments
+        or len(experiments) < len(given)
+        or not structure.free
+        or structure.ties
+    ):
         return None
     question = question_of_ship(experiments, structure)
     return None if question is None else _answered(question, options, vessel)

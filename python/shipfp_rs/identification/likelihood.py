@@ -1,6 +1,6 @@
-"""The one likelihood: spectra of all outputs together, in a band, coloured by the residuals' own spectral matrix.
+"""The one likelihood: residuals of all outputs together, coloured by their own spectral matrix, with priors.
 
-Beside its parameters a ship has unknowns that are linear and have a prior, eliminated in closed form: smooth multiplicative
+Beside its parameters a model has unknowns that are linear and have a prior, eliminated in closed form: smooth multiplicative
 errors of each output's response, amplitude and phase, an octave wide, of the size that gauge and calibration leave open
 (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294). Whittle 1953 (doi:10.1007/BF02590998) is the likelihood of spectra.
 """
@@ -10,17 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.coordinates import STATES, Coordinates
-from shipfp_rs.identification.record import Record
-from shipfp_rs.identification.water import beyond_the_law, moving_water
-from shipfp_rs.structures.ship import INDEX, KERNEL
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import Array, Numbers
 
 ACCURACY = 3e-3
 """Smooth relative error of an output's response that gauge and calibration leave open, one standard deviation."""
@@ -32,20 +27,6 @@ STEEP, MOST_FALL = 40, -2.0
 """Number of the lowest frequencies over which noise may fall by a power of the frequency, and the greatest fall."""
 FLOOR = 1e-3
 """Least of that matrix, over its median."""
-MOST_BEHIND, WALL = 0.95, 0.01
-"""Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
-TORQUES = ("dM_b", "dM_g")
-"""The kernel's torques."""
-TORQUE_PLACES = [_core.SHIP_OUTPUTS.index(name) for name in TORQUES]
-"""Their places."""
-SPEED_PLACES = [_core.SHIP_OUTPUTS.index("dn"), _core.SHIP_OUTPUTS.index("dn_prop")]
-"""Places of the kernel's speeds."""
-SCALE = "torque scale"
-"""A record's unknown that multiplies its torque."""
-LIMITS = {"M_max", "rate"}
-"""Parameters of what moving water sets off, so that its part is none that adds."""
-STATE_DEVIATION = 0.1
-"""Of a record's states, over the operating point: where a quick loop has forgotten them, nothing else holds them."""
 WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
 
@@ -88,83 +69,101 @@ class Products(NamedTuple):
         )
 
 
+class Space(Protocol):
+    """Coordinates: free parameters as a vector, with the records' own unknowns behind them."""
+
+    @property
+    def free(self) -> Mapping[str, tuple[float, float]]:
+        """Free parameters with their bounds."""
+
+    @property
+    def given(self) -> Mapping[str, float]:
+        """Parameters that are not searched."""
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+
+    @property
+    def size(self) -> int:
+        """Length of a vector."""
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Bounds of a vector."""
+
+    @property
+    def state_deviation(self) -> float:
+        """Prior deviation of the records' unknowns, over the operating point."""
+
+    def place(self, name: str) -> int:
+        """Place of a parameter in a vector."""
+
+    def states(self, record: int) -> slice:
+        """Places of a record's own unknowns."""
+
+    def values(self, vector: Array) -> dict[str, float]:
+        """Return the parameters in their own units, those given included."""
+
+    def vector(self, values: Mapping[str, float], states: Sequence[Array] = ()) -> Array:
+        """Return the vector of values within the bounds."""
+
+    def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
+        """Derivatives of the parameters by the places of a vector."""
+
+
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Of a ship, given records.
+    """Of a model, given records; `ShipLikelihood` and `StructureLikelihood` say which.
 
     Parameters
     ----------
     records, coordinates
-        Data and free parameters.
-    outputs
-        Places of the outputs among the kernel's.
+        Data, each with a spectrum (O, F), and free parameters.
     accuracy
         Smooth relative error of each output's response, one standard deviation, shape (O,).
     priors
         Parameter to (mean, standard deviation).
     roots
-        For each record the root of the inverse spectral matrix of its noise, (F, O, O); None: white.
+        For each record the root of the inverse spectral matrix of its noise, (F, O, O), or (O, O) where it is white;
+        None: not estimated yet.
     responses
         For each record the spectra of the model's outputs at the vector that the noise is from, (O, F): what smooth errors
         are relative to. Relative to the data's they would take noise for a response, and be rewarded for shrinking it.
-    water
-        For each record moving water that drives the ship, at the decimated data's rate (K,); None: it is noise.
     """
 
-    records: tuple[Record, ...]
-    coordinates: Coordinates
-    outputs: tuple[int, ...]
+    records: tuple[Any, ...]
+    coordinates: Space
     accuracy: Array
     priors: Mapping[str, tuple[float, float]]
-    roots: tuple[ComplexArray, ...] | None = None
-    responses: tuple[ComplexArray, ...] = ()
-    water: tuple[Array, ...] | None = None
+    roots: tuple[Numbers, ...] | None = None
+    responses: tuple[Numbers, ...] = ()
 
-    def simulated(self, vector: Array, record: int, wrt: Sequence[int], *, wet: bool = True) -> Array:
-        """Outputs of a record and their derivatives by the kernel's parameters, decimated (O, 1 + W, K); wet: with water."""
-        data, c = self.records[record], self.coordinates
-        values = c.values(vector)
-        parameters = c.kernel(values, vector[c.states(record)])
-        if wet and self.water is not None:
-            data = self._wet[record]
-            parameters[INDEX["load_gain"]] = values.get("k_L", 1.0)
-        return data.simulated(parameters, self.outputs, wrt)
-
-    @cached_property
-    def _wet(self) -> tuple[Record, ...]:
-        """The records driven by their water, too."""
-        assert self.water is not None
-        return tuple(record.driven_by(water) for record, water in zip(self.records, self.water, strict=True))
-
-    def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
+    def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
-        data, c = self.records[record], self.coordinates
-        values = c.values(vector)
-        slopes = c.slopes(values)
-        # The torque's scale is no derivative that the kernel has to carry along.
-        by = [*slopes, *(name for name in STATES if name != SCALE)]
-        v = values.get("v", 1.0)
-        wrt = [INDEX[STATES.get(name, KERNEL.get(name, name))] for name in by]
-        simulated = self.simulated(vector, record, wrt)
-        scale = 1.0 + vector[c.states(record)][list(STATES).index(SCALE)]
-        torques = np.isin(self.outputs, TORQUE_PLACES)
-        scaled = np.where(torques[:, None], (simulated[:, 0] + 1.0) / scale, 0.0)
-        seen = data.see(np.concatenate([simulated, scaled[:, None]], axis=1))
-        residual = data.spectrum - seen[:, 0]
-        jacobian = np.zeros((c.size, *residual.shape), complex)
-        for column, name in enumerate(by[: len(slopes)], 1):
-            own = 1.0 / v if KERNEL.get(name, name) in ("K_p", "K_i", "K_d") and name.startswith("v") else 1.0
-            for place, slope in slopes[name].items():
-                jacobian[place] += (own * slope) * seen[:, column]
-        if "v" in slopes:
-            # At a fixed product the gains fall as v grows.
-            for gain in ("vK_p", "vK_i", "vK_d"):
-                if gain in values:
-                    at = INDEX[KERNEL[gain]]
-                    if at in wrt:
-                        jacobian[c.place("v")] -= values[gain] / v * seen[:, 1 + wrt.index(at)]
-        jacobian[c.states(record)] = np.moveaxis(seen[:, 1 + len(slopes) :], 1, 0)
-        return residual, jacobian
+        raise NotImplementedError
+
+    def modelled(self, vector: Array, record: int) -> Array:
+        """Decimated outputs of a record, (O, K)."""
+        raise NotImplementedError
+
+    def residuals(self, vector: Array, *, wet: bool = True) -> list[Numbers]:
+        """For each record the residuals at a vector, (O, F); wet: with what moving water does, where that is known."""
+        raise NotImplementedError
+
+    def with_water(self, vector: Array, *, always: bool = False) -> Likelihood:
+        """Return the likelihood of the model driven by moving water as well, itself where that is not known."""
+        del vector, always
+        return self
+
+    @property
+    def bends(self) -> bool:
+        """Whether there are smooth errors."""
+        return self.roots is not None and bool(self.accuracy.any())
 
     def products(self, vector: Array, tangent: Tangent | None = None) -> Products:
         """Deviance, gradient and Gauss-Newton matrix at a vector.
@@ -174,20 +173,19 @@ class Likelihood:
         Raises
         ------
         SimulationError
-            Where the ship runs away, or leaves the numbers.
+            Where the model runs away, or leaves the numbers.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             return self._products(vector, tangent)
 
     def _products(self, vector: Array, tangent: Tangent | None) -> Products:
         if tangent is None:
-            pairs = [self.spectra(vector, index) for index in range(len(self.records))]
-            both = [np.concatenate([residual[None], jacobian]) for residual, jacobian in pairs]
+            both = [self._rows(vector, index) for index in range(len(self.records))]
         else:
-            both = [residual[None] for residual in self.residuals(vector)]
-        rows = np.concatenate([self._white(one, index) for index, one in enumerate(both)], axis=1)
+            both = [self._white(one[None], index) for index, one in enumerate(self.residuals(vector))]
+        rows = np.concatenate(both, axis=1)
         residual, taken = rows[0], rows
-        if self.roots is not None:
+        if self.bends:
             shapes, inverse = self._errors
             taken = rows - (rows @ shapes.T) @ inverse @ shapes
         if tangent is None:
@@ -196,31 +194,40 @@ class Likelihood:
         gram[0, 0] = taken[0] @ residual
         gram[0, 1:] = gram[1:, 0] = tangent.rows @ residual if tangent.rows.size else 0.0
         gram[1:, 1:] = tangent.matrix
-        self._add_priors(vector, gram)
+        priors = self.prior_rows(vector)
+        gram += priors.T @ priors
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:], tangent, (residual, taken[0]))
 
-    def smooth_errors(self, residuals: Sequence[ComplexArray]) -> tuple[Array, Array]:
+    def _rows(self, vector: Array, index: int) -> Array:
+        """Residual and derivatives of a record in units of the noise, (1 + P, R)."""
+        residual, jacobian = self.spectra(vector, index)
+        return self._white(np.concatenate([residual[None], jacobian]), index)
+
+    def whitened(self, vector: Array) -> Array:
+        """Residual, derivatives and smooth errors in units of the noise, with the priors' rows, (R, 1 + P + E)."""
+        rows = np.concatenate([self._rows(vector, index) for index in range(len(self.records))], axis=1)
+        if self.bends:
+            rows = np.concatenate([rows, self._errors[0]])
+        priors = self.prior_rows(vector)
+        errors = len(rows) - priors.shape[1]
+        own = np.eye(errors, len(rows), priors.shape[1])
+        return np.concatenate([rows.T, np.pad(priors, ((0, 0), (0, errors))), own])
+
+    def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
         """Sizes of the smooth errors that residuals show, in prior deviations (E,), and what these are unsure by (E, E)."""
         shapes, unsure = self._errors
         white = np.concatenate([self._white(one[None], index)[0] for index, one in enumerate(residuals)])
         return unsure @ (shapes @ white), unsure
 
-    def residuals(self, vector: Array, *, wet: bool = True) -> list[ComplexArray]:
-        """For each record the residuals at a vector, (O, F)."""
-        return [
-            record.spectrum - record.see(self.simulated(vector, index, [], wet=wet)[:, 0])
-            for index, record in enumerate(self.records)
-        ]
-
-    def _left(self, residuals: Sequence[ComplexArray]) -> tuple[list[ComplexArray], list[ComplexArray]]:
+    def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
         """What the smooth errors leave of the residuals, (O, F), and the covariance of what they took, (O, O, F).
 
         What is left is noise, and all that the model lacks. At low frequencies the errors take noise along, so its power is
         what is left and what they are unsure of (Dempster, Laird and Rubin 1977, doi:10.1111/j.2517-6161.1977.tb01600.x).
         """
-        if self.roots is None:
+        if not self.bends:
             return list(residuals), [np.zeros((len(one), *one.shape), complex) for one in residuals]
         sizes, inverse = self.smooth_errors(residuals)
         left = [
@@ -233,7 +240,7 @@ class Likelihood:
         return left, unsure
 
     def cost(self, vector: Array) -> float:
-        """Deviance at a vector; infinite where the ship runs away."""
+        """Deviance at a vector; infinite where the model runs away."""
         size = self.coordinates.size
         try:
             return self.products(vector, Tangent(np.empty((size, 0)), np.zeros((size, size)))).cost
@@ -246,129 +253,63 @@ class Likelihood:
         Only so two ends compare that leave different residuals: under the noise of the one the other is at a disadvantage.
         """
         try:
-            own = replace(self, water=None).with_noise(vector)
-            assert own.roots is not None
-            found = own.cost(vector) + sum(map(_spread, own.roots))
-            return found if self.water is None else min(found, self._wet_total(vector))
+            own = self.with_noise(vector)
+            return own.cost(vector) + own.spread()
         except (SimulationError, np.linalg.LinAlgError):
             return np.inf
 
-    def _wet_total(self, vector: Array) -> float:
-        """The same where the water drives the ship: of what is left of the torque, and of the water itself.
+    def spread(self) -> float:
+        """Deviance of the determinants of the noise."""
+        assert self.roots is not None
+        return sum(map(spread_of, self.roots))
 
-        Speed and torque follow from both along lines with the determinant p + s tau of the load.
-        """
-        values = self.coordinates.values(vector)
-        (speed, _), inertia = self._water_seen(values)
-        gram = np.zeros((self.coordinates.size + 1,) * 2)
-        self._add_priors(vector, gram)
-        found = float(gram[0, 0])
-        residuals, _ = self._left(self.residuals(vector))
-        for record, residual, beyond in zip(self.records, residuals, self._beyond(vector), strict=True):
-            residual[speed] = record.see(beyond)
-            root = noise_root(residual)
-            turned = np.einsum("fab,bf->af", root, residual)
-            load = values["p"] + 2j * np.pi * record.frequency_hz * inertia[1]
-            found += (
-                float(np.sum(np.abs(turned) ** 2)) + _spread(root) - 4.0 * float(np.log(np.abs(load)).sum())
-            )
-        return found
-
-    def _add_priors(self, vector: Array, gram: Array) -> None:
+    def prior_rows(self, vector: Array) -> Array:
+        """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P)."""
         values = self.coordinates.values(vector)
         slopes = self.coordinates.slopes(values)
-
-        def add(residual: float, by: Mapping[int, float]) -> None:
-            row = np.zeros(len(gram))
-            row[0] = residual
-            for place, slope in by.items():
-                row[1 + place] = slope
-            gram[...] += np.outer(row, row)
-
+        rows = []
         for name, (mean, deviation) in self.priors.items():
-            found = slopes.get(name, {}).items()
-            add((mean - values[name]) / deviation, {place: slope / deviation for place, slope in found})
-        for place in range(len(self.coordinates.free), len(vector)):
-            add(-vector[place] / STATE_DEVIATION, {place: 1.0 / STATE_DEVIATION})
-        # The inertia behind the gauge is a part of the whole.
-        behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
-        if behind > MOST_BEHIND * whole and "tau_prop" in slopes:
-            by = {place: slope / (whole * WALL) for place, slope in slopes["tau_prop"].items()}
-            for place, slope in slopes.get("tau_n", {}).items():
-                by[place] = by.get(place, 0.0) - behind * slope / (whole**2 * WALL)
-            add((MOST_BEHIND - behind / whole) / WALL, by)
+            found = {place: slope / deviation for place, slope in slopes.get(name, {}).items()}
+            rows.append(self._row((mean - values[name]) / deviation, found))
+        deviation = self.coordinates.state_deviation
+        rows += [
+            self._row(-vector[place] / deviation, {place: 1.0 / deviation})
+            for place in range(len(self.coordinates.free), len(vector))
+        ]
+        return np.array(rows).reshape(-1, len(vector) + 1)
 
-    def _white(self, spectra: ComplexArray, record: int) -> Array:
-        """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, 2 O F)."""
-        own = None if self.roots is None else self.roots[record]
-        turned = spectra / WHITE if own is None else np.zeros_like(spectra)
-        if own is not None:  # lower triangles
-            for a, b in zip(*np.tril_indices(own.shape[1]), strict=True):
-                turned[:, a] += own[:, a, b] * spectra[:, b]
-        flat = turned.reshape(len(spectra), -1)
-        return np.concatenate([flat.real, flat.imag], axis=1)
+    def _row(self, residual: float, by: Mapping[int, float]) -> Array:
+        row = np.zeros(self.coordinates.size + 1)
+        row[0] = residual
+        for place, slope in by.items():
+            row[1 + place] = slope
+        return row
+
+    def root(self, record: int) -> Numbers:
+        """Root of the inverse spectral matrix of a record's noise; a guess before any was estimated."""
+        return np.eye(len(self.accuracy)) / WHITE if self.roots is None else self.roots[record]
+
+    def _white(self, spectra: Numbers, record: int) -> Array:
+        """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, R)."""
+        return real_rows(turned(self.root(record), spectra))
 
     def with_noise(self, vector: Array) -> Self:
         """Return the likelihood whose noise is that of the residuals at a vector, water's part included."""
         residuals = self.residuals(vector, wet=False)
         responses = tuple(record.spectrum - one for record, one in zip(self.records, residuals, strict=True))
-        roots = tuple(map(noise_root, *self._left(residuals)))
+        roots = self._noise(*self._left(residuals))
         return replace(self, roots=roots, responses=responses)
 
+    def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers]) -> tuple[Numbers, ...]:
+        """For each record the root of the inverse spectral matrix of its residuals."""
+        return tuple(map(noise_root, residuals, unsure))
+
     def with_noise_of(self, other: Likelihood) -> Self:
-        """Return the likelihood with the noise and the water of another one of the same records."""
-        return replace(self, roots=other.roots, responses=other.responses, water=other.water)
-
-    def with_water(self, vector: Array, *, always: bool = False) -> Likelihood:
-        """Return the likelihood of the ship driven by the water that speed and torque show at a vector.
-
-        Itself where nothing limits the ship, so that water's part is noise that adds, unless it is always asked for, or
-        where no torque was measured; without water where that explains the data better.
-        """
-        values = self.coordinates.values(vector)
-        if self._torque is None or not (always or LIMITS & set(values)):
-            return self
-        seen, _ = self._water_seen(values)
-        water = tuple(
-            moving_water(record, beyond, self.simulated(vector, index, [], wet=False)[seen, 0])
-            / values.get("k_L", 1.0)
-            for index, (record, beyond) in enumerate(zip(self.records, self._beyond(vector), strict=True))
-        )
-        dry, wet = replace(self, water=None), replace(self, water=water)
-        # What the model lacks looks like water, too, and would drive it astray.
-        return wet if wet._wet_total(vector) < dry.total(vector) else dry
-
-    @property
-    def _torque(self) -> str | None:
-        """The torque among the outputs."""
-        named = [_core.SHIP_OUTPUTS[output] for output in self.outputs]
-        return next((name for name in TORQUES if name in named), None)
-
-    def _water_seen(self, values: Mapping[str, float]) -> tuple[list[int], tuple[float, float]]:
-        """Places of speed and torque among the outputs, and the inertias ahead of and behind a shaft that twists."""
-        torque = self._torque
-        assert torque is not None
-        twisted = values.get("tau_twist", 0.0) > 0.0
-        behind = values["tau_prop" if twisted or torque == "dM_g" else "tau_n"]
-        speed = next(place for place, output in enumerate(self.outputs) if output in SPEED_PLACES)
-        places = [speed, self.outputs.index(_core.SHIP_OUTPUTS.index(torque))]
-        return places, (values["tau_n"] - behind if torque == "dM_b" else 0.0, behind)
-
-    def _beyond(self, vector: Array) -> list[Array]:
-        """For each record the torque of the load beyond its law at a vector, (K,)."""
-        values = self.coordinates.values(vector)
-        seen, inertia = self._water_seen(values)
-        at = list(STATES).index(SCALE)
-        scales = [
-            1.0 + float(vector[self.coordinates.states(index)][at]) for index in range(len(self.records))
-        ]
-        return [
-            beyond_the_law(record, seen, values, inertia, scale)
-            for record, scale in zip(self.records, scales, strict=True)
-        ]
+        """Return the likelihood with the noise of another one of the same records."""
+        return replace(self, roots=other.roots, responses=other.responses)
 
     @cached_property
-    def _shapes(self) -> tuple[ComplexArray, ...]:
+    def _shapes(self) -> tuple[Numbers, ...]:
         """For each record the shapes of the smooth errors in units of their prior deviation, (E, O, F)."""
         least = min(record.frequency_hz[1] for record in self.records)
         most = max(record.frequency_hz[-1] for record in self.records)
@@ -393,7 +334,23 @@ class Likelihood:
         return rows, np.linalg.inv(rows @ rows.T + np.eye(len(rows)))
 
 
-def _spread(root: ComplexArray) -> float:
+def turned(root: Numbers, spectra: Numbers) -> Numbers:
+    """Spectra (W, O, F) through a root (F, O, O) or (O, O)."""
+    if root.ndim == 2:
+        return np.asarray(root @ spectra)
+    found = np.zeros_like(spectra)
+    for a, b in zip(*np.tril_indices(root.shape[1]), strict=True):  # roots are lower triangles
+        found[:, a] += root[:, a, b] * spectra[:, b]
+    return found
+
+
+def real_rows(spectra: Numbers) -> Array:
+    """Complex or real numbers (W, O, F) as rows of real ones, (W, R)."""
+    flat = spectra.reshape(len(spectra), -1)
+    return np.concatenate([flat.real, flat.imag], axis=1) if np.iscomplexobj(flat) else np.asarray(flat)
+
+
+def spread_of(root: Numbers) -> float:
     """Deviance of the determinants of noise by the roots of its inverse, (F, O, O); each number has two parts."""
     return -4.0 * float(np.log(np.abs(np.linalg.det(root))).sum())
 
@@ -408,7 +365,7 @@ def _shape(amplitudes: Array) -> Array:
     return np.asarray(reached ** min(max(float(fall), MOST_FALL), 0.0))
 
 
-def noise_root(residual: ComplexArray, unsure: ComplexArray | float = 0.0) -> ComplexArray:
+def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     """Root of the inverse of the smoothed spectral matrix of residuals (O, F), with what is unsure of them, (F, O, O)."""
     outputs, count = residual.shape
     place = np.arange(count)

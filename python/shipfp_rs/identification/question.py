@@ -14,6 +14,7 @@ from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
 from shipfp_rs.identification.record import Record
+from shipfp_rs.identification.ship_likelihood import ShipLikelihood
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.ship import ShipEquations
@@ -140,7 +141,7 @@ class Question:
         kernel = {**KERNEL_OUTPUTS, "dM": "dM_g" if self.gauge else "dM_b"}
         if self.structure is not None and self.structure.settings["propeller_speed"]:
             kernel["dn"] = "dn_prop"
-        return Likelihood(
+        return ShipLikelihood(
             records=records,
             coordinates=Coordinates(free, {n: v for n, v in given.items() if n not in free}, len(records)),
             outputs=tuple(_core.SHIP_OUTPUTS.index(kernel[output]) for output in self.outputs),

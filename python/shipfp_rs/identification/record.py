@@ -120,7 +120,7 @@ class Record:
         if experiment.duration < 10.0 * EDGE_S:
             raise InputError(
                 f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {10 * EDGE_S:g} s or more; "
-                "take a longer window"
+                "take a longer window, or give a structure and noise='white'"
             )
         return cls(
             name=experiment.name,
@@ -175,14 +175,24 @@ class Record:
     @cached_property
     def decimated(self) -> Array:
         """The data behind the low-pass, shape (O, K)."""
-        samples = np.arange(self.measured.shape[1])
-        bridged = np.array(
-            [np.interp(samples, samples[np.isfinite(row)], row[np.isfinite(row)]) for row in self.measured]
-        )
+        return self.as_recorded(self.measured)
+
+    def as_recorded(self, signals: Array) -> Array:
+        """Bridge signals (..., O, N) where the data have gaps, low-pass and decimate them, shape (..., O, K)."""
+        if self.masked.any():
+            signals = signals.copy()
+            samples = np.arange(signals.shape[-1])
+            for output, gaps in enumerate(self.masked.T):
+                kept = np.flatnonzero(~gaps)
+                after = np.clip(np.searchsorted(kept, samples[gaps]), 1, max(len(kept) - 1, 1))
+                first, last = kept[after - 1], kept[np.minimum(after, len(kept) - 1)]
+                share = np.clip((samples[gaps] - first) / np.maximum(last - first, 1), 0.0, 1.0)
+                one = signals[..., output, :]
+                one[..., gaps] = (1.0 - share) * one[..., first] + share * one[..., last]
         half = len(self.taps) // 2
-        wide = np.pad(bridged, ((0, 0), (half, half + self.down)), mode="edge")
-        seen = upfirdn(self.taps, wide, axis=1)[:, 2 * half :: self.down]
-        return np.asarray(seen[:, : len(self._kept[2])])
+        wide = np.pad(signals, [(0, 0)] * (signals.ndim - 1) + [(half, half + self.down)], mode="edge")
+        seen = upfirdn(self.taps, wide, axis=-1)[..., 2 * half :: self.down]
+        return np.asarray(seen[..., : len(self._kept[2])])
 
     @cached_property
     def spectrum(self) -> ComplexArray:

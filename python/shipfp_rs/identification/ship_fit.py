@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each
+from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each, settle
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.ship_found import (
@@ -124,6 +124,6 @@ def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not ends:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
-    likelihood = likelihood.with_noise(ends[0].vector).with_water(ends[0].vector)
-    ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in ends])
-    return replace(fit, likelihood=likelihood, basins=tuple(ends))
+    likelihood, best = settle(likelihood, ends[0], until)
+    others = [descend(likelihood, one.vector, until=until) for one in ends[1:]]
+    return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *others])))

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each
+from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each, settle
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, likelihood_at, rough_likelihood
@@ -21,8 +21,6 @@ CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
 LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
 """Fall of the total from which a limit is fitted along; one of rate, whose intervals are rough, must be sure."""
-ROUNDS, STILL = 10, 1.0
-"""Most descents, each under the noise and the water of the end before, and the fall of the total below which they end."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """A shaft's stiffness and damping to begin with."""
 KEPT = 5
@@ -37,7 +35,7 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
     gains: dict[str, float] = {}
     limits = [element for element in fit.question.tried if element != "twist"]
     if limits:
-        likelihood, best = _settled(fit.likelihood, fit.best, until)
+        likelihood, best = settle(fit.likelihood, fit.best, until)
         others = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
         fit = replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *others])))
     while limits:
@@ -69,21 +67,8 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
 
 def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until: float | None) -> ShipFit:
     """Return the fit with an element: with less left over the noise is less, and what else acts is seen."""
-    likelihood, best = _settled(likelihood, end, until)
+    likelihood, best = settle(likelihood, end, until)
     return replace(fit, likelihood=likelihood, basins=(best,), elements=(*fit.elements, element))
-
-
-def _settled(likelihood: Likelihood, basin: Basin, until: float | None) -> tuple[Likelihood, Basin]:
-    """Go on under the noise and the water of each end, until the total falls no further."""
-    total = np.inf
-    for _ in range(ROUNDS):
-        following = likelihood.with_noise(basin.vector).with_water(basin.vector)
-        end = descend(following, basin.vector, until=until)
-        then = following.total(end.vector)
-        if then > total - STILL and total < np.inf:
-            break
-        likelihood, basin, total = following, end, then
-    return likelihood, basin
 
 
 def _trial(

@@ -126,7 +126,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     output
         One of its outputs, such as "dn".
     axes
-        Two, own past and set point; made where None.
+        One for each correlation: own past, of noise taken for white, and set point; made where None.
 
     Returns
     -------
@@ -140,12 +140,12 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     if output not in fingerprint.residuals:
         known = ", ".join(fingerprint.residuals) or "none: what was fitted has no order in time"
         raise InputError(f"residuals of {output!r} are not in the fingerprint, found {known}")
-    panels = panels_of(axes, 2)
+    tests = fingerprint.residuals[output]
+    panels = panels_of(axes, len(tests))
     rates = {record["rate_hz"] for record in fingerprint.data if "rate_hz" in record}
     step, unit = (1.0 / rates.pop(), "s") if len(rates) == 1 else (1.0, "samples")
-    tests = fingerprint.residuals[output]
-    labels = ("autocorrelation [-]", "with the set point [-]")
-    for ax, kind, label in zip(panels, ("autocorrelation", "set_point"), labels, strict=True):
+    labels = {"autocorrelation": "autocorrelation [-]", "set_point": "with the set point [-]"}
+    for ax, kind in zip(panels, tests, strict=True):
         lags, correlation, band = (
             np.asarray(tests[kind][name], dtype=np.float64) for name in ("lags", "correlation", "band")
         )
@@ -156,13 +156,13 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         ax.plot(lags[~outside], correlation[~outside], "o", color=BLUE, ms=4, label="within")
         ax.plot(lags[outside], correlation[outside], "D", color=RED, ms=5, label="outside")
         ax.axhline(0.0, color=GREY, lw=0.8)
-        dress(ax, label, legend=ax is panels[0])
+        dress(ax, labels[kind], legend=ax is panels[0])
         ax.set_xlabel(f"lag [{unit}]")
     # Lags of the set point grow geometrically, since the missing answer may be fast or slow.
-    panels[1].set_xscale("symlog", linthresh=step, linscale=0.5)
-    panels[1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
-    panels[1].xaxis.set_major_formatter("{x:g}")
-    panels[1].set_xlabel(f"residual after the set point [{unit}]")
+    panels[-1].set_xscale("symlog", linthresh=step, linscale=0.5)
+    panels[-1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
+    panels[-1].xaxis.set_major_formatter("{x:g}")
+    panels[-1].set_xlabel(f"residual after the set point [{unit}]")
     return panels
 
 

@@ -151,7 +151,7 @@ class Window(Section):
         return self
 
 
-HOW = ("weighting", "noise", "starts")
+HOW = ("noise", "starts")
 """Keys of [identify] that are options of `identify` under the same name."""
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
 """Keys of [identify] that narrow the choice that the data make; any other key declares the structure."""
@@ -181,10 +181,9 @@ class Identify(Section):
     """Name to [mean, standard deviation]."""
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Name to [name of another one, factor] or [name, factor, offset]."""
-    weighting: Literal["determinant", "variance", "none"] = "determinant"
-    noise: Literal["ar", "white"] | None = None
+    noise: Literal["coloured", "white"] | None = None
     starts: Starts | None = None
-    """These three as in `identify`."""
+    """These two as in `identify`."""
     seed: Seed = 0
 
     @property

@@ -314,17 +314,27 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
     head = ["output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"]
     yield table(say("residual tests of each output"), [say(text) for text in head], rows)
     for output, correlations in fingerprint.residuals.items():
-        own, by_set_point = (_outside(correlations[kind], say) for kind in ("autocorrelation", "set_point"))
-        yield pictures.draw(
-            2,
-            partial(plot.correlogram, fingerprint, output),
-            say(
+        output_words = say.word(wording.OUTPUTS.get(output, output))
+        by_set_point = _outside(correlations["set_point"], say)
+        if "autocorrelation" in correlations:
+            words = say(
                 "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
                 "{by_set_point}. Of noise one lag in twenty is outside.",
-                output=say.word(wording.OUTPUTS.get(output, output)),
-                own=own,
+                output=output_words,
+                own=_outside(correlations["autocorrelation"], say),
                 by_set_point=by_set_point,
-            ),
+            )
+        else:
+            words = say(
+                "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in "
+                "twenty is outside.",
+                output=output_words,
+                by_set_point=by_set_point,
+            )
+        yield pictures.draw(
+            len(correlations),
+            partial(plot.correlogram, fingerprint, output),
+            words,
             height=1.7,
             sharex=False,
         )

@@ -211,6 +211,11 @@ SENTENCES: Mapping[str, str] = {
         "Geweißte Residuen ({output}): Korrelation mit der eigenen Vergangenheit, {own}, und mit dem Sollwert, {by_set_point}. "
         "Bei Rauschen liegt einer von zwanzig außerhalb."
     ),
+    "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in twenty is "
+    "outside.": (
+        "Geweißte Residuen ({output}): Korrelation mit dem Sollwert, {by_set_point}. Bei Rauschen liegt einer von zwanzig "
+        "außerhalb."
+    ),
     "Combinations of parameters": "Kombinationen von Parametern",
     "The data often determine a product, a ratio or a sum more closely than its single parameters.": (
         "Ein Produkt, ein Verhältnis oder eine Summe bestimmen die Daten oft genauer als die einzelnen Parameter."

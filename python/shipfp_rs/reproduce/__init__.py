@@ -78,7 +78,7 @@ def row_of(
                 parameters[f"v{gain}"] = values["v"] * values[gain]
     intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
     # Where points are weighted by their deviations, some by nothing, a share of the spread says nothing of the fit.
-    weighted = fingerprint.settings.get("weighting") == "std"
+    weighted = fingerprint.settings.get("noise") == "std"
     fit = {
         output: None if weighted else figures["nrmse_pct"]
         for output, figures in fingerprint.fit.items()

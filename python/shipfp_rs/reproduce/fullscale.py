@@ -12,7 +12,7 @@ from shipfp_rs.assessment.leverage import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import Weighting
+from shipfp_rs.identification.options import NoiseModel
 from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, printed_row, row_of
 from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks
 from shipfp_rs.reproduce.fullscale_validation import cross_validation
@@ -51,7 +51,7 @@ class _Job:
     case: str
     data: FrequencyResponse
     structure: Structure
-    weighting: Weighting
+    noise: NoiseModel
     way: Way
     notes: str
 
@@ -130,14 +130,14 @@ def _jobs() -> tuple[_Job, ...]:
     usable = measured_response(1.637)
     consistent = [round(frequency, 4) not in INCONSISTENT_HZ for frequency in usable.frequency_hz]
     sound = usable.select(consistent, name="appendix E, ten points with consistent phases")
-    ten = "S2-S13 less 0.11 and 0.1778 Hz, whose phases are inconsistent; plain least squares"
+    ten = "S2-S13 less 0.11 and 0.1778 Hz, whose phases are inconsistent; determinant"
     weighted = "S2-S13, each point weighted in amplitude and phase"
     return (
         _Job(
             "ii",
             everything,
             thesis_structure(),
-            "determinant",
+            "white",
             "thesis",
             f"S2-S14, determinant; {CORRECTIONS}",
         ),
@@ -145,12 +145,12 @@ def _jobs() -> tuple[_Job, ...]:
             "ii",
             usable,
             extended_structure(),
-            "determinant",
+            "white",
             "ours",
             "S2-S13, determinant; 3.433 Hz is unusable",
         ),
-        _Job("ii, ten points", sound, thesis_structure(), "none", "thesis", ten),
-        _Job("ii, ten points", sound, extended_structure(), "none", "ours", ten),
+        _Job("ii, ten points", sound, thesis_structure(), "white", "thesis", ten),
+        _Job("ii, ten points", sound, extended_structure(), "white", "ours", ten),
         *(_Job(WEIGHTED, usable, structure, "std", "ours", weighted) for structure in rungs()),
         _Job(
             WITH_PRIOR,
@@ -171,9 +171,9 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
     fingerprints: dict[str, Fingerprint] = {}
     jobs = _jobs()
     for done, job in enumerate(jobs):
-        fingerprint = identify(job.data, job.structure, weighting=job.weighting, starts=STARTS, vessel=VESSEL)
+        fingerprint = identify(job.data, job.structure, noise=job.noise, starts=STARTS, vessel=VESSEL)
         notes = job.notes
-        if job.weighting == "std":
+        if job.noise == "std":
             overall = fingerprint.fit["overall"]
             notes += f"; chi-squared {overall['chi_squared']:.1f} at {overall['degrees_of_freedom']:.0f} degrees of freedom"
         fingerprints[f"{job.case}: {job.structure.name}"] = fingerprint

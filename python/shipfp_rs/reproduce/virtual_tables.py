@@ -207,7 +207,7 @@ def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
     fingerprints = {}
     for case, outputs in MEASURED.items():
         structure = searched_as_printed(Structure.linear(outputs=outputs, name="linear"))
-        fingerprint = identify(response, structure, weighting="none")
+        fingerprint = identify(response, structure, noise="white")
         fingerprints[f"4.2 {case}"] = fingerprint
         estimates = {**fingerprint.parameters, **fingerprint.derived}
         closing = fingerprint.identifiability.closes_gap

@@ -8,7 +8,7 @@ import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Against, Equations, Sums
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 _INDEX = {name: index for index, name in enumerate(_core.LINEAR_PARAMETERS)}
@@ -82,24 +82,6 @@ class LinearEquations(Equations):
             experiment.hold,
             self._initial(values),
             self._kernel_outputs,
-            [_INDEX[name] for name in names],
-        )
-
-    @property
-    def has_products(self) -> bool:
-        """One pass of the Rust kernel."""
-        return True
-
-    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
-        """Return sums of products of residuals and sensitivities and the number of samples; see `Equations`."""
-        return _core.linear_products(
-            self._kernel_parameters(values),
-            experiment.dn_set,
-            1.0 / experiment.rate_hz,
-            experiment.hold,
-            self._initial(values),
-            self._kernel_outputs,
-            *against[:3],
             [_INDEX[name] for name in names],
         )
 

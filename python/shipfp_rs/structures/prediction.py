@@ -42,7 +42,7 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
     for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
         model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
-        basis = np.concatenate([slopes, offsets])
+        basis = np.concatenate([slopes.reshape(len(state), *model.shape), offsets])
         error = (measured - model)[:, valid]
         weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
         left = (basis[:, :, valid] * weight).reshape(len(basis), -1).T

@@ -37,10 +37,6 @@ _KERNEL = KERNEL | {
     TORQUE_SCALE: "s_M",
 }
 """Names that differ from the kernel's."""
-ALIKE = ("vK_p", "vK_i", "vK_d", "K_p", "K_i", "K_d", "initial fuel")
-"""What can grow by one factor, and p - g with it, without a change of the speed but by the curvature of N^p."""
-FARTHEST = 0.75
-"""Part of 1 / tau_n that one step may take away."""
 _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 """What counts from zero here and from one in the kernel."""
 
@@ -63,7 +59,6 @@ class ShipEquations(Equations):
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
-    has_valley: bool = True
     """The errors of the operating points stand among the states, so `identify` adds no constants."""
 
     @property
@@ -110,33 +105,6 @@ class ShipEquations(Equations):
         }
         return LinearEquations(self.outputs, gauge=self.gauge).stable(known)
 
-    def curved(self, names: Names, vector: Array, step: Array, held: int | None = None) -> Array:
-        """Return where a step leads that is straight in 1 / tau_n, in the ratios to tau_n, and in all else.
-
-        Divided by tau_n the equations are linear in these but for T_d and p, and the data tell the ratios far better than
-        tau_n (eq. 3.31). Straight in tau_n itself, every long step would leave the valley.
-        """
-        if not {"tau_n", "g", "p"} <= set(names):
-            return vector + step
-        tau, g, p = (names.index(name) for name in ("tau_n", "g", "p"))
-        places = [place for place, name in enumerate(names) if name in ALIKE]
-        inverse = 1.0 / vector[tau]
-        values, steps = (np.append(of[places], of[p] - of[g]) for of in (vector, step))
-        ratios, pace = values * inverse, -step[tau] * inverse**2
-        moves = (steps - ratios * step[tau]) * inverse
-        part = min(1.0, FARTHEST * inverse / max(-pace, 1e-300))
-        if held == tau:
-            part = (1.0 / (vector[tau] + step[tau]) - inverse) / pace if pace != 0.0 else 1.0
-        elif held is not None and step[held] != 0.0 and (held == g or held in places):
-            row = -1 if held == g else places.index(held)
-            value = values[row] + steps[row]
-            part = _meets(ratios[row] - value * inverse, moves[row] - value * pace)
-        after = vector + part * step
-        after[tau] = 1.0 / (inverse + part * pace)
-        *after[places], slope = (ratios + part * moves) * after[tau]
-        after[g] = after[p] - slope
-        return np.asarray(after)
-
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         inputs = self._inputs(experiment)
@@ -162,9 +130,3 @@ class ShipEquations(Equations):
         known = {**values, "p": values["p"] + damping}
         asked = ["p" if name == "damping" else name for name in names]
         return linear.response(known, frequency_hz, asked)
-
-
-def _meets(rest: float, slope: float) -> float:
-    """Part of a step at which a ratio meets its value; the whole step where it moves away."""
-    part = -rest / slope if slope != 0.0 else 1.0
-    return part if 0.0 < part < np.inf else 1.0

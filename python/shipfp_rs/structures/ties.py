@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.equations import Against, Equations, Sums
+from shipfp_rs.structures.equations import Equations
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 
@@ -102,27 +102,9 @@ class Behind(Equations):
         """Whether the equations' states hold the errors of the operating point."""
         return self.equations.own_offsets
 
-    @property
-    def has_products(self) -> bool:
-        """Whether the equations sum up products in a pass of their own."""
-        return self.equations.has_products
-
-    @property
-    def has_valley(self) -> bool:
-        """Whether the equations know a valley."""
-        return self.equations.has_valley
-
-    def rough(self) -> Equations:
-        """Return the same about rougher equations."""
-        return replace(self, equations=self.equations.rough())
-
     def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable, as far as the equations can tell."""
         return self.equations.stable(self._values(values))
-
-    def curved(self, names: Names, vector: Array, step: Array, held: int | None = None) -> Array:
-        """Return where a step leads along the curve on which the untied equations' outputs change least; see `Equations`."""
-        return self.equations.curved(names, vector, step, held)
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -141,15 +123,6 @@ class Behind(Equations):
         moved, chain = self._chain(names)
         response, slopes = self.equations.response(self._values(values), frequency_hz, moved)
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
-
-    def products(self, values: Values, experiment: Experiment, names: Names, against: Against) -> Sums:
-        """Return the sums (O, W + 2, O, W + 2) of the columns of `names`, and the number of samples."""
-        moved, chain = self._chain(names)
-        sums, count = self.equations.products(self._values(values), experiment, moved, against)
-        # What an offset adds and the residual stand behind the derivatives.
-        columns = np.pad(chain, ((0, 2), (0, 2)))
-        columns[-2:, -2:] = np.eye(2)
-        return np.einsum("ac,icjd,bd->iajb", columns, sums, columns, optimize=True), count
 
     def _values(self, values: Values) -> dict[str, float]:
         """Return the values of the equations' own parameters."""

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+Numbers = npt.NDArray[Any]
+"""Real or complex numbers, as samples or spectra have."""
 Mask = npt.NDArray[np.bool_]
 Values = Mapping[str, float]
 """Name of a parameter or signal to its value."""

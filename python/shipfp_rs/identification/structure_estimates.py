@@ -1,0 +1,316 @@
+"""From the end of a given structure's search to estimates: what the data tell, how well, and why not the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from shipfp_rs.identification.estimate import Estimate, Identifiability
+from shipfp_rs.identification.identifiability import (
+    Sensitivity,
+    describe,
+    gradient_of,
+    why_unknown,
+    without_nuisance,
+)
+from shipfp_rs.identification.profiles import RISE, Interval, Profiles, scaled_inverse
+from shipfp_rs.identification.structure_fit import StructureFit
+from shipfp_rs.identification.structure_records import Response, Spectra
+from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.support.arrays import Array, Mask, Numbers
+from shipfp_rs.support.quantiles import DEVIATIONS_95
+
+ON_BOUND = 1e-5
+"""A parameter is on a bound if it is nearer than this part of its size, or of the width between its bounds, if less."""
+CUT = 10.0
+"""Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than so
+many standard deviations has an interval all the same."""
+SHORT = 1e-3
+"""The same limit, as a part of the width between the parameter's own bounds."""
+EDGE = 1e-6
+"""The same limit, as a part of the parameter's size, where the standard deviation is zero."""
+SHARPER = 1.0 / 3.0
+"""A combination is listed where its relative deviation is below this part of that of its least known member."""
+UNTOLD = 0.99
+"""Part of the width between bounds from which an interval tells nothing."""
+STILL = 1e-4
+"""The fit explains more than chance where the probability is below this."""
+
+
+@dataclass(frozen=True)
+class StructureEstimates:
+    """What the end of a search tells of each parameter, alone and together."""
+
+    fit: StructureFit
+    intervals: str
+
+    @property
+    def structure(self) -> Structure:
+        """What was fitted."""
+        return self.fit.structure
+
+    @cached_property
+    def profiles(self) -> Profiles:
+        """Profiles about the minima."""
+        return Profiles(self.fit.likelihood, list(self.fit.basins))
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Parameters at the best minimum, on the bounds that they all but touch."""
+        values = self.fit.likelihood.coordinates.values(self.fit.best.vector)
+        for parameter in self.structure.free:
+            bound = _bound(parameter, values[parameter.name])
+            if bound is not None:
+                values[parameter.name] = bound
+        return self.structure.complete(values)
+
+    @cached_property
+    def narrower(self) -> float:
+        """Standard deviations over those that the likelihood's curvature gives: it ends intervals of 95 % at one rise."""
+        return DEVIATIONS_95 / self.fit.likelihood.quantile
+
+    @cached_property
+    def own(self) -> Array:
+        """Derivatives by the free parameters in units of the noise, without what the records' unknowns explain, (R, P)."""
+        likelihood, count = self.fit.likelihood, len(self.structure.free)
+        jacobian = likelihood.whitened(self.fit.best.vector)[:, 1:]
+        if not _responds(self.fit):
+            priors = (
+                len(likelihood.prior_rows(self.fit.best.vector))
+                + jacobian.shape[1]
+                - likelihood.coordinates.size
+            )
+            jacobian[: len(jacobian) - priors] = 0.0
+        slopes = likelihood.coordinates.slopes(self.values)
+        by = np.array([slopes[one.name][place] for place, one in enumerate(self.structure.free)])
+        return np.asarray(without_nuisance(jacobian, count) / by)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Typical sizes of the parameters: a value near zero does not show it, (P,)."""
+        return np.array([max(abs(self.values[one.name]), one.scale) for one in self.structure.free])
+
+    @cached_property
+    def everything(self) -> Sensitivity:
+        """What the data tell of all free parameters."""
+        return Sensitivity.of(self.own, [one.name for one in self.structure.free], self.scale)
+
+    @cached_property
+    def inward(self) -> npt.NDArray[np.int_]:
+        """For each parameter +1 on its lower bound, -1 on its upper one, 0 between them."""
+        return np.array([_inward(one, self.values[one.name]) for one in self.structure.free], dtype=int)
+
+    @cached_property
+    def on_bound(self) -> Mask:
+        """Which parameters a bound holds."""
+        return self.everything.held_by_bounds(self.inward)
+
+    @cached_property
+    def held(self) -> Mask:
+        """Which parameters the data press against their bound: without it the deviance would fall by the quantile."""
+        now = self.fit.best.products or self.fit.likelihood.products(self.fit.best.vector)
+        count = len(self.inward)
+        held = np.zeros(count, dtype=bool)
+        for index in map(int, np.flatnonzero(self.on_bound)):
+            others = [i for i in range(len(now.downhill)) if i >= count or not self.on_bound[i] or i == index]
+            place = others.index(index)
+            variance = scaled_inverse(now.matrix[np.ix_(others, others)])[place, place]
+            held[index] = now.downhill[index] ** 2 * variance > RISE
+        return held
+
+    @cached_property
+    def inner(self) -> Sensitivity:
+        """What the data tell of the parameters that are not held."""
+        names = [name for name, held in zip(self.everything.names, self.held, strict=True) if not held]
+        return Sensitivity.of(self.own[:, ~self.held], names, self.scale[~self.held])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the parameters that are not held, (P, P); infinite where too few samples leave it unknown."""
+        covariance = self.inner.covariance() * self.narrower**2
+        return np.full_like(covariance, np.inf) if self.fit.likelihood.untold else covariance
+
+    @cached_property
+    def parameters(self) -> dict[str, Estimate]:
+        """Estimates of all parameters."""
+        reach = self._reach()
+        found = {
+            one.name: self._estimate(index, one, float(reach[index]))
+            for index, one in enumerate(self.structure.free)
+        }
+        for one in self.structure.parameters:
+            if one.fixed:
+                found[one.name] = Estimate(one.start, unit=one.unit, status="fixed", reason="given")
+        return with_tied(found, self.structure)
+
+    def _reach(self) -> Array:
+        """How far the null directions lead each parameter between the bounds, shape (P,)."""
+        centre = np.array([self.values[one.name] for one in self.structure.free])
+        low, high = np.array([(one.lower, one.upper) for one in self.structure.free]).T
+        return self.everything.reach(centre, low, high)
+
+    def _estimate(self, index: int, parameter: Parameter, reach: float) -> Estimate:
+        value, unit = self.values[parameter.name], parameter.unit
+        side = "lower" if value == parameter.lower else "upper"
+        if self.held[index]:
+            where = f"pressed against its {side} bound {value:g}"
+            return Estimate(value, unit=unit, status="at_bound", reason=where)
+        reason = self._unknown(index, parameter, reach)
+        if reason:
+            return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+        found = self._interval(parameter)
+        low, high = max(found.low, parameter.lower), min(found.high, parameter.upper)
+        if high - low > UNTOLD * (parameter.upper - parameter.lower) or not np.isfinite(high - low):
+            reason = (
+                f"the data allow everything between its bounds {parameter.lower:g} and {parameter.upper:g}"
+            )
+            return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+        ends = float(min(low, value)), float(max(high, value))
+        if self.inward[index]:
+            allowed = f"up to {high:.4g}" if side == "lower" else f"down to {low:.4g}"
+            where = f"on its {side} bound {value:g}; the data allow {allowed}"
+            return Estimate(value, None, ends, unit, "at_bound", where)
+        std = float(self._deviation(parameter, value, *ends))
+        return Estimate(value, std, ends, unit, "free" if parameter.prior is None else "prior")
+
+    def _deviation(self, parameter: Parameter, value: float, low: float, high: float) -> float:
+        """Half the interval over the quantile; of the side that no bound cuts, where one does."""
+        sides = [
+            side
+            for side, end, bound in (
+                (value - low, low, parameter.lower),
+                (high - value, high, parameter.upper),
+            )
+            if end != bound
+        ]
+        return float(np.mean(sides or [high - low])) / self.fit.likelihood.quantile
+
+    def _unknown(self, index: int, parameter: Parameter, reach: float) -> str:
+        """Say why a parameter has no interval of its own, empty where it has one."""
+        place = self.inner.names.index(parameter.name)
+        variance = float(self.covariance[place, place])
+        # Where bounds cut a null direction, a parameter on a bound still has an interval.
+        open_over = CUT * float(np.sqrt(variance)) + EDGE * self.scale[index]
+        cut = reach < min(open_over, SHORT * (parameter.upper - parameter.lower))
+        reason = "" if self.on_bound[index] or cut else why_unknown(self.everything, index)
+        if not reason and not np.isfinite(variance):
+            reason = "too few samples for an uncertainty"
+        return reason
+
+    def _interval(self, parameter: Parameter) -> Interval:
+        figure = itemgetter(parameter.name)
+        if self.intervals == "profile":
+            return self.profiles.interval(figure)
+        place = self.inner.names.index(parameter.name)
+        half = DEVIATIONS_95 * float(np.sqrt(self.inner.covariance()[place, place]))
+        value = self.values[parameter.name]
+        return Interval(value, value - half, value + half, ("data", "data"))
+
+    @cached_property
+    def derived(self) -> dict[str, Estimate]:
+        """Combinations that the data determine although one of their members is not known by itself.
+
+        Where the model is curved the data tell something of every member; then also combinations that are known far better
+        than one of their members.
+        """
+        found: dict[str, Estimate] = {}
+        if self.fit.likelihood.untold:
+            return found
+        curved = self.structure.settings["kind"] == "ship"
+        for name, (unit, function) in COMBINATIONS.items():
+            try:
+                value = function(self.values)
+                gradient = gradient_of(function, self.values, self.everything.names, self.structure.ties)
+            except (KeyError, ZeroDivisionError):
+                continue
+            members = [n for n, slope in zip(self.everything.names, gradient, strict=True) if slope != 0.0]
+            each = all(self.parameters[member].status in ("free", "prior", "fixed") for member in members)
+            if (each and not curved) or not self.everything.tells(gradient):
+                continue
+            part = np.array([gradient[self.everything.names.index(n)] for n in self.inner.names])
+            if not np.any(part) or not self.inner.tells(part):
+                continue
+            std = float(np.sqrt(max(part @ self.covariance @ part, 0.0)))
+            if not np.isfinite(std) or std > abs(value):
+                continue
+            widest = max((_relative(self.parameters[member]) for member in members), default=0.0)
+            if each and std / abs(value) > SHARPER * widest:
+                continue
+            half = self.fit.likelihood.quantile * std
+            found[name] = Estimate(value, std, (value - half, value + half), unit)
+        return found
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """Rank, null directions and what would close the gap."""
+        return describe(self.everything)
+
+    def covariances(self) -> Mapping[str, Any]:
+        """Return the JSON form of the covariance; nothing where none is known."""
+        if not np.isfinite(self.covariance).all():
+            return {"names": [], "matrix": []}
+        return {"names": list(self.inner.names), "matrix": self.covariance.tolist()}
+
+
+def _responds(fit: StructureFit) -> bool:
+    """Whether the fit explains experiments better than constants do, by a likelihood ratio, or there are responses.
+
+    Even without excitation initial states can be fitted to the noise, and parameters to their decay.
+    """
+    likelihood = fit.likelihood
+    if any(isinstance(record, Response) for record in likelihood.records):
+        return True
+    still: list[Numbers] = []
+    for record in likelihood.records:
+        own, constant = record.spectrum, np.ones(record.spectrum.shape[1], dtype=complex)
+        if isinstance(record, Spectra):
+            constant = record.record.see(np.ones(record.record.decimated.shape[1]))
+        share = own @ constant.conj() / np.vdot(constant, constant).real
+        left = own - share[:, None] * constant if record.unknowns else own
+        still.append(left if np.iscomplexobj(own) else left.real)
+    before = likelihood.under(still)
+    after = likelihood.under(likelihood.residuals(fit.best.vector))
+    return bool(chi2.sf(before - after, likelihood.coordinates.size) < STILL)
+
+
+def with_tied(parameters: Mapping[str, Estimate], structure: Structure) -> dict[str, Estimate]:
+    """Add what is tied to the parameters that are not, in the structure's order."""
+    found = dict(parameters)
+    for name, tie in structure.ties.items():
+        other = parameters[tie.to]
+        low, high = sorted(map(tie, other.ci95 or (0.0, 0.0)))
+        found[name] = Estimate(
+            None if other.value is None else tie(other.value),
+            None if other.std is None else abs(tie.factor) * other.std,
+            None if other.ci95 is None else (low, high),
+            structure[name].unit,
+            other.status,
+            f"tied as {tie}",
+        )
+    return {name: found[name] for name in structure.names}
+
+
+def _bound(parameter: Parameter, value: float) -> float | None:
+    for bound in (parameter.lower, parameter.upper):
+        room = ON_BOUND * min(abs(bound) or np.inf, parameter.upper - parameter.lower)
+        if np.isfinite(bound) and abs(value - bound) <= room:
+            return bound
+    return None
+
+
+def _inward(parameter: Parameter, value: float) -> int:
+    return int(value == parameter.lower) - int(value == parameter.upper)
+
+
+def _relative(estimate: Estimate) -> float:
+    if estimate.std is None or not estimate.value:
+        return 0.0
+    return estimate.std / abs(estimate.value)

@@ -1,0 +1,179 @@
+"""The search of a given structure: from several starts to their minima, each under the noise of its own residuals."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from shipfp_rs.errors import IdentificationError, InputError, SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
+from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.structure_likelihood import StructureLikelihood
+from shipfp_rs.identification.structure_records import Data, seen
+from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.support import hints
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import where_alone
+
+LOGGER = logging.getLogger("shipfp_rs")
+
+ROUNDS, STILL = 20, 0.01
+"""Most descents, each under the noise of the end before, and the fall of the total below which they end."""
+UNMOVED = 3e-7
+"""A round that moves no entry of the vector by more ends them, too: data without noise have no noise to settle."""
+STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
+"""Most steps of a descent, and the decrease below which it ends; of the last one, since it costs a step or two."""
+ROUNDING = 1e-9
+"""Part of a deviance below which a decrease may be one of the processor's rounding."""
+DRAWS = 100
+"""Draws of a start of a stable loop at most."""
+STRAY = 1.0
+"""Standard deviation of a random start that has no bounds, over its declared one."""
+
+
+@dataclass(frozen=True)
+class StructureFit:
+    """The end of a search: the likelihood with its noise, the minima that count, and the end of each start."""
+
+    structure: Structure
+    likelihood: StructureLikelihood
+    basins: tuple[Basin, ...]
+    ends: tuple[Basin, ...]
+
+    @property
+    def best(self) -> Basin:
+        """The lowest minimum."""
+        return self.basins[0]
+
+
+def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Options) -> StructureFit:
+    """Search the parameters that explain data best.
+
+    Raises
+    ------
+    InputError
+        For data or options that can't be used.
+    IdentificationError
+        Where no start leads to a minimum.
+    """
+    options.require()
+    likelihood = likelihood_of(data, structure, options)
+    starts = options.starts_for(structure)
+    LOGGER.info(
+        "identify: %s, %d free parameters, %s, %d starts",
+        structure.name,
+        len(likelihood.coordinates.free),
+        ", ".join(record.data.name for record in likelihood.records),
+        starts,
+    )
+    until = None if options.time_limit_s is None else time.monotonic() + options.time_limit_s
+    vectors = start_vectors(likelihood, starts, options.seed)
+    ends = where_alone([partial(_settled, likelihood, vector, until) for vector in vectors])
+    ends = sorted(ends, key=lambda end: end.cost)
+    if not np.isfinite(ends[0].cost):
+        raise IdentificationError(f"none of {len(vectors)} starts led to a minimum")
+    likelihood = likelihood.with_noise(ends[0].vector)
+    near = [end for end in ends if end.cost < ends[0].cost + ALIKE]
+    settled = max(LAST, ROUNDING * likelihood.cost(ends[0].vector))
+    basins = [descend(likelihood, end.vector, steps=STEPS, settled=settled, until=until) for end in near]
+    basins = [
+        replace(one, settled=one.settled and end.settled) for one, end in zip(basins, near, strict=True)
+    ]
+    return StructureFit(structure, likelihood, tuple(distinct(likelihood, basins)), tuple(ends))
+
+
+def likelihood_of(data: Data | Sequence[Data], structure: Structure, options: Options) -> StructureLikelihood:
+    """Return the likelihood of a structure, given data, with no noise estimated yet."""
+    items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    if not items:
+        raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
+    for item in items:
+        if not isinstance(item, Experiment | FrequencyResponse):
+            raise InputError(
+                f"identify: data of type {type(item).__name__}, expected Experiment or FrequencyResponse"
+            )
+        if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "ship"):
+            _require_sense(item)
+    records = [
+        seen(item, structure.part(item.name), options.noise, at_rest=options.at_rest) for item in items
+    ]
+    if not structure.free:
+        raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
+    return StructureLikelihood.of(records, structure, accurate=options.at_rest)
+
+
+def _settled(likelihood: StructureLikelihood, vector: Array, until: float | None) -> Basin:
+    """Go down, each time under the noise of the end before, until the total falls no further; the cost is the total."""
+    end = descend(likelihood, vector, steps=STEPS, settled=1.0, until=until)
+    total = np.inf
+    if not np.isfinite(end.cost):
+        return end
+    for _ in range(ROUNDS):
+        try:
+            likelihood = likelihood.with_noise(end.vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            return Basin(np.inf, end.vector, False)
+        before = end.vector
+        end = descend(likelihood, before, steps=STEPS, settled=SETTLED, until=until)
+        then = likelihood.total(end.vector)
+        if not then < total - STILL or np.abs(end.vector - before).max() < UNMOVED:
+            break
+        total = then
+    return Basin(likelihood.total(end.vector), end.vector, end.settled)
+
+
+def start_vectors(likelihood: StructureLikelihood, count: int, seed: int | None) -> list[Array]:
+    """Return the declared start and `count` - 1 random ones of stable loops, logarithmic over bounds that span decades."""
+    c = likelihood.coordinates
+    vectors = [c.vector({one.name: one.start for one in c.parameters})]
+    random = np.random.default_rng(seed)
+    for _ in range(count - 1):
+        for _ in range(DRAWS):
+            vector = c.vector(
+                {one.name: _drawn(one, random, one.name in c.logarithmic) for one in c.parameters}
+            )
+            values = c.values(vector)
+            if all(record.structure.equations.stable(values) for record in likelihood.records):
+                vectors.append(vector)
+                break
+    return vectors
+
+
+def _drawn(parameter: Parameter, random: np.random.Generator, logarithmic: bool) -> float:
+    low, high = parameter.lower, parameter.upper
+    if not np.isfinite([low, high]).all():
+        return float(parameter.start * (1.0 + STRAY * random.normal()))
+    if logarithmic:
+        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+    return float(random.uniform(low, high))
+
+
+def _require_sense(data: FrequencyResponse) -> None:
+    """Refuse a speed that leads its set point, or that follows it slowly with another gain than 1 (eq. 3.31)."""
+    speed = next((name for name in ("n_e", "n_s") if name in data.response), None)
+    if speed is None:
+        return
+    slowest = np.argsort(data.frequency_hz)[:3]
+    response = data.response[speed][slowest]
+    gain, phase = np.abs(response), np.angle(response)
+    if not np.isfinite(response).all() or len(slowest) < 3:
+        return
+    if (phase > 3.0 * data.phase_std.get(speed, np.zeros(len(data)))[slowest] + 0.005).all() and (
+        phase < 1.5
+    ).all():
+        raise InputError(
+            f"{data.name!r}: {speed} leads the set point by {phase[0]:.3g} rad at {data.frequency_hz[slowest[0]]:.4g} Hz, "
+            "expected it to follow; the sign of the phase turned? give the complex conjugate"
+        )
+    if (np.abs(phase) < 0.3).all() and (hint := hints.likely_ratio(float(gain.mean()), hints.PEAK_TO_PEAK)):
+        raise InputError(
+            f"{data.name!r}: {speed} follows the set point with a gain of {gain.mean():.3g} at its lowest frequencies, "
+            f"expected 1{hint} give both channels alike"
+        )

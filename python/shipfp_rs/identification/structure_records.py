@@ -1,0 +1,247 @@
+"""Data as a given structure is compared with them: in time, as tapered spectra, or as responses at their own frequencies.
+
+Each kind has a spectrum (O, F), what a model lacks of it, and the model's derivatives. In time the "frequencies" are the
+samples themselves: noise of one covariance over all frequencies is white, and such spectra tell what the samples do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.fit_statistics import nrmse_pct
+from shipfp_rs.identification.record import Record
+from shipfp_rs.structures.prediction import simulated_about
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array, Numbers
+
+Data = Experiment | FrequencyResponse
+Evaluated = tuple[Numbers, Numbers]
+"""Residuals (O, F), and the model's derivatives (W, O, F)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """An experiment's samples at which all outputs were measured.
+
+    Parameters
+    ----------
+    data, structure, signals
+        What was measured, the structure that explains it, and its outputs' signals.
+    unknowns
+        The record's own: initial states, and offsets "offset dn", which come last.
+    measured
+        Normalised outputs (O, N), NaN where masked.
+    """
+
+    data: Experiment
+    structure: Structure
+    signals: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    measured: Array
+
+    @cached_property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """True where all outputs were measured, shape (N,)."""
+        return np.asarray(np.isfinite(self.measured).all(axis=0))
+
+    @property
+    def used(self) -> int:
+        """Number of samples, or points, at which all outputs were measured."""
+        return int(np.count_nonzero(self.valid))
+
+    @cached_property
+    def spectrum(self) -> Numbers:
+        """What is compared, shape (O, F)."""
+        return self.measured[:, self.valid]
+
+    @property
+    def offsets(self) -> tuple[str, ...]:
+        """The record's unknowns that are constants added to an output."""
+        return tuple(name for name in self.unknowns if name.startswith("offset "))
+
+    def simulated(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[Array, Array]:
+        """Outputs (O, N), offsets included, and their derivatives by `names` and the record's unknowns, (W, O, N)."""
+        states = self.unknowns[: len(self.unknowns) - len(self.offsets)]
+        wanted = [*names, *states]
+        known = {name: value for name, value in values.items() if name not in self.offsets}
+        model, slopes = self.structure.equations.sensitivities(known, self.data, wanted)
+        slopes = slopes.reshape(len(wanted), *model.shape)
+        if self.offsets:
+            model = model + np.array([[values.get(name, 0.0)] for name in self.offsets])
+            ones = np.broadcast_to(np.eye(len(model))[:, :, None], (len(model), *model.shape))
+            slopes = np.concatenate([slopes, ones])
+        return model, slopes
+
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names` and the record's unknowns, (W, O, F)."""
+        model, slopes = self.simulated(values, names)
+        if self.valid.all():
+            return self.measured - model, slopes
+        return (self.measured - model)[:, self.valid], slopes[..., self.valid]
+
+    def fit_pct(self, values: Mapping[str, float]) -> list[float]:
+        """Fit of each output's plain simulation, eq. 4.9 [%]."""
+        residual, _ = Samples.evaluate(self, values, ())
+        return [nrmse_pct(*pair) for pair in zip(self.measured[:, self.valid], residual, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra(Samples):
+    """An experiment's tapered spectra in a band."""
+
+    record: Record
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Frequencies that are compared [Hz], shape (F,)."""
+        return self.record.frequency_hz
+
+    @cached_property
+    def spectrum(self) -> Numbers:
+        """Spectra of the data, shape (O, F)."""
+        return self.record.spectrum
+
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names` and the record's unknowns, (W, O, F)."""
+        model, slopes = self.simulated(values, names)
+        seen = self.record.see(self.record.as_recorded(np.concatenate([model[None], slopes])))
+        return self.spectrum - seen[0], seen[1:]
+
+    def fit_pct(self, values: Mapping[str, float]) -> list[float]:
+        """Fit of each output's plain simulation, which begins and lies where the samples say, eq. 4.9 [%]."""
+        known = {name: value for name, value in values.items() if name not in self.unknowns}
+        model = simulated_about(self.structure, known, self.data).values()
+        pairs = zip(self.measured, model, strict=True)
+        return [nrmse_pct(row, row - one) for row, one in pairs]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A frequency response; weighed, in units of its own deviations, its residuals those of log amplitude and phase."""
+
+    data: FrequencyResponse
+    structure: Structure
+    signals: tuple[str, ...]
+    weighed: bool
+    unknowns: tuple[str, ...] = ()
+
+    @cached_property
+    def measured(self) -> Numbers:
+        """Responses (O, F), NaN where missing."""
+        return np.array([self.data.response[signal] for signal in self.signals])
+
+    @cached_property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """True where all outputs were measured, shape (F,)."""
+        return np.asarray(np.isfinite(self.measured).all(axis=0))
+
+    @property
+    def used(self) -> int:
+        """Number of points at which all outputs were measured."""
+        return int(np.count_nonzero(self.valid))
+
+    @cached_property
+    def spectrum(self) -> Numbers:
+        """What is compared, shape (O, F)."""
+        return self.measured[:, self.valid]
+
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names`, (W, O, F)."""
+        frequency = np.ascontiguousarray(self.data.frequency_hz[self.valid])
+        model, slopes = self.structure.equations.response(values, frequency, names)
+        slopes = slopes.reshape(len(names), *model.shape)
+        if not self.weighed:
+            return self.spectrum - model, slopes
+        # A wrong phase is no error of the amplitude.
+        amplitude, phase = (
+            np.array([one[signal][self.valid] for signal in self.signals])
+            for one in (self.data.amplitude_std, self.data.phase_std)
+        )
+        ratio, relative = self.spectrum / model, slopes / model
+        residual = np.log(np.abs(ratio)) / amplitude + 1j * np.angle(ratio) / phase
+        return residual, relative.real / amplitude + 1j * relative.imag / phase
+
+    def fit_pct(self, values: Mapping[str, float]) -> list[float]:
+        """Fit of each output's response, eq. 4.9 [%]."""
+        frequency = np.ascontiguousarray(self.data.frequency_hz[self.valid])
+        model, _ = self.structure.equations.response(values, frequency, ())
+        return [nrmse_pct(*pair) for pair in zip(self.spectrum, self.spectrum - model, strict=True)]
+
+
+Seen = Samples | Response
+
+
+def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest: bool = False) -> Seen:
+    """Return data as a structure is compared with them under a kind of noise.
+
+    Raises
+    ------
+    InputError
+        Where a signal or its deviations are missing, or all of it is masked.
+    """
+    found: Seen
+    if isinstance(data, FrequencyResponse):
+        signals = tuple(
+            structure.signal_for(output, data.response, data.name) for output in structure.outputs
+        )
+        found = Response(data, structure, signals, weighed=_weighed(data, signals, noise))
+    else:
+        found = _in_time(data, structure, noise, at_rest=at_rest)
+    if not found.valid.any():
+        raise InputError(
+            f"{data.name!r}: every sample of {', '.join(found.signals)} is masked, nothing to fit"
+        )
+    return found
+
+
+def _weighed(data: FrequencyResponse, signals: Sequence[str], noise: str | None) -> bool:
+    if noise == "coloured":
+        raise InputError(
+            f"{data.name!r}: noise 'coloured' is for experiments; a response has few frequencies: 'white' or 'std'"
+        )
+    for signal in signals:
+        if signal not in data.phase_std or signal not in data.amplitude_std:
+            if noise != "std":
+                return False
+            raise InputError(
+                f"{data.name!r}: noise 'std' needs the standard deviations of {signal!r}; give "
+                "FrequencyResponse(amplitude_std=..., phase_std=...) or choose noise 'white'"
+            )
+    return noise != "white"
+
+
+def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_rest: bool) -> Samples:
+    if noise == "std":
+        raise InputError(
+            f"{data.name!r}: noise 'std' is for frequency responses, an experiment has no deviations"
+        )
+    signals = tuple(structure.signal_for(output, data.signals, data.name) for output in structure.outputs)
+    equations = structure.equations
+    offsets = () if equations.own_offsets else structure.outputs
+    unknowns = () if at_rest else (*equations.states, *(f"offset {output}" for output in offsets))
+    measured = structure.measured(data)
+    samples = Samples(data, structure, signals, unknowns, measured)
+    return samples if noise == "white" or not samples.valid.any() else spectra_of(samples)
+
+
+def spectra_of(samples: Samples) -> Spectra:
+    """Return samples as spectra, as far up as the set point excites: nobody knows what an own structure answers to.
+
+    Raises
+    ------
+    InputError
+        Where the record is too short for a spectrum.
+    """
+    record = Record.of(samples.data, samples.measured, band_hz=np.inf)
+    record = replace(record, seen_hz=record.band_hz)
+    return Spectra(
+        samples.data, samples.structure, samples.signals, samples.unknowns, samples.measured, record
+    )
