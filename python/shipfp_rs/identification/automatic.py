@@ -49,13 +49,14 @@ def identified(
     question: Question,
     *,
     intervals: Literal["profile", "symmetric"] = "profile",
+    starts: int = 1,
     seed: int | None = None,
     vessel: str | None = None,
     time_limit_s: float | None = None,
 ) -> Fingerprint:
     """Fit the ship and say what the data tell."""
     require_excited(experiments)
-    fit = fit_ship(question, time_limit_s=time_limit_s)
+    fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s)
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES | fit.along]

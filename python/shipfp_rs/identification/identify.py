@@ -66,8 +66,8 @@ def identify(
         the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
     starts, seed
         Number of starts, the first one declared by the structure, the others drawn within the bounds. Default: 1, or 5
-        where a dead time is free, since the cost then has several minima. The search of a ship by the one likelihood begins
-        at the declared start and at regressions, whatever the number.
+        where a dead time is free, since the cost then has several minima. A ship is also searched from regressions of its
+        spectra, so that its default is 1.
     time_limit_s
         Limit of each search.
     vessel
@@ -87,10 +87,11 @@ def identify(
 
     Notes
     -----
-    Intervals are profiles of the quadratic likelihood of the whitened problem between the bounds, with Student's t; away
-    from bounds that is the Gauss-Newton covariance. "variance" and "determinant":
-    eq. 4.4 and 4.5 of the thesis; putting 4.5 into 4.4, as printed, would make the cost constant. With every experiment an
-    initial state is estimated along, and an offset of each output where the structure has no unknowns of its own for it.
+    Intervals are profiles of the likelihood, from every minimum that the data do not reject, cut by the bounds. Smooth
+    errors of 0.3 % of each output's response, or of the experiment's `gauge_accuracy`, are allowed for where noise is
+    "coloured". With every experiment an initial state is estimated along, and an offset of each output where the
+    structure has no unknowns of its own for it. Eq. 4.5 put into 4.4 as the thesis prints them would make the cost
+    constant.
     """
     options = Options(noise, intervals, starts, seed, time_limit_s)
     if structure is None:
@@ -171,6 +172,7 @@ def _answered(question: Question, options: Options, vessel: str | None) -> Finge
             question.experiments,
             question,
             intervals=options.intervals,
+            starts=options.starts or 1,
             seed=options.seed,
             vessel=vessel,
             time_limit_s=options.time_limit_s,

@@ -10,6 +10,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each, settle
 from shipfp_rs.identification.first_guesses import first_guesses
@@ -31,8 +33,12 @@ REDIVIDED, MORE = 3, 2
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
 
-def fit_ship(question: Question, *, time_limit_s: float | None = None) -> ShipFit:
+def fit_ship(
+    question: Question, *, starts: int = 1, seed: int | None = 0, time_limit_s: float | None = None
+) -> ShipFit:
     """Search the ship that explains the data best.
+
+    Of a given ship, the search begins at its declared start and `starts` - 1 random ones, too.
 
     Raises
     ------
@@ -45,13 +51,22 @@ def fit_ship(question: Question, *, time_limit_s: float | None = None) -> ShipFi
     smooth: bool | None = True if undecided else None
     likelihood = question.likelihood((), COARSE_STEP_S, smooth)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
+    drawn: list[dict[str, float]] = []
     if question.structure is not None:
-        guesses = [{one.name: one.start for one in question.structure.parameters}, *guesses]
+        own, random = question.structure.parameters, np.random.default_rng(seed)
+        guesses = [{one.name: one.start for one in own}, *guesses]
+        drawn = [
+            {one.name: one.start if one.fixed else one.drawn(random) for one in own}
+            for _ in range(starts - 1)
+        ]
+    # A loop that is drawn may be too quick for any step.
     step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
     likelihood = question.likelihood((), step_s, smooth)
-    starts = [likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in guesses]
+    vectors = [
+        likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)
+    ]
     try:
-        likelihood, basins = best_basins(likelihood, starts, until=until)
+        likelihood, basins = best_basins(likelihood, vectors, until=until)
     except SimulationError as error:
         raise IdentificationError(f"identify: {error}") from error
     values = likelihood.coordinates.values(basins[0].vector)

@@ -17,7 +17,7 @@ from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
 from shipfp_rs.identification.structure_records import Data, seen
-from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import where_alone
@@ -34,8 +34,6 @@ ROUNDING = 1e-9
 """Part of a deviance below which a decrease may be one of the processor's rounding."""
 DRAWS = 100
 """Draws of a start of a stable loop at most."""
-STRAY = 1.0
-"""Standard deviation of a random start that has no bounds, over its declared one."""
 
 
 @dataclass(frozen=True)
@@ -136,23 +134,12 @@ def start_vectors(likelihood: StructureLikelihood, count: int, seed: int | None)
     random = np.random.default_rng(seed)
     for _ in range(count - 1):
         for _ in range(DRAWS):
-            vector = c.vector(
-                {one.name: _drawn(one, random, one.name in c.logarithmic) for one in c.parameters}
-            )
+            vector = c.vector({one.name: one.drawn(random) for one in c.parameters})
             values = c.values(vector)
             if all(record.structure.equations.stable(values) for record in likelihood.records):
                 vectors.append(vector)
                 break
     return vectors
-
-
-def _drawn(parameter: Parameter, random: np.random.Generator, logarithmic: bool) -> float:
-    low, high = parameter.lower, parameter.upper
-    if not np.isfinite([low, high]).all():
-        return float(parameter.start * (1.0 + STRAY * random.normal()))
-    if logarithmic:
-        return float(np.exp(random.uniform(np.log(low), np.log(high))))
-    return float(random.uniform(low, high))
 
 
 def _require_sense(data: FrequencyResponse) -> None:

@@ -17,8 +17,6 @@ from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
-DECADES = 30.0
-"""A parameter whose bounds are above zero and further apart than this factor is searched by its logarithm."""
 STATE_DEVIATION = 1.0
 """Prior deviation of initial states and offsets, over the operating point: so wide that few data notice it."""
 LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
@@ -83,9 +81,7 @@ class StructureCoordinates:
     @cached_property
     def logarithmic(self) -> frozenset[str]:
         """Parameters that are searched by their logarithm."""
-        return frozenset(
-            name for name, (low, high) in self.free.items() if low > 0.0 and high / low > DECADES
-        )
+        return frozenset(one.name for one in self.parameters if one.logarithmic)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:

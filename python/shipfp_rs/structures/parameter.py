@@ -11,6 +11,9 @@ from shipfp_rs.structures import glossary
 from shipfp_rs.structures.ties import Tie
 from shipfp_rs.support.arguments import check_fields
 
+DECADES = 30.0
+"""Bounds above zero that are further apart than this factor are for a parameter that counts by its logarithm."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -49,6 +52,19 @@ class Parameter:
     def scale(self) -> float:
         """A typical size, by which sensitivities are made comparable."""
         return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether its logarithm is searched."""
+        return self.lower > 0.0 and self.upper / self.lower > DECADES
+
+    def drawn(self, random: np.random.Generator) -> float:
+        """Return a random start: between the bounds, or about the declared one where there are none."""
+        if not np.isfinite([self.lower, self.upper]).all():
+            return float(self.start * (1.0 + random.normal()))
+        if self.logarithmic:
+            return float(np.exp(random.uniform(np.log(self.lower), np.log(self.upper))))
+        return float(random.uniform(self.lower, self.upper))
 
     @property
     def meaning(self) -> str:
