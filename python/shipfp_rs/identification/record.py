@@ -28,6 +28,8 @@ LEAST_HZ, LEAST_PERIODS = 0.5, 40
 """Least end of a band [Hz], and least number of the record's own frequencies in it: the noise is told from them."""
 EDGE_S = 2.0
 """Over which a record fades in and out [s], so that its ends leave nothing in the band."""
+SHORTEST_S = 10.0 * EDGE_S
+"""Shortest record that has a spectrum [s]."""
 BEFORE_S = 2.0
 """First stretch that is simulated but not compared [s]: a record that begins in the middle of an excitation does not tell
 what went on before, and dead times carry that into it."""
@@ -117,9 +119,9 @@ class Record:
             # Straight lines between fine samples are near what a low-pass leaves between coarse ones.
             u, loads = (_sharpened(_interpolated(values, fine)) for values in (u, loads))
             stride, substeps = fine, 1
-        if experiment.duration < 10.0 * EDGE_S:
+        if experiment.duration < SHORTEST_S:
             raise InputError(
-                f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {10 * EDGE_S:g} s or more; "
+                f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {SHORTEST_S:g} s or more; "
                 "take a longer window, or give a structure and noise='white'"
             )
         return cls(

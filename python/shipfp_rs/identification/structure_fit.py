@@ -14,9 +14,11 @@ from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
+from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.record import SHORTEST_S
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
-from shipfp_rs.identification.structure_records import Data, seen
+from shipfp_rs.identification.structure_records import Data, Samples, seen, spectra_of
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
@@ -34,6 +36,10 @@ ROUNDING = 1e-9
 """Part of a deviance below which a decrease may be one of the processor's rounding."""
 DRAWS = 100
 """Draws of a start of a stable loop at most."""
+
+
+GUESSED = 2
+"""Starts by regressions that are followed, of those whose deviance is least."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,7 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
         starts,
     )
     until = None if options.time_limit_s is None else time.monotonic() + options.time_limit_s
-    vectors = start_vectors(likelihood, starts, options.seed)
+    vectors = [*start_vectors(likelihood, starts, options.seed), *guessed_vectors(likelihood, structure)]
     ends = where_alone([partial(_settled, likelihood, vector, until) for vector in vectors])
     ends = sorted(ends, key=lambda end: end.cost)
     if not np.isfinite(ends[0].cost):
@@ -140,6 +146,42 @@ def start_vectors(likelihood: StructureLikelihood, count: int, seed: int | None)
                 vectors.append(vector)
                 break
     return vectors
+
+
+def guessed_vectors(likelihood: StructureLikelihood, structure: Structure) -> list[Array]:
+    """Return the best starts by regressions of spectra, for a drive train of known terms whose dead times are searched.
+
+    Declared starts, and random ones, may all lie in a basin with the wrong ones.
+    """
+    free = {one.name for one in structure.free}
+    samples = [one for one in likelihood.records if isinstance(one, Samples)]
+    if (
+        structure.settings["kind"] not in ("linear", "ship")
+        or not {"T_d", "T_set"} & free
+        or "dn" not in structure.outputs
+        or len(samples) < len(likelihood.records)
+        or any(one.data.duration < SHORTEST_S for one in samples)
+    ):
+        return []
+    c = likelihood.coordinates
+    gauge = "tau_prop" in structure.names
+    declared = {one.name: one.start for one in structure.parameters}
+    vectors = []
+    for guess in first_guesses([spectra_of(one).record for one in samples], structure.outputs, gauge):
+        # What regressions tell are ratios to the inertia.
+        tau = guess["tau_n"] if "tau_n" in free else declared["tau_n"]
+        ratio = tau / guess["tau_n"]
+        known = {
+            **guess,
+            "tau_n": tau,
+            "g": guess["p"] - (guess["p"] - guess["g"]) * ratio,
+            "vK_p": guess["vK_p"] * ratio,
+            "vK_i": guess["vK_i"] * ratio,
+        }
+        known |= {name: known[f"v{name}"] / declared.get("v", 1.0) for name in ("K_p", "K_i")}
+        values = declared | {name: value for name, value in known.items() if name in free}
+        vectors.append(c.vector(values))
+    return sorted(vectors, key=likelihood.cost)[:GUESSED]
 
 
 def _require_sense(data: FrequencyResponse) -> None:
