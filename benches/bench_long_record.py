@@ -36,15 +36,8 @@ def linear_calls(poles: str, dn_set: np.ndarray, dead_time: float) -> dict[str, 
     parameters = np.array([tau_n, -0.583, 1.583, k_p, k_i, 2.0, 0.4 * tau_n, dead_time, 0.0])
     common = (dn_set, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]))
     outputs, wrt = [0, 2], [0, 1, 2, 3, 4, 9, 10]
-    measured = np.random.default_rng(1).normal(size=(2, len(dn_set)))
-    filters = np.array([[1.0, -0.4, 0.1]] * 2)
-    calls: dict[str, Callable[[], object]] = {
-        "linear_sensitivities": lambda: _core.linear_sensitivities(parameters, *common, outputs, wrt),
-        "linear_products": lambda: _core.linear_products(
-            parameters, *common, outputs, measured, np.zeros(2), filters, wrt
-        ),
-    }
-    return {f"{name}{', dead time' if dead_time else ''}": call for name, call in calls.items()}
+    name = f"linear_sensitivities{', dead time' if dead_time else ''}"
+    return {name: lambda: _core.linear_sensitivities(parameters, *common, outputs, wrt)}
 
 
 def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
@@ -77,20 +70,9 @@ def other_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object
     tau_n, k_p, k_i = POLES[poles]
     A = np.array([[-(2.583 + 1.583 * k_p) / tau_n, 1.583 * k_i / tau_n], [-1.0, 0.0]])
     B, C, D = np.array([1.583 * k_p / tau_n, 1.0]), np.array([[1.0, 0.0], [2.0, 0.5]]), np.zeros(2)
-    samples = len(dn_set)
-    # A stretch without measurement, behind which the filter rings out as fast as its pole says.
-    valid = np.arange(samples) % 4096 < 64
-    models = np.zeros((2, 8))
-    models[:, 0] = -np.exp(-1.0 / (RATE_HZ * tau_n))
-    rng = np.random.default_rng(2)
-    slopes, residuals = rng.normal(size=(3, samples)), rng.normal(size=(2, samples)) * valid
-    mix = rng.normal(size=(2, 4, 4))
     return {
         "simulate_statespace": lambda: _core.simulate_statespace(
             A, B, C, D, dn_set, 1.0 / RATE_HZ, "zero", np.array([0.01, 0.0])
-        ),
-        "leftover_sums": lambda: _core.leftover_sums(
-            dn_set[None], [0], slopes, mix, residuals, valid, models
         ),
     }
 

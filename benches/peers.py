@@ -8,14 +8,15 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import scipy.signal
 from tests.launch import TRUTH, noisy_record
 
-from benches import bench_cost, bench_plant, bench_pulse, rivals
+from benches import bench_linear, bench_pass, bench_plant, bench_pulse, bench_ship, rivals
 from benches.timing import in_turn, print_table, spread
-from shipfp_rs import _core, signals
+from shipfp_rs import signals
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.structure_fit import fit_structure
@@ -87,61 +88,54 @@ def plant(short: bool, repeats: int, adds: float) -> None:
     print(f"ours computes at {100 * part:.0f} % of the machine's multiply-adds")
 
 
-def cost(short: bool, repeats: int) -> None:
-    """The cost, and derivatives by seven parameters, on a record of 1500 s at 100 Hz."""
-    count = 3_000 if short else 150_000
-    rng = np.random.default_rng(804)
-    dn_set = np.cumsum(rng.normal(size=count)) * 1e-3
+def linear(short: bool, repeats: int) -> None:
+    """Outputs of the linear structure, and derivatives by seven parameters, on a record of 1500 s at 100 Hz."""
+    count, few = 3_000 if short else 150_000, 2_000
+    dn_set = np.cumsum(np.random.default_rng(804).normal(size=count)) * 1e-3
     dn_set -= dn_set[0]
-    record = (dn_set, bench_cost.DT, "first", bench_cost.START, bench_cost.OUTPUTS)
-    measured = _core.simulate_linear(bench_cost.LAUNCH, *record) + rng.normal(scale=1e-3, size=(2, count))
-    A, B, C, D = bench_cost.state_space(bench_cost.LAUNCH)
+    A, B, C, D = bench_linear.state_space(bench_linear.LAUNCH)
     system = A, B.sum(axis=1, keepdims=True), C, D.sum(axis=1, keepdims=True)
-    one = report(
-        "cost of one vector",
-        "sample",
-        count,
-        {
-            "shipfp_rs": lambda: bench_cost.products(bench_cost.LAUNCH, dn_set, measured, []),
-            "one lfilter call": lambda: scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set),
-            "SciPy lfilter, both outputs": lambda: bench_cost.lfilter_cost(
-                bench_cost.LAUNCH, dn_set, measured
-            ),
-            "Numba": lambda: bench_cost.numba_cost(bench_cost.LAUNCH, dn_set, measured),
-        },
-        repeats,
-    )
-    few = 2_000
-    slow: Calls = {
-        "shipfp_rs": lambda: bench_cost.products(
-            bench_cost.LAUNCH, dn_set[:few], measured[:, :few].copy(), []
-        ),
-        "SciPy lsim": lambda: bench_cost.lsim_cost(bench_cost.LAUNCH, dn_set[:few], measured[:, :few]),
-        "python-control": rivals.control_cost(*system, dn_set[:few], bench_cost.DT, measured[:, :few]),
+
+    def of(simulate: Callable[..., object], samples: int = count) -> Callable[[], object]:
+        return lambda: simulate(bench_linear.LAUNCH, dn_set[:samples])
+
+    calls: Calls = {
+        "shipfp_rs": of(bench_linear.outputs),
+        "one lfilter call": lambda: scipy.signal.lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.6], dn_set),
+        "SciPy lfilter, both outputs": of(bench_linear.lfilter_outputs),
+        "Numba": of(bench_linear.numba_outputs),
     }
-    report(f"cost of one vector, {few} samples", "sample", few, slow, 3)
-    octave = rivals.octave_seconds(*system, count, bench_cost.DT)
+    one = report("linear structure, two outputs", "sample", count, calls, repeats)
+    slow: Calls = {
+        "shipfp_rs": of(bench_linear.outputs, few),
+        "SciPy lsim": of(bench_linear.lsim_outputs, few),
+        "python-control": rivals.control_outputs(*system, dn_set[:few], bench_linear.DT),
+    }
+    report(f"linear structure, {few} samples", "sample", few, slow, 3)
+    octave = rivals.octave_seconds(*system, count, bench_linear.DT)
     name = "GNU Octave, lsim of the control package"
     print(
         f"{name}: "
         + ("not installed, left out" if octave is None else f"{octave / one['shipfp_rs']:.0f} times ours")
     )
-    for title, vector in (("no dead time", bench_cost.LAUNCH), ("both dead times", bench_cost.DEAD_TIMES)):
-        wrt = [0, 1, 2, 3, 4, 5, 6] if vector is bench_cost.LAUNCH else bench_cost.SEVEN
-        report(
-            f"cost, gradient, Gauss-Newton by 7, {title}",
-            "sample",
-            count,
-            {
-                "shipfp_rs": lambda vector=vector, wrt=wrt: bench_cost.products(
-                    vector, dn_set, measured, wrt
-                ),
-                "Numba, 8 simulations": lambda vector=vector, wrt=wrt: bench_cost.differences(
-                    lambda x: bench_cost.numba_cost(x, dn_set, measured), vector, wrt
-                ),
-            },
-            min(repeats, 5),
-        )
+    for title, vector, wrt in (
+        ("no dead time", bench_linear.LAUNCH, [0, 1, 2, 3, 4, 5, 6]),
+        ("both dead times", bench_linear.DEAD_TIMES, bench_linear.SEVEN),
+    ):
+        own = partial(bench_linear.derivatives, vector, dn_set, wrt)
+        other = partial(bench_linear.differences, bench_linear.numba_outputs, vector, dn_set, wrt)
+        calls = {"shipfp_rs": own, "Numba, 8 simulations": other}
+        report(f"outputs and derivatives by 7, {title}", "sample", count, calls, min(repeats, 5))
+
+
+def fit_pass(short: bool, repeats: int) -> None:
+    """One pass of a fit of the ship: derivatives by twelve, low-passed and decimated."""
+    u = bench_ship.chirp(2_000 if short else 25_000)
+    calls: Calls = {
+        "shipfp_rs": lambda: bench_pass.ours(u, bench_ship.TWELVE),
+        "Numba, 13 simulations, SciPy": lambda: bench_pass.numba_derivatives(u),
+    }
+    report("one pass of a fit", "step", u.size * bench_ship.SUBSTEPS, calls, repeats)
 
 
 def pulses(short: bool, repeats: int, read: float) -> None:
@@ -194,16 +188,15 @@ def identification(short: bool, repeats: int) -> None:
         repeats,
     )
     tau_n, g, vK_p, vK_i = TRUTH.values()
-    A, B, C, D = bench_cost.state_space(np.array([tau_n, g, 1.0, vK_p, vK_i, 2.0, 0.0, 0.0, 0.0]))
+    A, B, C, D = bench_linear.state_space(np.array([tau_n, g, 1.0, vK_p, vK_i, 2.0, 0.0, 0.0, 0.0]))
     few = 2_000
-    call = rivals.control_cost(
+    call = rivals.control_outputs(
         A,
         B.sum(axis=1, keepdims=True),
         C,
         D.sum(axis=1, keepdims=True),
         record.dn_set[:few],
         0.005,
-        measured[:, :few],
     )
     if call is None:
         print("python-control: not installed, left out")
@@ -211,8 +204,8 @@ def identification(short: bool, repeats: int) -> None:
     one = statistics.median(in_turn({"control": call}, 3)["control"]) * len(record) / few
     whole = one * twin.simulations
     print(
-        f"python-control: one cost takes {one:.3g} s ({few} samples, scaled); the {twin.simulations} simulations of the fit "
-        f"above would take {whole:.3g} s"
+        f"python-control: one simulation takes {one:.3g} s ({few} samples, scaled); the {twin.simulations} simulations of "
+        f"the fit above would take {whole:.3g} s"
     )
     for name in ("search and covariance", "identify with all it tells"):
         own = medians[f"shipfp_rs, {name}"]
@@ -226,13 +219,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="short records, just to see that it runs")
     parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--only", choices=("plant", "cost", "pulses", "identification"), help="one part")
+    parser.add_argument(
+        "--only", choices=("plant", "linear", "pass", "pulses", "identification"), help="one part"
+    )
     options = parser.parse_args()
     short, repeats = options.quick, 1 if options.quick else options.repeats
     read, adds = limits(short)
     parts: dict[str, Callable[[], None]] = {
         "plant": lambda: plant(short, repeats, adds),
-        "cost": lambda: cost(short, repeats),
+        "linear": lambda: linear(short, repeats),
+        "pass": lambda: fit_pass(short, repeats),
         "pulses": lambda: pulses(short, repeats, read),
         "identification": lambda: identification(short, min(repeats, 5)),
     }

@@ -26,8 +26,6 @@ __all__ = [
     "coarser_extremes",
     "find_spikes",
     "interval_speeds",
-    "leftover_sums",
-    "linear_products",
     "linear_response",
     "linear_response_sensitivities",
     "linear_sensitivities",
@@ -81,18 +79,6 @@ def linear_sensitivities(
     outputs: Sequence[int],
     wrt: Sequence[int],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def linear_products(
-    parameters: NDArray[np.float64],
-    dn_set: NDArray[np.float64],
-    dt: float,
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-    outputs: Sequence[int],
-    measured: NDArray[np.float64],
-    offsets: NDArray[np.float64],
-    filters: NDArray[np.float64],
-    wrt: Sequence[int],
-) -> tuple[NDArray[np.float64], int]: ...
 
 SHIP_PARAMETERS: tuple[str, ...]
 SHIP_OUTPUTS: tuple[str, ...]
@@ -230,15 +216,6 @@ def find_spikes(
     threshold: float,
     least: float,
 ) -> NDArray[np.int64]: ...
-def leftover_sums(
-    set_points: NDArray[np.float64],
-    lags: Sequence[int],
-    slopes: NDArray[np.float64],
-    mix: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-    models: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 def running_median(samples: NDArray[np.float64], window: int) -> NDArray[np.float64]: ...
 def slope_at_even_times(
     edges: NDArray[np.float64],

@@ -4,11 +4,10 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use _core::cost::Record;
 use _core::error::Error;
 use _core::filter::{Decimator, running_median};
 use _core::hold::Hold;
-use _core::linear::{By, Drive, Output, Parameters};
+use _core::linear::{By, Drive, Output, Parameters, simulate};
 use _core::power::power;
 use _core::pulse::PulseCrossings;
 use _core::stepper::{self, parameters::at};
@@ -39,24 +38,28 @@ fn powers(criterion: &mut Criterion) {
     group.finish();
 }
 
-fn products(criterion: &mut Criterion) -> Result<(), Error> {
-    let mut group = criterion.benchmark_group("sums of products, a sample");
+fn linear(criterion: &mut Criterion) -> Result<(), Error> {
+    let mut group = criterion.benchmark_group("linear structure, a sample");
     let dn_set = wander(0.01, SAMPLES);
-    let measured = vec![0.01; 2 * SAMPLES];
-    let outputs = || vec![Output::Speed, Output::EngineTorque];
+    let outputs = [Output::Speed, Output::EngineTorque];
     let drive = Drive::new(&dn_set, 0.01, Hold::First, &[0.0, 0.0])?;
     let late =
         { LOOP.iter().zip([0.0; 7].iter().chain(&[0.12, 0.035])).map(|(a, b)| a + b).collect::<Vec<_>>() };
     for (name, vector, wrt) in [
-        ("one vector", &LOOP[..], vec![]),
+        ("two outputs", &LOOP[..], vec![]),
         ("derivatives by seven", &LOOP[..], vec![0, 1, 2, 3, 4, 5, 6]),
         ("derivatives by seven, both dead times", &late[..], vec![0, 1, 2, 3, 4, 7, 8]),
     ] {
-        let record = Record::new(drive, outputs(), &measured, By::from_indices(&wrt)?)?;
+        let wrt = By::from_indices(&wrt)?;
         let parameters = Parameters::new(vector, "parameters")?;
+        let mut values = vec![0.0; outputs.len() * SAMPLES];
+        let mut slopes = vec![0.0; wrt.len() * values.len()];
         group.throughput(Throughput::Elements(SAMPLES as u64));
         group.bench_function(name, |bencher| {
-            bencher.iter(|| record.products(black_box(&parameters), &Stop::new()));
+            bencher.iter(|| {
+                let parameters = black_box(&parameters);
+                simulate(parameters, &drive, &outputs, &wrt, &mut values, &mut slopes, &Stop::new())
+            });
         });
     }
     group.finish();
@@ -107,6 +110,17 @@ fn ship(criterion: &mut Criterion) -> Result<(), Error> {
             bencher.iter(|| stepper::simulate(black_box(&task), &run, &mut rows, &Stop::new()));
         });
     }
+    let task = stepper::Task { parameters, outputs: &outputs, wrt: &twelve };
+    let mut rows = vec![0.0; SAMPLES * outputs.len() * (1 + twelve.len())];
+    let masked = vec![false; SAMPLES * outputs.len()];
+    let low_pass = stepper::Decimation { taps: &[1.0 / 101.0; 101], down: 10 };
+    let mut seen = vec![0.0; rows.len() / SAMPLES * low_pass.left(SAMPLES)];
+    group.bench_function("a pass of a fit: the same, low-passed and decimated", |bencher| {
+        bencher.iter(|| {
+            stepper::simulate(black_box(&task), &run, &mut rows, &Stop::new())?;
+            stepper::observe(&mut rows, &masked, outputs.len(), &low_pass, &mut seen, &Stop::new())
+        });
+    });
     let detail = stepper::Detail::new(&TUG, &[1.04, 0.98, 0.98, 1.04, 0.98, 0.98], None)?;
     let whole = stepper::Run { detail: Some(&detail), ..run };
     let told = [(at::T_S, 0.0169), (at::TAU_TWIST, 0.00018), (at::ZETA_TWIST, 4.6), (at::RATE_UP, 10.0)];
@@ -162,7 +176,7 @@ fn signals(criterion: &mut Criterion) -> Result<(), Error> {
 
 fn all(criterion: &mut Criterion) {
     powers(criterion);
-    for bench in [ship, products, signals] {
+    for bench in [ship, linear, signals] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

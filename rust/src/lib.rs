@@ -1,6 +1,5 @@
-//! Kernels of `shipfp_rs`: the ship, linear structure and its sums of products, pulse extraction.
+//! Kernels of `shipfp_rs`: the ship, linear structure, pulse extraction.
 
-pub mod cost;
 pub mod duplicate_rows;
 pub mod error;
 pub mod filter;
@@ -12,7 +11,6 @@ pub mod memory;
 pub mod power;
 pub mod pulse;
 pub mod pyramid;
-pub mod residual_correlation;
 pub mod scalar;
 pub mod statespace;
 pub mod stepper;

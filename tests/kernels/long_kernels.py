@@ -30,16 +30,6 @@ def _ship(call: str, samples: int = 2_000_000, **more: object) -> Callable[[], o
     return run
 
 
-def _linear(call: str, *given: object, samples: int = 8_000_000) -> Callable[[], object]:
-    def run() -> object:
-        parameters = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01])
-        dn_set = np.sin(np.arange(samples) * 0.01)
-        rows = [np.zeros((2, samples)) if one is ... else one for one in given]
-        return getattr(_core, call)(parameters, dn_set, 0.01, "first", np.zeros(2), [0, 2], *rows)
-
-    return run
-
-
 WRT = [0, 1, 3, 4, 7]
 KERNELS: dict[str, Callable[[], object]] = {
     "spin": lambda: _core._spin_for_test(),
@@ -60,8 +50,15 @@ KERNELS: dict[str, Callable[[], object]] = {
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),
     "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
     "ship_observed": _ship("ship_observed"),
-    "linear_sensitivities": _linear("linear_sensitivities", WRT, samples=5_000_000),
-    "linear_products": _linear("linear_products", ..., np.zeros(2), np.ones((2, 32)), WRT, samples=5_000_000),
+    "linear_sensitivities": lambda: _core.linear_sensitivities(
+        np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01]),
+        np.sin(np.arange(5_000_000) * 0.01),
+        0.01,
+        "first",
+        np.zeros(2),
+        [0, 2],
+        WRT,
+    ),
     "linear_response_sensitivities": lambda: _core.linear_response_sensitivities(
         np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01]),
         np.linspace(0.01, 9.0, 300_000),
@@ -83,15 +80,6 @@ KERNELS: dict[str, Callable[[], object]] = {
     ),
     "running_median": lambda: _core.running_median(_noise(), 2_000_001),
     "find_spikes": lambda: _core.find_spikes(_noise(), 100_000, 4, 501, 6.0, 0.05),
-    "leftover_sums": lambda: _core.leftover_sums(
-        np.ones((2, 2_000_999)),
-        list(range(1000)),
-        np.ones((3, 2_000_000)),
-        np.ones((2, 4, 4)),
-        np.ones((2, 2_000_000)),
-        np.ones(2_000_000, dtype=np.bool_),
-        np.zeros((2, 8)),
-    ),
     "Decimator": lambda: _core.Decimator(np.ones(100_001) / 100_001.0, 1, 2).feed(np.zeros(5_000_000)),
     "PulseCrossings": lambda: _core.PulseCrossings(1.0, 3.0, 2.0).feed(_train_of_pulses()),
     "PulseTracker": lambda: _core.PulseTracker(6.0, 0.2).follow(_train_of_pulses(), 1 << 16),

@@ -1,7 +1,6 @@
 //! Filters over long recorded channels: the running median and what stands out from it, the decimating low-pass, slopes of
-//! a spline, the all-pole filter backwards.
+//! a spline.
 
-pub(crate) mod all_pole;
 mod decimate;
 mod median;
 mod slope;

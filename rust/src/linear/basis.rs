@@ -2,7 +2,7 @@
 //!
 //! Every output is a combination of n, E, n' and u1, with parameters as coefficients, and the loop depends on the parameters
 //! through its rates, dead times and initial state only. So a pass over the samples carries the signals and their derivatives
-//! in these few directions; the chain rule is applied to the sums or to the finished rows.
+//! in these few directions; the chain rule is applied to the finished rows.
 
 use super::discrete::{BY_A, BY_B, BY_C, BY_START_E, BY_START_N, BY_T_D, BY_T_SET, DIRECTIONS, rates};
 use super::parameters::{By, Output, Parameters};
@@ -19,14 +19,6 @@ pub const SET: usize = 3;
 pub struct Basis {
     pub signals: Vec<usize>,
     pub directions: Vec<usize>,
-}
-
-/// Combinations of the rows, and each derivative of an output as factors of them.
-///
-/// They are fewer than the derivatives where several parameters move the loop in one direction.
-pub struct Span {
-    pub columns: Vec<Vec<f64>>,
-    pub factors: Vec<Vec<f64>>,
 }
 
 impl Basis {
@@ -55,32 +47,6 @@ impl Basis {
         let mut combination = vec![0.0; self.rows()];
         self.add(&mut combination, None, 1.0, &coefficients(output, parameters));
         combination
-    }
-
-    /// What an output's derivatives by `wrt` are made of.
-    pub fn span(&self, output: Output, wrt: &[By], parameters: &Parameters) -> Span {
-        let own: Vec<usize> = (0..SIGNALS)
-            .filter(|&signal| wrt.iter().any(|&by| coefficients_by(output, by)[signal] != 0.0))
-            .collect();
-        let unit = |signal| std::array::from_fn(|i| f64::from(i == signal));
-        let combined = |direction, coefficients: &[f64; SIGNALS]| {
-            let mut combination = vec![0.0; self.rows()];
-            self.add(&mut combination, direction, 1.0, coefficients);
-            combination
-        };
-        let of_signals = own.iter().map(|&signal| combined(None, &unit(signal)));
-        let of_directions =
-            self.directions.iter().map(|&way| combined(Some(way), &coefficients(output, parameters)));
-        let factors = |&by: &By| {
-            let (slopes, along) = (coefficients_by(output, by), along(by, parameters));
-            let of_signals = own.iter().map(|&signal| slopes[signal]);
-            let of_directions = self.directions.iter().map(|&way| along[way]);
-            of_signals.chain(of_directions).collect()
-        };
-        Span {
-            columns: of_signals.chain(of_directions).collect(),
-            factors: wrt.iter().map(factors).collect(),
-        }
     }
 
     /// The derivative of an output by `by` as a combination of the rows.

@@ -19,7 +19,7 @@ use crate::hold::Hold;
 use crate::stop::Stop;
 
 /// Steps in a block; its rows then fit into the fastest cache.
-pub const STEPS: usize = 32;
+const STEPS: usize = 32;
 /// Values of one row in a block.
 pub const BLOCK: usize = STEPS * LANES;
 
@@ -80,11 +80,6 @@ pub struct Block<'a> {
 }
 
 impl Block<'_> {
-    /// Number of steps in it, up to [`STEPS`].
-    pub const fn steps(&self) -> usize {
-        self.steps
-    }
-
     /// All rows, one after the other.
     pub const fn rows(&mut self) -> &mut [f64] {
         self.rows
@@ -94,22 +89,6 @@ impl Block<'_> {
     fn stretch(&self, lane: usize, samples: usize) -> Range<usize> {
         let start = (lane * self.segment + self.first).min(samples);
         start..(start + self.steps).min(samples)
-    }
-
-    /// Lay the block's part of a series of samples into row number `row`, NaN where there is none.
-    pub fn put(&mut self, row: usize, series: &[f64]) {
-        let stretches: [&[f64]; LANES] = from_fn(|lane| &series[self.stretch(lane, series.len())]);
-        let row = &mut self.rows[row * BLOCK..(row + 1) * BLOCK];
-        if stretches.iter().all(|stretch| stretch.len() == STEPS) {
-            interleave(&stretches, row.as_chunks_mut().0);
-        } else {
-            row.fill(f64::NAN);
-            for (lane, stretch) in stretches.into_iter().enumerate() {
-                for (value, sample) in row[lane..].iter_mut().step_by(LANES).zip(stretch) {
-                    *value = *sample;
-                }
-            }
-        }
     }
 
     /// Lay the values of a row into its part of a series of samples.
@@ -132,7 +111,7 @@ pub enum Layout {
     Sequential,
 }
 
-/// Simulate, and give each block of the basis' rows to `consume`, behind `spare` rows for its own use.
+/// Simulate, and give each block of the basis' rows to `consume`.
 ///
 /// # Errors
 /// What `consume` returns, or [`Error::Stopped`](crate::error::Error::Stopped).
@@ -141,7 +120,6 @@ pub fn walk(
     drive: &Drive<'_>,
     basis: &Basis,
     layout: Layout,
-    spare: usize,
     stop: &Stop,
     consume: impl FnMut(Block<'_>) -> Result<()>,
 ) -> Result<()> {
@@ -154,9 +132,9 @@ pub fn walk(
     let directions = &basis.directions;
     let course = Course { dn_set: drive.dn_set, segment, stop };
     if network {
-        pass(&delayed(parameters, dt, hold, initial, directions, segment), course, basis, spare, consume)
+        pass(&delayed(parameters, dt, hold, initial, directions, segment), course, basis, consume)
     } else {
-        pass(&direct(parameters, dt, hold, initial, directions, segment), course, basis, spare, consume)
+        pass(&direct(parameters, dt, hold, initial, directions, segment), course, basis, consume)
     }
 }
 
@@ -205,7 +183,7 @@ impl<const J: usize> Inputs<J> {
 
 /// Lay series side by side, one in each lane.
 #[allow(clippy::needless_range_loop)] // `from_fn` is not inlined here, and costs as much as the simulation
-pub fn interleave<const L: usize>(series: &[&[f64]; L], into: &mut [[f64; L]]) {
+fn interleave<const L: usize>(series: &[&[f64]; L], into: &mut [[f64; L]]) {
     let length = into.len();
     let mut cut = *series;
     for lane in 0..L {
@@ -274,12 +252,11 @@ fn pass<const N: usize, const J: usize>(
     model: &Model<N, J>,
     course: Course<'_>,
     basis: &Basis,
-    spare: usize,
     mut consume: impl FnMut(Block<'_>) -> Result<()>,
 ) -> Result<()> {
     let mut states = starts(model, course)?;
     let mut inputs = Inputs::new();
-    let mut packs = vec![[0.0; LANES]; (spare + basis.rows()) * STEPS];
+    let mut packs = vec![[0.0; LANES]; basis.rows() * STEPS];
     for (first, steps) in course.blocks() {
         course.stop.check()?;
         inputs.fill(course, &model.late, first, steps);
@@ -290,7 +267,7 @@ fn pass<const N: usize, const J: usize>(
             states: &mut states,
             signals: &basis.signals,
             most: STEPS,
-            rows: &mut packs[spare * STEPS..],
+            rows: &mut packs,
         }
         .run();
         consume(Block { rows: packs.as_flattened_mut(), segment: course.segment, first, steps })?;

@@ -36,7 +36,7 @@ pub fn simulate(
         .collect();
     let mut fill = |layout| -> Result<bool> {
         let mut are_finite = true;
-        walk(parameters, drive, &basis, layout, 0, stop, |mut block| {
+        walk(parameters, drive, &basis, layout, stop, |mut block| {
             let mut finished = [0.0; BLOCK];
             let values = values.chunks_exact_mut(samples).zip(&value_rows);
             for (series, combination) in

@@ -2,7 +2,7 @@
 
 use numpy::ndarray::{Dim, Dimension};
 use numpy::{
-    Element, IntoPyArray, Ix1, Ix2, PyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray,
+    Element, IntoPyArray, Ix1, Ix2, PyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray,
     PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
@@ -113,19 +113,6 @@ pub fn filled_with_derivatives(
     Ok((values, derivatives))
 }
 
-/// Sums of products [O, C, O, C] of so many outputs and columns, and the samples counted.
-pub type Sums<'py> = (Bound<'py, PyArray4<f64>>, usize);
-
-/// Give sums of products to Python.
-pub fn hand_back_sums(
-    py: Python<'_>,
-    values: Vec<f64>,
-    [outputs, columns]: [usize; 2],
-    count: usize,
-) -> PyResult<Sums<'_>> {
-    Ok((hand_back(py, values, [outputs, columns, outputs, columns])?, count))
-}
-
 /// Give spans to Python, int64 [K, 2]: the first sample and the one past the last.
 pub fn hand_back_spans(
     py: Python<'_>,
@@ -147,35 +134,6 @@ where
     [usize; N]: numpy::ndarray::IntoDimension<Dim = Dim<[usize; N]>>,
 {
     values.into_pyarray(py).reshape(shape)
-}
-
-/// What a simulation is compared to, borrowed from Python.
-pub struct Targets<'py> {
-    measured: Matrix<'py>,
-    offsets: Vector<'py>,
-    filters: Matrix<'py>,
-}
-
-impl<'py> Targets<'py> {
-    /// Borrow what is measured [O, N], the offsets, and the filters [O, T].
-    pub fn borrow(
-        measured: &Bound<'py, PyAny>,
-        offsets: &Bound<'py, PyAny>,
-        filters: &Bound<'py, PyAny>,
-        outputs: usize,
-        samples: usize,
-    ) -> PyResult<Self> {
-        let measured: Matrix<'_> = borrow("measured", measured)?;
-        let filters: Matrix<'_> = borrow("filters", filters)?;
-        expect_shape("measured", measured.shape(), [outputs, samples], "outputs, samples")?;
-        expect_shape("filters", filters.shape(), [outputs, filters.shape()[1]], "outputs, taps")?;
-        Ok(Self { measured, offsets: borrow("offsets", offsets)?, filters })
-    }
-
-    /// Measured samples, offsets and filters.
-    pub fn slices(&self) -> PyResult<(&[f64], &[f64], &[f64])> {
-        Ok((self.measured.as_slice()?, self.offsets.as_slice()?, self.filters.as_slice()?))
-    }
 }
 
 /// An array of one axis.

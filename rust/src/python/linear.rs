@@ -4,11 +4,8 @@ use numpy::{Complex64, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{
-    Sensitivities, Sums, Targets, Vector, borrow, filled_with_derivatives, hand_back, hand_back_sums,
-};
+use super::arrays::{Sensitivities, Vector, borrow, filled_with_derivatives, hand_back};
 use super::guard;
-use crate::cost::Record;
 use crate::hold::Hold;
 use crate::linear::{By, Drive, OUTPUTS, Output, PARAMETERS, Parameters, Response, response, simulate};
 
@@ -75,37 +72,6 @@ fn run_response(
     Ok((result, frequency_hz.len()))
 }
 
-/// Sums of products of residuals and sensitivities, filtered: ([O, W + 2, O, W + 2], samples counted). The columns of an output
-/// are its derivatives by `wrt`, what an offset of it adds, and its residual.
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn linear_products<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    dn_set: &Bound<'py, PyAny>,
-    dt: f64,
-    hold: Hold,
-    initial: &Bound<'py, PyAny>,
-    outputs: Vec<usize>,
-    measured: &Bound<'py, PyAny>,
-    offsets: &Bound<'py, PyAny>,
-    filters: &Bound<'py, PyAny>,
-    wrt: Vec<usize>,
-) -> PyResult<Sums<'py>> {
-    let vector: Vector<'_> = borrow("parameters", parameters)?;
-    let vector = Parameters::new(vector.as_slice()?, "parameters")?;
-    let dn_set: Vector<'_> = borrow("dn_set", dn_set)?;
-    let initial: Vector<'_> = borrow("initial", initial)?;
-    let drive = Drive::new(dn_set.as_slice()?, dt, hold, initial.as_slice()?)?;
-    let rows = outputs.len();
-    let targets = Targets::borrow(measured, offsets, filters, rows, drive.samples())?;
-    let (measured, offsets, filters) = targets.slices()?;
-    let (outputs, wrt) = (Output::from_indices(&outputs)?, By::from_indices(&wrt)?);
-    let record = Record::new(drive, outputs, measured, wrt)?.filtered(filters)?.with_offsets(offsets)?;
-    let products = guard::run(py, record.work(), |stop| record.products(&vector, stop))?;
-    hand_back_sums(py, products.values, [rows, products.columns], products.count)
-}
-
 /// Exact frequency response of the linear structure from the set point, dead times included; complex [O, F].
 #[pyfunction]
 fn linear_response<'py>(
@@ -139,7 +105,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("LINEAR_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;
     module.add_function(wrap_pyfunction!(simulate_linear, module)?)?;
     module.add_function(wrap_pyfunction!(linear_sensitivities, module)?)?;
-    module.add_function(wrap_pyfunction!(linear_products, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response, module)?)?;
     module.add_function(wrap_pyfunction!(linear_response_sensitivities, module)?)?;
     Ok(())

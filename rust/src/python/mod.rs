@@ -13,7 +13,6 @@ mod instruction_set;
 mod linear;
 mod pulse;
 mod pyramid;
-mod residual_correlation;
 mod statespace;
 mod stepper;
 mod streaming;
@@ -27,7 +26,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     filter::register(module)?;
     guard::register(module)?;
     instruction_set::register(module)?;
-    residual_correlation::register(module)?;
     linear::register(module)?;
     pulse::register(module)?;
     duplicate_rows::register(module)?;
