@@ -172,11 +172,8 @@ def test_a_torque_limit_that_is_never_reached_stays_unknown():
     near = Structure.ship(["torque_limit"]).with_start(M_max=3.0, tau_n=1.4, g=-0.6, vK_p=15.0, vK_i=1.5)
     fingerprint = identify(small, near, starts=1)
     limit = fingerprint["M_max"]
-    assert (limit.value, limit.status, limit.reason) == (
-        None,
-        "unidentifiable",
-        "the data do not depend on it",
-    )
+    assert (limit.value, limit.status) == (None, "unidentifiable")
+    assert limit.reason.startswith("the data come near no limit: any above 1.")
     assert fingerprint["tau_n"].value == pytest.approx(1.514, rel=0.01)
 
 

@@ -23,6 +23,7 @@ from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interva
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
 from shipfp_rs.identification.ship_found import ShipFit, likelihood_at
+from shipfp_rs.identification.ship_likelihood import LIMITS
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
@@ -232,6 +233,9 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
         return Estimate(None, unit=unit, status="unidentifiable", reason="the data do not depend on it")
     if width > UNTOLD:
         reason = f"the data allow everything between {ends[0]:.3g} and {ends[1]:.3g}"
+        return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+    if name in LIMITS and ends[1] >= high:
+        reason = f"the data come near no limit: any above {ends[0]:.4g} will do"
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
     prior = name in fit.question.priors or name in PRIORS
     ends = min(ends[0], value), max(ends[1], value)

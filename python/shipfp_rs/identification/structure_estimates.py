@@ -178,20 +178,8 @@ class StructureEstimates:
             allowed = f"up to {high:.4g}" if side == "lower" else f"down to {low:.4g}"
             where = f"on its {side} bound {value:g}; the data allow {allowed}"
             return Estimate(value, None, ends, unit, "at_bound", where)
-        std = float(self._deviation(parameter, value, *ends))
+        std = (ends[1] - ends[0]) / (2.0 * self.fit.likelihood.quantile)
         return Estimate(value, std, ends, unit, "free" if parameter.prior is None else "prior")
-
-    def _deviation(self, parameter: Parameter, value: float, low: float, high: float) -> float:
-        """Half the interval over the quantile; of the side that no bound cuts, where one does."""
-        sides = [
-            side
-            for side, end, bound in (
-                (value - low, low, parameter.lower),
-                (high - value, high, parameter.upper),
-            )
-            if end != bound
-        ]
-        return float(np.mean(sides or [high - low])) / self.fit.likelihood.quantile
 
     def _unknown(self, index: int, parameter: Parameter, reach: float) -> str:
         """Say why a parameter has no interval of its own, empty where it has one."""
