@@ -84,18 +84,7 @@ def descend(
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
 
-    def at(vector: Array, tangent: Tangent | None) -> tuple[Products, Products]:
-        found = likelihood.products(vector, tangent)
-        if penalty is None:
-            return found, found
-        value, slope = penalty(vector)
-        # The row's residual is -value, its derivative as the model's: slope.
-        return found, found._replace(
-            cost=found.cost + value**2,
-            downhill=found.downhill - value * slope,
-            matrix=found.matrix + np.outer(slope, slope),
-        )
-
+    at = partial(_computed, likelihood, penalty)
     try:
         plain, now = at(x, near)
     except SimulationError:
@@ -144,6 +133,22 @@ def descend(
         except SimulationError:
             break
     return Basin(plain.cost, x, damping >= MOST_DAMPED, plain)
+
+
+def _computed(
+    likelihood: Likelihood, penalty: Penalty | None, vector: Array, tangent: Tangent | None
+) -> tuple[Products, Products]:
+    """What is computed at a vector, without and with a penalty."""
+    found = likelihood.products(vector, tangent)
+    if penalty is None:
+        return found, found
+    value, slope = penalty(vector)
+    # The row's residual is -value, its derivative as the model's: slope.
+    return found, found._replace(
+        cost=found.cost + value**2,
+        downhill=found.downhill - value * slope,
+        matrix=found.matrix + np.outer(slope, slope),
+    )
 
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:

@@ -153,27 +153,13 @@ class Profiles:
         x, reached, over = inside.vector, side * (far - value), np.inf
         # The last point inside on the profile itself, and the root of its rise: from there on it runs nearly straight.
         known, root = 0.0, 0.0
-        # On a bound the deviance rises along a slope, too: slope d + d^2 / spread is the quantile.
         found = basin.products or self.likelihood.products(basin.vector)
-        uphill = max(-2.0 * side * float(found.downhill @ way), 0.0)
-        half = 0.5 * uphill * spread
-        straight = np.sqrt(half**2 + RISE * spread) - half
-        scale = max(min(scale, float(straight) / np.sqrt(RISE)), 1e-12)
+        scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
         distance = max(np.sqrt(RISE) * scale, 1.2 * reached)
         visited: list[Basin] = []
         for _ in range(tries):
             distance = min(distance, room)
-            target = value + side * distance
-            tangent = found.tangent
-            end = self._held(self._moved(x, way, figure, target), figure, target, scale, tangent)
-            if end.cost - basin.cost > RISE * (1.0 + ABOUT):
-                # Another valley may be lower there.
-                other = self._nearest(figure, target, visited)
-                if other is not x:
-                    again = self._held(
-                        self._moved(other, way, figure, target), figure, target, scale, tangent
-                    )
-                    end = min(end, again, key=lambda one: one.cost)
+            end = self._at(value + side * distance, figure, scale, x, way, found.tangent, visited)
             if not np.isfinite(end.cost):
                 over = distance
                 distance = 0.5 * (reached + over)
@@ -213,6 +199,26 @@ class Profiles:
         # Where the tries end first the next one's target is nearer to the end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
+    def _at(
+        self,
+        target: float,
+        figure: Figure,
+        scale: float,
+        x: Array,
+        way: Array,
+        near: Tangent,
+        visited: Sequence[Basin],
+    ) -> Basin:
+        """The least deviance with a figure at a target, from x, and from another point visited where that is high."""
+        end = self._held(self._moved(x, way, figure, target), figure, target, scale, near)
+        if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
+            # Another valley may be lower there.
+            other = self._nearest(figure, target, visited)
+            if other is not x:
+                again = self._held(self._moved(other, way, figure, target), figure, target, scale, near)
+                end = min(end, again, key=lambda one: one.cost)
+        return end
+
     def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
         """A vector moved along a way to where the figure is about at the target."""
         c = self.likelihood.coordinates
@@ -239,6 +245,13 @@ class Profiles:
             return apart * stiffness, self.gradient(figure, vector) * stiffness
 
         return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty, near=near)
+
+
+def _scale_uphill(uphill: float, spread: float) -> float:
+    """Deviation of a figure on a bound: the deviance rises along a slope, too, and slope d + d^2 / spread is the quantile."""
+    half = 0.5 * uphill * spread
+    straight = np.sqrt(half**2 + RISE * spread) - half
+    return max(float(straight / np.sqrt(RISE)), 1e-12)
 
 
 def scaled_inverse(matrix: Array) -> Array:

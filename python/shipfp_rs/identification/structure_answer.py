@@ -61,17 +61,7 @@ def fitted(
             "criterion": fit.ends[0].cost,
             "converged": converged,
             "message": "" if converged else UNSETTLED,
-            "minima": [
-                {
-                    "criterion": float(end.cost) if np.isfinite(end.cost) else None,
-                    "converged": end.settled,
-                    "parameters": {
-                        name: fit.likelihood.coordinates.values(end.vector)[name]
-                        for name in fit.likelihood.coordinates.names
-                    },
-                }
-                for end in fit.ends
-            ],
+            "minima": _minima(fit),
         },
         seed=options.seed,
         versions={
@@ -91,6 +81,18 @@ def fitted(
     )
     samples = next((test.samples for test in tests.values()), 0)
     return judged(fingerprint, samples)
+
+
+def _minima(fit: StructureFit) -> list[dict[str, Any]]:
+    c = fit.likelihood.coordinates
+    return [
+        {
+            "criterion": float(end.cost) if np.isfinite(end.cost) else None,
+            "converged": end.settled,
+            "parameters": {name: c.values(end.vector)[name] for name in c.names},
+        }
+        for end in fit.ends
+    ]
 
 
 def _noise(records: Sequence[Seen]) -> str:

@@ -26,8 +26,9 @@ from shipfp_rs.support.threads import where_alone
 
 LOGGER = logging.getLogger("shipfp_rs")
 
-ROUNDS, STILL = 20, 0.01
-"""Most descents, each under the noise of the end before, and the fall of the total below which they end."""
+ROUNDS, STILL = 200, 0.01
+"""Most descents, each under the noise of the end before, and the fall of the total below which they end. Noise is
+told in few; what a model misses of computed data, in place of noise, may take a hundred."""
 UNMOVED = 3e-7
 """A round that moves no entry of the vector by more ends them, too: data without noise have no noise to settle."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
