@@ -142,7 +142,7 @@ def test_breakage_a11_what_is_missed_by_nothing_is_no_contradiction() -> None:
         fp.simulate(fp.Vessel.load("stan-launch-804"), asked), Structure.linear(), noise="white"
     )
     assert not any("contradict" in line for line in found.verdict)
-    assert found.fit["overall"]["structure_p"] < 1e-6
+    assert found.fit["dn"]["whiteness_p"] < 1e-6
 
 
 def test_breakage_a11_a_missing_dead_time_stays_one(chirp) -> None:

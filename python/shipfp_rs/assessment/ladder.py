@@ -19,6 +19,10 @@ from shipfp_rs.support.arguments import checked
 LEVEL = 0.01
 """Probability of taking a step that the data do not support."""
 
+BETTER = 2.0
+"""A structure with as many unknowns as the last one must lower BIC by this: less is no evidence (Kass and Raftery 1995,
+doi:10.1080/01621459.1995.10476572)."""
+
 
 @dataclass(frozen=True)
 class Rung:
@@ -147,7 +151,7 @@ def climb(fingerprints: Sequence[Fingerprint]) -> Ladder:
             last = rungs[best]
             gain, extra = last.deviance - deviance, rank - last.rank
             # A tie but for rounding is no improvement.
-            better = bic < last.bic - 1e-6
+            better = bic < last.bic - BETTER
             if extra > 0:
                 p = float(chi2.sf(max(gain, 0.0), extra))
                 supported = better and p < LEVEL

@@ -39,7 +39,11 @@ SHARES = (0.3, 0.6)
 
 def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool) -> list[dict[str, float]]:
     """Return distinct parameter values to begin with, the best first."""
-    parts = [_Spectra.of(record, outputs) for record in records]
+    return guesses_from([LoopSpectra.of(record, outputs) for record in records], gauge)
+
+
+def guesses_from(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:
+    """Return the same from spectra of the loop."""
     law = _law(parts)
     rows = []
     for lag in LAGS_S:
@@ -107,7 +111,7 @@ def _unlimited(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[
     ]
 
 
-class _Spectra:
+class LoopSpectra:
     """Set point, speed, torque and load of a record below the low-pass, divided by jw + the corner."""
 
     def __init__(
@@ -120,7 +124,8 @@ class _Spectra:
         self.s, self.set_point, self.by_name, self.load = s, set_point, by_name, load
 
     @classmethod
-    def of(cls, record: Record, outputs: Sequence[str]) -> _Spectra:
+    def of(cls, record: Record, outputs: Sequence[str]) -> LoopSpectra:
+        """Return those of a record."""
         every = record.stride * record.down
         count = record.decimated.shape[1]
         inputs = [record.u - 1.0, *([record.load] if len(record.load) else [])]
@@ -142,6 +147,16 @@ class _Spectra:
         seen = np.asarray(divided * seen / sinc)
         return cls(np.asarray(s, dtype=complex), seen[0], data, seen[1] if len(seen) > 1 else None)
 
+    @classmethod
+    def of_response(cls, frequency_hz: Array, responses: Mapping[str, ComplexArray]) -> LoopSpectra:
+        """Return those of a response to the set point, outputs by name, each (F,)."""
+        kept = (frequency_hz > 0.0) & (frequency_hz <= LOW_PASS_HZ)
+        s = np.asarray(2j * np.pi * frequency_hz[kept])
+        divided = 1.0 / (s + CORNER)
+        return cls(
+            s, np.asarray(divided), {name: divided * one[kept] for name, one in responses.items()}, None
+        )
+
     def regressions(self, lag: float, dead: float) -> tuple[Array, Array, Array]:
         """Normal equations for every dead time of the set point, (T, 3, 3), (T, 3) and (T,)."""
         s, speed = self.s, self.by_name["dn"]
@@ -158,7 +173,7 @@ class _Spectra:
         return gram, right, np.full(len(error), float(np.vdot(target, target).real))
 
 
-def _law(parts: Sequence[_Spectra]) -> dict[str, float]:
+def _law(parts: Sequence[LoopSpectra]) -> dict[str, float]:
     """Exponent and time constant of the torque over the speed: M = (p + tau s) N."""
     if any("dM" not in part.by_name for part in parts):
         return {"p": 2.0, "tau": 1.2}

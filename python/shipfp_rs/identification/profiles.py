@@ -248,7 +248,7 @@ class Profiles:
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:
-    """Deviation of a figure on a bound: the deviance rises along a slope, too, and slope d + d^2 / spread is the quantile."""
+    """Deviation of a figure on a bound: the deviance rises along a slope, too; slope d + d^2 / spread is the quantile."""
     half = 0.5 * uphill * spread
     straight = np.sqrt(half**2 + RISE * spread) - half
     return max(float(straight / np.sqrt(RISE)), 1e-12)

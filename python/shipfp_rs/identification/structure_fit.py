@@ -14,7 +14,7 @@ from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
-from shipfp_rs.identification.first_guesses import first_guesses
+from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.record import SHORTEST_S
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
@@ -155,20 +155,26 @@ def guessed_vectors(likelihood: StructureLikelihood, structure: Structure) -> li
     Declared starts, and random ones, may all lie in a basin with the wrong ones.
     """
     free = {one.name for one in structure.free}
-    samples = [one for one in likelihood.records if isinstance(one, Samples)]
     if (
         structure.settings["kind"] not in ("linear", "ship")
         or not {"T_d", "T_set"} & free
         or "dn" not in structure.outputs
-        or len(samples) < len(likelihood.records)
-        or any(one.data.duration < SHORTEST_S for one in samples)
+        or any(isinstance(one, Samples) and one.data.duration < SHORTEST_S for one in likelihood.records)
     ):
         return []
+    spectra = [
+        LoopSpectra.of(spectra_of(one).record, structure.outputs)
+        if isinstance(one, Samples)
+        else LoopSpectra.of_response(
+            one.data.frequency_hz[one.valid], dict(zip(structure.outputs, one.spectrum, strict=True))
+        )
+        for one in likelihood.records
+    ]
     c = likelihood.coordinates
     gauge = "tau_prop" in structure.names
     declared = {one.name: one.start for one in structure.parameters}
     vectors = []
-    for guess in first_guesses([spectra_of(one).record for one in samples], structure.outputs, gauge):
+    for guess in guesses_from(spectra, gauge):
         # What regressions tell are ratios to the inertia.
         tau = guess["tau_n"] if "tau_n" in free else declared["tau_n"]
         ratio = tau / guess["tau_n"]

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.likelihood import ACCURACY, Likelihood, noise_root, real_rows, spread_of
-from shipfp_rs.identification.structure_records import Response, Seen, Spectra
+from shipfp_rs.identification.structure_records import Evaluated, Response, Seen, Spectra
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
@@ -150,9 +150,7 @@ class StructureLikelihood(Likelihood):
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
         c, count = self.coordinates, len(self.coordinates.free)
         values = self.known(vector, record)
-        if not self.records[record].structure.equations.stable(c.values(vector)):
-            raise SimulationError("the loop is unstable")
-        residual, slopes = self.records[record].evaluate(values, c.names)
+        residual, slopes = self._evaluate(vector, record, c.names)
         jacobian = np.zeros((c.size, *residual.shape), dtype=slopes.dtype)
         jacobian[:count] = slopes[:count]
         for name in c.logarithmic:
@@ -163,9 +161,12 @@ class StructureLikelihood(Likelihood):
     def residuals(self, vector: Array, *, wet: bool = True) -> list[Numbers]:
         """For each record the residuals at a vector, (O, F)."""
         del wet
-        return [
-            record.evaluate(self.known(vector, index), ())[0] for index, record in enumerate(self.records)
-        ]
+        return [self._evaluate(vector, record, ())[0] for record in range(len(self.records))]
+
+    def _evaluate(self, vector: Array, record: int, names: Sequence[str]) -> Evaluated:
+        if not self.records[record].structure.equations.stable(self.coordinates.values(vector)):
+            raise SimulationError("the loop is unstable")
+        return self.records[record].evaluate(self.known(vector, record), names)
 
     def modelled(self, vector: Array, record: int) -> Array:
         """Decimated outputs of a record of spectra, (O, K)."""
