@@ -113,9 +113,10 @@ def descend(
             good = fell / promised
             if fell > 0.0:
                 damping *= LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0
-                went = np.clip(x + step, low, high) - x
-                x, plain, now = x + went, then[0].learnt(plain, went), then[1].learnt(plain, went)
-                done = bool(fell < settled)
+                went, done = np.clip(x + step, low, high) - x, bool(fell < settled)
+                if not (done and exact):
+                    then = then[0].learnt(plain, went), then[1].learnt(plain, went)
+                x, (plain, now) = x + went, then
                 if good > KEEPS and not (done and exact):
                     exact = False
                     if not done:

@@ -33,6 +33,8 @@ SHRINK, SHRUNK = 0.15, 0.01
 FURTHER = 1.3
 """Most that an end is led beyond the last point inside, over that point's distance."""
 SMALL = 1e-6
+ROUNDING, STRAIGHT = 1e-13, 1e-9
+"""Least curvature of a direction over the entries' own: what rounding leaves, and what a profile goes straight along."""
 
 Figure = Callable[[Mapping[str, float]], float]
 
@@ -101,8 +103,11 @@ class Profiles:
             found[place] = (figure(c.values(up)) - figure(c.values(down))) / (up[place] - down[place])
         return found
 
-    def covariance(self, basin: Basin, moving: Array | None = None) -> Array:
-        """Covariance about a point whose entries on bounds that press are held, but for those that move, shape (P, P)."""
+    def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
+        """Covariance about a point whose entries on bounds that press are held, but for those that move, shape (P, P).
+
+        Directions of a curvature below `least`, over each entry's own, count as having that.
+        """
         vector, now = basin.vector, basin.products or self.likelihood.products(basin.vector)
         low, high = self.likelihood.coordinates.bounds
         pressed = ((vector <= low + 1e-9) & (now.downhill < 0.0)) | (
@@ -112,7 +117,7 @@ class Profiles:
             pressed &= moving == 0.0
         free = np.flatnonzero(~pressed)
         found = np.zeros_like(now.matrix)
-        found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)])
+        found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)], least)
         return found
 
     def widened(self, figure: Figure, interval: Interval) -> Interval:
@@ -148,7 +153,7 @@ class Profiles:
         spread = float(slope @ covariance @ slope)
         if not spread > 0.0:
             return value, "bound", []
-        scale, way = float(np.sqrt(spread)), covariance @ slope / spread
+        scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
         # The last point inside on the profile itself, and the root of its rise: from there on it runs nearly straight.
@@ -233,7 +238,8 @@ class Profiles:
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
         """How everything moves along while the figure moves by one, at a point in a valley that may bend."""
         slope = self.gradient(figure, end.vector)
-        covariance = self.covariance(end, slope)
+        # Along directions that nothing tells it would lead far astray.
+        covariance = self.covariance(end, slope, STRAIGHT)
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
 
@@ -254,11 +260,11 @@ def _scale_uphill(uphill: float, spread: float) -> float:
     return max(float(straight / np.sqrt(RISE)), 1e-12)
 
 
-def scaled_inverse(matrix: Array) -> Array:
+def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
     """Inverse of a symmetric matrix by way of its correlations; directions that nothing tells have a huge variance."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     sizes, turned = np.linalg.eigh(matrix / np.outer(scale, scale))
-    inverse = (turned / np.maximum(sizes, 1e-13)) @ turned.T
+    inverse = (turned / np.maximum(sizes, least)) @ turned.T
     return np.asarray(inverse / np.outer(scale, scale))
 
 
