@@ -101,6 +101,14 @@ def test_gaps_are_bridged_in_the_model_as_in_the_data():
     assert residuals[0] < 1.5 * residuals[1] + 1e-6
 
 
+@pytest.mark.parametrize("structure", [None, fp.Structure.ship()])
+def test_an_output_of_which_nothing_was_measured_is_refused_in_one_line(structure):
+    made = trial()
+    gone = replace(made, signals={**made.signals, "M_b": np.full(len(made), np.nan)})
+    with pytest.raises(fp.InputError, match="every sample of M_b is masked"):
+        fp.identify(gone, structure)
+
+
 def test_a_short_record_is_refused_in_one_line():
     short = trial(seconds=15.0)
     with pytest.raises(fp.InputError, match="expected 20 s or more"):

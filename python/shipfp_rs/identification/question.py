@@ -108,6 +108,15 @@ class Question:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: BOUNDS)
     structure: Structure | None = None
 
+    def __post_init__(self) -> None:
+        for one in self.experiments:
+            for output in self.outputs:
+                name = self.signal_in(one, output)
+                if not np.isfinite(one.signals[name]).any():
+                    raise InputError(
+                        f"experiment {one.name!r}: every sample of {name} is masked, expected some; leave the output out"
+                    )
+
     def signal_in(self, experiment: Experiment, output: str) -> str:
         """Return the name of an output's signal in an experiment."""
         if self.structure is None:

@@ -27,8 +27,29 @@ Evaluated = tuple[Numbers, Numbers]
 """Residuals (O, F), and the model's derivatives (W, O, F)."""
 
 
+class Measured:
+    """What was measured, NaN where masked or missing, and of it what is compared."""
+
+    measured: Numbers
+
+    @cached_property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """True where all outputs were measured, shape (N,) or (F,)."""
+        return np.asarray(np.isfinite(self.measured).all(axis=0))
+
+    @property
+    def used(self) -> int:
+        """Number of samples, or points, at which all outputs were measured."""
+        return int(np.count_nonzero(self.valid))
+
+    @cached_property
+    def spectrum(self) -> Numbers:
+        """What is compared, shape (O, F)."""
+        return self.measured[:, self.valid]
+
+
 @dataclass(frozen=True, eq=False)
-class Samples:
+class Samples(Measured):
     """An experiment's samples at which all outputs were measured.
 
     Parameters
@@ -46,21 +67,6 @@ class Samples:
     signals: tuple[str, ...]
     unknowns: tuple[str, ...]
     measured: Array
-
-    @cached_property
-    def valid(self) -> npt.NDArray[np.bool_]:
-        """True where all outputs were measured, shape (N,)."""
-        return np.asarray(np.isfinite(self.measured).all(axis=0))
-
-    @property
-    def used(self) -> int:
-        """Number of samples, or points, at which all outputs were measured."""
-        return int(np.count_nonzero(self.valid))
-
-    @cached_property
-    def spectrum(self) -> Numbers:
-        """What is compared, shape (O, F)."""
-        return self.measured[:, self.valid]
 
     @property
     def offsets(self) -> tuple[str, ...]:
@@ -124,34 +130,15 @@ class Spectra(Samples):
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class Response(Measured):
     """A frequency response; weighed, in units of its own deviations, its residuals those of log amplitude and phase."""
 
     data: FrequencyResponse
     structure: Structure
     signals: tuple[str, ...]
+    measured: Numbers
     weighed: bool
     unknowns: tuple[str, ...] = ()
-
-    @cached_property
-    def measured(self) -> Numbers:
-        """Responses (O, F), NaN where missing."""
-        return np.array([self.data.response[signal] for signal in self.signals])
-
-    @cached_property
-    def valid(self) -> npt.NDArray[np.bool_]:
-        """True where all outputs were measured, shape (F,)."""
-        return np.asarray(np.isfinite(self.measured).all(axis=0))
-
-    @property
-    def used(self) -> int:
-        """Number of points at which all outputs were measured."""
-        return int(np.count_nonzero(self.valid))
-
-    @cached_property
-    def spectrum(self) -> Numbers:
-        """What is compared, shape (O, F)."""
-        return self.measured[:, self.valid]
 
     def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
         """Residuals (O, F) and the model's derivatives by `names`, (W, O, F)."""
@@ -192,7 +179,8 @@ def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest:
         signals = tuple(
             structure.signal_for(output, data.response, data.name) for output in structure.outputs
         )
-        found = Response(data, structure, signals, weighed=_weighed(data, signals, noise))
+        measured = np.array([data.response[signal] for signal in signals])
+        found = Response(data, structure, signals, measured, weighed=_weighed(data, signals, noise))
     else:
         found = _in_time(data, structure, noise, at_rest=at_rest)
     if not found.valid.any():

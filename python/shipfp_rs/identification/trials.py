@@ -86,7 +86,8 @@ def _trial(
     c = rough.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     ends = each(rough, sorted(vectors, key=rough.cost)[:KEPT], until, 8, 10.0)
-    without = descend(rough_likelihood(fit, fit.elements).with_noise_of(before), fit.best.vector, steps=3)
+    bare = rough_likelihood(fit, fit.elements).with_noise_of(before)
+    without = descend(bare, fit.best.vector, steps=3, until=until)
     ends = [end for end in ends[:2] if end.cost < without.cost + LIKELY]
     if not ends:
         return None
