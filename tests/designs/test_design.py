@@ -107,12 +107,13 @@ class TestPlan:
         assert plan.excitation.rate_hz == 20.0
         assert any("nothing above 2 Hz" in note for note in plan.notes)
 
-    def test_null_directions_are_named_and_combinations_designed_for(self) -> None:
+    def test_what_small_motions_tell_is_designed_for_and_the_rest_named(self) -> None:
         plan = fp.design(TUG, duration_s=200.0, amplitude_rpm=76.0)
-        assert plan.prediction.parameters["tau_n"].status == "unidentifiable"
-        assert plan.prediction.identifiability.rank == 5
-        assert {"p", "tau_prop", "vK_p/tau_n"} <= set(plan.prediction.relative_pct)
-        assert any("tau_n, g, vK_p, vK_i" in note for note in plan.notes)
+        assert {"p", "tau_prop", "vK_p/tau_n"} <= set(plan.designed_for)
+        assert "tau_n" not in plan.designed_for
+        # Behind a gauge the whole inertia follows from the curvature of the propeller's law, and no better than that.
+        assert plan.prediction.relative_pct["tau_n"] > 10.0 * plan.prediction.relative_pct["vK_p/tau_n"]
+        assert any("tau_n, g, vK_p, vK_i follow" in note for note in plan.notes)
 
     def test_a_known_parameter_closes_the_gap(self) -> None:
         structure = Structure.linear(torque="gauge", products=True, free_exponent=True).with_fixed(tau_n=1.17)
@@ -120,18 +121,29 @@ class TestPlan:
         assert plan.prediction.identifiability.rank == plan.prediction.identifiability.free
         assert "vK_p" in plan.prediction.relative_pct
 
-    def test_twice_the_noise_is_twice_the_deviation(self) -> None:
+    def test_twice_the_noise_is_up_to_twice_the_deviation(self) -> None:
         quiet, loud = (
             fp.design(
                 TUG,
                 duration_s=200.0,
                 amplitude_rpm=76.0,
-                sensors={"n_e": Noise(factor * 0.002, 5.0), "M_g": Noise(factor * 0.01, 5.0)},
+                sensors={"n_e": Noise(factor * 0.002, 5.0, 0.0), "M_g": Noise(factor * 0.01, 5.0, 0.0)},
+                structure=Structure.linear(torque="gauge", products=True).with_fixed(tau_n=1.17),
             ).prediction.relative_pct
             for factor in (1.0, 2.0)
         )
         for name, value in quiet.items():
-            assert loud[name] == pytest.approx(2.0 * value, rel=1e-6)
+            assert loud[name] == pytest.approx(2.0 * value, rel=0.02)
+
+    def test_what_calibration_leaves_open_no_length_takes_away(self) -> None:
+        with pytest.raises(fp.InputError, match="would take for ever"):
+            fp.design(
+                TUG,
+                amplitude_rpm=76.0,
+                accuracy_pct=1.0,
+                parameters=["vK_p/tau_n"],
+                sensors={name: Noise(0.001, 10.0, accuracy=0.1) for name in ("n_e", "M_g")},
+            )
 
     @pytest.mark.parametrize(("kind", "settle_s"), [("mix", 10.0), ("sines", 60.0)])
     def test_an_accuracy_met_at_once_still_leaves_the_ship_time_to_settle(self, kind, settle_s) -> None:
@@ -143,14 +155,20 @@ class TestPlan:
         assert plan.excitation.duration - last.stop_s >= settle_s - 0.02
 
     def test_the_time_for_an_accuracy_is_found_and_kept(self) -> None:
-        plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines")
-        assert max(plan.prediction.relative_pct.values()) <= 3.0
+        exact = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
+        plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines", sensors=exact)
+        assert max(plan.prediction.relative_pct[name] for name in plan.designed_for) <= 3.0
         assert plan.needed.met
         shorter = fp.design(
-            TUG, amplitude_rpm=76.0, accuracy_pct=3.0, duration_s=0.8 * plan.excitation.duration, kind="sines"
+            TUG,
+            amplitude_rpm=76.0,
+            accuracy_pct=3.0,
+            duration_s=0.7 * plan.excitation.duration,
+            kind="sines",
+            sensors=exact,
         )
         assert not shorter.needed.met
-        assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.2)
+        assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.3)
 
     def test_a_fingerprint_can_be_what_is_expected(self, tmp_path) -> None:
         excitation = fp.signals.chirp(0.01, 2.0, 60.0, 39.0, rate_hz=20.0)
@@ -247,8 +265,8 @@ class TestCommand:
             (["stan-launch-804", "--duration", "100", "--rate-limit", "1.5"], "does not turn in"),
             ([TUG, "--duration", "100", "--longest", "10"], "--longest is 10"),
             ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
-            ([TUG, "--accuracy", "3", "--parameter", "tau_n"], "'tau_n' is not identifiable here"),
-            ([TUG, "--accuracy", "0.01"], "would take about"),
+            ([TUG, "--accuracy", "3", "--parameter", "T_M2"], "'T_M2' is not identifiable here"),
+            ([TUG, "--accuracy", "0.01"], "would take for ever"),
             ([TUG, "--duration", "100", "--parameter", "%s{}"], "--parameter: found without --accuracy"),
             (
                 [TUG, "--duration", "100", "--torque-noise", "1e15"],

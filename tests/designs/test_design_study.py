@@ -19,6 +19,7 @@ import pytest
 from shipfp_rs import signals
 from shipfp_rs.designs import Noise, Subject, design, predict
 from shipfp_rs.designs.noise import sensors_of
+from shipfp_rs.designs.subject import usual_structure
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.signals import Excitation
@@ -27,7 +28,7 @@ from shipfp_rs.structures.structure import Structure
 SHIP = "stan-launch-804"
 AMPLITUDE_RPM = 39.0
 STRUCTURE = Structure.linear(products=True)
-SENSORS = {"n_e": Noise(0.001, 2.0), "M_b": Noise(0.004, 1.0)}
+SENSORS = {"n_e": Noise(0.001, 2.0, 0.0), "M_b": Noise(0.004, 1.0, 0.0)}
 """Below the sample rate's reach on purpose: the noise is coloured, and differently on each signal."""
 
 
@@ -40,8 +41,11 @@ class Case:
     truth: Mapping[str, float] = field(default_factory=dict)
 
 
+TUG_SENSORS = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
+
+
 def tug() -> Subject:
-    return Subject.of("stan-tug-1205", None, None)
+    return Subject.of("stan-tug-1205", usual_structure(), None)
 
 
 LONG_CHIRP = signals.chirp(0.0014, 20.0, 1500.0, 76.0, rate_hz=50.0)
@@ -58,8 +62,10 @@ def against_the_chirp() -> tuple[Case, Case]:
         kind="squares",
         criterion="A",
         longest_samples=25_000,
+        structure=usual_structure(),
+        sensors=TUG_SENSORS,
     )
-    chirp = predict(tug(), LONG_CHIRP, sensors_of(None, tug().signals))
+    chirp = predict(tug(), LONG_CHIRP, sensors_of(TUG_SENSORS, tug().signals))
     everything = {**plan.prediction.parameters, **plan.prediction.derived}
     truth = {name: everything[name].value for name in plan.prediction.relative_pct}
     return Case(plan.excitation, plan.prediction.relative_pct, truth), Case(LONG_CHIRP, chirp.relative_pct)
@@ -69,7 +75,7 @@ def tug_estimate(job: tuple[Excitation, Sequence[int]]) -> list[float]:
     """Estimates of all that the tug tells over the true values in percent."""
     excitation, seed = job
     expected, generator = tug(), np.random.default_rng(seed)
-    clean, noises = expected.respond(excitation), sensors_of(None, expected.signals)
+    clean, noises = expected.respond(excitation), sensors_of(TUG_SENSORS, expected.signals)
     drawn = {
         signal: clean.signals[signal]
         + clean.operating_point[signal] * noises[output].draw(len(clean), excitation.rate_hz, generator)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from shipfp_rs.cli.options import Json, a_path
-from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.cli.output import print_estimates, print_json, print_table, print_text, progress
 
 if TYPE_CHECKING:
     from shipfp_rs.runs.dry_run import Check
@@ -54,14 +54,12 @@ def _print(found: Check) -> None:
     )
     point = ", ".join(f"{name} {value:.5g}" for name, value in found.operating_point.items())
     print_text(f"Operating point: {point}.")
-    print_table(
-        f"Would be fitted: {found.structure}, outputs {', '.join(found.outputs)}",
-        ["parameter", "status", "from", "to", "unit"],
-        [
-            [one["name"], one["status"], *("" if b is None else f"{b:g}" for b in one["bounds"]), one["unit"]]
-            for one in found.parameters
-        ],
-    )
+    print_text(f"Would be fitted: {found.structure}, outputs {', '.join(found.outputs)}.")
+    if found.tried:
+        print_text(f"Would be tried beside it: {', '.join(found.tried)}.")
+    told = {**found.expected.parameters, **found.expected.derived}
+    print_estimates("What the data are expected to tell, at a first look", told)
+    print_text(*(f"{name}: {one.reason}." for name, one in told.items() if one.status == "unidentifiable"))
     if found.missing:
         print_text("Missing:", *(f"- {line}" for line in found.missing))
     else:

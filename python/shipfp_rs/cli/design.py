@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,7 +74,7 @@ def design(
     parameter: Annotated[
         list[str] | None,
         typer.Option(
-            help="Parameter that --accuracy is for, may be repeated; default all identifiable ones."
+            help="Parameter that --accuracy is for, may be repeated; default all that small motions tell."
         ),
     ] = None,
     kind: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.mix,
@@ -106,6 +107,9 @@ def design(
         float | None, number_option("PERCENT", "Noise of the torque over the operating torque, %.")
     ] = None,
     noise_corner: Annotated[float, number_option("HZ", "Frequency above which both fall, Hz.")] = 10.0,
+    gauge_accuracy: Annotated[
+        float, number_option("PERCENT", "Smooth error that calibration leaves open, %, of speed and torque.")
+    ] = 0.3,
     out: OutFolder = Path("shipfp-design"),
     force: Force = False,
     json: Json = False,
@@ -124,7 +128,7 @@ def design(
             parameters=parameter,
             kind=kind.value,
             criterion=criterion.value,
-            sensors=_sensors(speed_noise, torque_noise, noise_corner),
+            sensors=_sensors(speed_noise, torque_noise, noise_corner, gauge_accuracy),
             rate_rpm_s=rate_limit,
             avoid_hz=bands,
             lowest_hz=lowest,
@@ -160,9 +164,10 @@ def _print(plan: Plan) -> None:
     )
     if plan.needed is not None:
         met = "is met" if plan.needed.met else "is not met"
+        needed = plan.needed.duration_s
+        takes = f"it takes about {needed:.0f} s" if isfinite(needed) else "no length meets it"
         print_text(
-            f"A standard deviation of {plan.needed.accuracy_pct:g} % {met}; it takes about "
-            f"{plan.needed.duration_s:.0f} s, set by {plan.needed.limited_by}."
+            f"A standard deviation of {plan.needed.accuracy_pct:g} % {met}; {takes}, set by {plan.needed.limited_by}."
         )
 
 
@@ -178,16 +183,19 @@ def _pair(option: str, text: str) -> tuple[float, float]:
     return low, high
 
 
-def _sensors(speed: float | None, torque: float | None, corner_hz: float) -> dict[str, Noise] | None:
+def _sensors(
+    speed: float | None, torque: float | None, corner_hz: float, accuracy: float
+) -> dict[str, Noise] | None:
     from shipfp_rs.designs import Noise
-    from shipfp_rs.designs.noise import LEAST_LEVEL, USUAL
+    from shipfp_rs.designs.noise import LEAST_LEVEL, MOST_INACCURATE, USUAL
 
     for option, percent in (("--speed-noise", speed), ("--torque-noise", torque)):
         if percent is not None:
             between(option, percent, 100.0 * LEAST_LEVEL, 100.0)
+    between("--gauge-accuracy", accuracy, 0.0, 100.0 * MOST_INACCURATE)
     levels = {"n_e": speed, "M_g": torque}
     return {
-        signal: Noise(USUAL[signal].level if level is None else 0.01 * level, corner_hz)
+        signal: Noise(USUAL[signal].level if level is None else 0.01 * level, corner_hz, 0.01 * accuracy)
         for signal, level in levels.items()
     }
 

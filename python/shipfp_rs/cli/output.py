@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from shipfp_rs.identification.estimate import Estimate
     from shipfp_rs.identification.fingerprint import Fingerprint
 
 PIPE_WIDTH = 200
@@ -48,18 +49,25 @@ def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
     """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
+    title = title or f"Fingerprint of {fingerprint.vessel or 'a drive train not named'}"
+    print_estimates(title, {**fingerprint.parameters, **fingerprint.derived}, truth)
+    print_text(*fingerprint.verdict)
+
+
+def print_estimates(
+    title: str, estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
+) -> None:
+    """Print a table of estimates, beside the truth where it is known."""
     from shipfp_rs.identification.estimate import rounded_rows
 
-    head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"]
     print_table(
-        title or f"Fingerprint of {fingerprint.vessel or 'a drive train not named'}",
-        head,
+        title,
+        ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"],
         [
             [row.name, *([row.truth] if truth else []), row.value, row.low, row.high, row.unit, row.status]
-            for row in rounded_rows({**fingerprint.parameters, **fingerprint.derived}, truth)
+            for row in rounded_rows(estimates, truth)
         ],
     )
-    print_text(*fingerprint.verdict)
 
 
 def _console() -> Console:

@@ -14,6 +14,7 @@ from shipfp_rs.designs.limits import TOP_HZ, Generator, Limits
 from shipfp_rs.designs.noise import Noise, sensors_of
 from shipfp_rs.designs.plan import Needed, Plan, needed_for
 from shipfp_rs.designs.prediction import Prediction, predict
+from shipfp_rs.designs.quantities import quantities
 from shipfp_rs.designs.run_sheet import Stretch, run_sheet
 from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, support
 from shipfp_rs.designs.subject import Subject
@@ -88,7 +89,7 @@ def design(
     accuracy_pct
         Wanted standard deviation of every one of `parameters` over its value [%].
     parameters
-        Names of parameters or combinations that `accuracy_pct` is for; None: all that is identifiable.
+        Names of parameters or combinations that `accuracy_pct` is for; None: all that small motions tell.
     kind
         "sines" (one after the other), "squares" (square waves one after the other, which tell most under a limit of
         amplitude, where the ship may be jerked), "multisine" (all at once, with a low
@@ -97,9 +98,10 @@ def design(
         "D": the smallest volume of the confidence ellipsoid; "A": the smallest sum of the relative variances of all that
         is identifiable.
     structure
-        What will be identified; None: speed and gauge torque with vK_p, vK_i and a free exponent, or the fingerprint's.
+        What will be identified; None: the full ship from speed and gauge torque, or the fingerprint's structure.
     sensors
-        Signal to its `Noise`; None or left out: 0.3 % of the operating speed and 1 % of the torque, flat up to 10 Hz.
+        Signal to its `Noise`; None or left out: 0.3 % of the operating speed and 1 % of the torque, flat up to 10 Hz, and
+        an accuracy of 0.3 % each.
     n_e_rpm
         Operating point of a vessel [rpm]; None: its own.
     rate_rpm_s
@@ -127,8 +129,8 @@ def design(
     Notes
     -----
     Information of a line: L. Ljung, System Identification, 2nd ed., section 13.3; optimal shares by the multiplicative
-    algorithm, see `spectrum.optimal_shares`. Standard deviations are those of the whole time series, transients,
-    offsets and initial state included; they hold for small deviations, where the ship is linear.
+    algorithm, see `spectrum.optimal_shares`, for small deviations, where the ship is linear. Standard deviations are those
+    of the likelihood that `identify` uses, at the expected values, for a simulated record of the whole time series.
 
     Examples
     --------
@@ -177,7 +179,7 @@ def design(
 
     if duration_s is not None:
         plan = made(duration_s)
-        return plan if accuracy_pct is None else _judged(plan, accuracy_pct, parameters)
+        return plan if accuracy_pct is None else _judged(plan, made, accuracy_pct, parameters)
     assert accuracy_pct is not None
     return _long_enough(made, accuracy_pct, parameters, max(SHORTEST_S, 3.0 * settling(kind, settle_s)))
 
@@ -206,6 +208,7 @@ def _plan(
     setting, efficiency = Setting.of(lines, limits, criterion, rate)
     excitation = waveform(kind, setting, duration_s, settle_s)
     prediction = predict(subject, excitation, sensors)
+    designed_for = tuple(quantities(subject, lines.sensitivity))
     return Plan(
         subject.name,
         kind,
@@ -215,6 +218,7 @@ def _plan(
             (float(line), float(share)) for line, share in zip(*support(lines, setting.shares), strict=True)
         ),
         efficiency,
+        designed_for,
         prediction,
         None,
         run_sheet(excitation, prediction.experiment),
@@ -222,23 +226,33 @@ def _plan(
         sensors,
         limits,
         generator,
-        _notes(subject, limits, rate, prediction),
+        _notes(subject, limits, rate, prediction, designed_for),
     )
 
 
-def _notes(subject: Subject, limits: Limits, rate_hz: float, prediction: Prediction) -> tuple[str, ...]:
+def _notes(
+    subject: Subject,
+    limits: Limits,
+    rate_hz: float,
+    prediction: Prediction,
+    designed_for: Sequence[str],
+) -> tuple[str, ...]:
     notes = []
-    found = prediction.identifiability
-    if found.rank < found.free:
-        unknown = ", ".join(
-            name for name, row in prediction.parameters.items() if row.status == "unidentifiable"
-        )
-        closing = f" Knowing {' or '.join(found.closes_gap)} would close the gap." if found.closes_gap else ""
+    told = {**prediction.parameters, **prediction.derived}
+    unknown = [name for name, row in told.items() if row.status == "unidentifiable"]
+    if unknown:
+        notes.append(f"The record will not tell {', '.join(unknown)} by themselves.")
+    bent = [one for one in subject.free if one not in designed_for and one not in unknown]
+    if bent:
         notes.append(
-            f"No excitation tells {unknown} apart ({found.rank} of {found.free} directions are told); the design is for "
-            f"{', '.join(prediction.derived) or 'the rest'}.{closing}"
+            f"Small motions tell only {', '.join(designed_for)}, and the design is for these. {', '.join(bent)} follow from "
+            "the curvature of the propeller's law alone: a larger amplitude helps, more time hardly."
         )
-    weak = [f"{name} ({value:.0f} %)" for name, value in prediction.relative_pct.items() if value > 50.0]
+    weak = [
+        f"{name} ({value:.0f} %)"
+        for name, value in prediction.relative_pct.items()
+        if value > 50.0 and told[name].status == "free"
+    ]
     if weak:
         notes.append(
             f"Hardly told, with the standard deviation over the value: {', '.join(weak)}; intervals will be skewed."
@@ -282,7 +296,8 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
 
 def _wanted(plan: Plan, parameters: Sequence[str] | None) -> tuple[str, ...]:
     known = tuple(plan.prediction.relative_pct)
-    chosen = known if parameters is None or len(parameters) == 0 else tuple(parameters)
+    usual = tuple(name for name in plan.designed_for if name in known) or known
+    chosen = tuple(parameters) if parameters else usual
     for name in chosen:
         if name not in known:
             raise InputError(
@@ -291,20 +306,23 @@ def _wanted(plan: Plan, parameters: Sequence[str] | None) -> tuple[str, ...]:
     return chosen
 
 
-def _judged(plan: Plan, accuracy_pct: float, parameters: Sequence[str] | None) -> Plan:
-    needed = needed_for(
-        accuracy_pct, plan.prediction.relative_pct, _wanted(plan, parameters), plan.excitation.duration
-    )
+def _judged(
+    plan: Plan, made: Callable[[float], Plan], accuracy_pct: float, parameters: Sequence[str] | None
+) -> Plan:
+    duration = plan.excitation.duration
+    later = made(2.0 * duration).prediction.relative_pct
+    now = plan.prediction.relative_pct
+    needed = needed_for(accuracy_pct, now, later, _wanted(plan, parameters), duration)
     return dataclasses.replace(plan, needed=needed)
 
 
 def _long_enough(
     made: Callable[[float], Plan], accuracy_pct: float, parameters: Sequence[str] | None, shortest_s: float
 ) -> Plan:
-    """Search the shortest plan that meets the accuracy, to about 5 %."""
+    """Search the shortest plan that meets the accuracy, to about 10 %."""
     duration, best = max(FIRST_S, shortest_s), None
     for _ in range(ROUNDS):
-        plan = _judged(made(duration), accuracy_pct, parameters)
+        plan = _judged(made(duration), made, accuracy_pct, parameters)
         assert plan.needed is not None
         if plan.needed.met:
             best = plan if best is None or plan.excitation.duration < best.excitation.duration else best
@@ -313,9 +331,10 @@ def _long_enough(
         # The time to settle tells nothing, so what is proportional to all of the time falls a little short or long.
         duration = max(1.03 * plan.needed.duration_s, shortest_s)
         if duration > LONGEST_S:
+            time = f"about {duration / 3600.0:.3g} h" if math.isfinite(duration) else "for ever"
             raise InputError(
-                f"accuracy_pct is {accuracy_pct:g}, {plan.needed.limited_by} would take about {duration / 3600.0:.3g} h; "
-                "raise the amplitude, or name the parameters that matter"
+                f"accuracy_pct is {accuracy_pct:g}, {plan.needed.limited_by} would take {time}, expected at most "
+                f"{LONGEST_S / 3600.0:g} h; raise the amplitude, calibrate better, or name the parameters that matter"
             )
     if best is None:
         raise InputError(

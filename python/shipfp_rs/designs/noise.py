@@ -1,4 +1,4 @@
-"""Noise of the sensors: how large, and up to which frequency it is flat."""
+"""Noise of the sensors: how large, up to which frequency it is flat, and what calibration leaves open."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.support.arrays import Array
 
+MOST_INACCURATE = 0.2
+"""Largest relative error of a calibration."""
 LEAST_LEVEL = 1e-9
 """Least level of noise; the weights of less are beyond what numbers hold."""
 
@@ -28,10 +31,14 @@ class Noise:
         Standard deviation over the signal's operating point [-].
     corner_hz
         Frequency above which it falls [Hz]; None: white up to half the sample rate, and then its density depends on it.
+    accuracy
+        Smooth relative error of the sensor's response that its calibration leaves open, one standard deviation [-]: what
+        no length of a trial takes away.
     """
 
     level: float
     corner_hz: float | None = None
+    accuracy: float = ACCURACY
 
     def __post_init__(self) -> None:
         if not LEAST_LEVEL <= self.level <= 1.0:
@@ -41,6 +48,9 @@ class Noise:
         if self.corner_hz is not None and not self.corner_hz > 0.0:
             raise InputError(f"noise corner_hz is {self.corner_hz}, expected a positive frequency or None")
 
+        if not 0.0 <= self.accuracy <= MOST_INACCURATE:
+            raise InputError(f"noise accuracy is {self.accuracy}, expected 0 to {MOST_INACCURATE:g}")
+
     def correlation(self, rate_hz: float) -> float:
         """Correlation of successive samples [-]."""
         return 0.0 if self.corner_hz is None else math.exp(-2.0 * math.pi * self.corner_hz / rate_hz)
@@ -48,11 +58,6 @@ class Noise:
     def innovation(self, rate_hz: float) -> float:
         """Standard deviation of what a sample has beyond the one before it, over the operating point [-]."""
         return self.level * math.sqrt(1.0 - self.correlation(rate_hz) ** 2)
-
-    def whitened(self, rows: Array, rate_hz: float) -> Array:
-        """Return rows (W, N) in units of what each sample has beyond the one before it."""
-        left = rows[:, 1:] - self.correlation(rate_hz) * rows[:, :-1]
-        return np.concatenate([rows[:, :1] / self.level, left / self.innovation(rate_hz)], axis=1)
 
     def density(self, frequency_hz: Array, rate_hz: float) -> Array:
         """One-sided power spectral density at frequencies (F,) [1/Hz], of the samples."""

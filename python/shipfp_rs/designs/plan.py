@@ -38,7 +38,7 @@ FILES = (
 class Needed:
     """Time that a wanted accuracy takes: all named standard deviations within `accuracy_pct` of their values.
 
-    `duration_s` is the plan's own where it was searched for, else it is estimated: information grows with time.
+    `duration_s` is estimated from the plan and one twice as long; infinite where what gauges leave open is more.
     """
 
     accuracy_pct: float
@@ -63,6 +63,8 @@ class Plan:
         Frequency [Hz] and share of time or power of each line of the optimal design.
     efficiency
         Lower bound on how near the shares are to the optimum [-], by the equivalence theorem.
+    designed_for
+        What the lines are chosen for: all that small motions tell.
     prediction
         Standard deviations, and what will stay unknown.
     needed
@@ -85,6 +87,7 @@ class Plan:
     excitation: Excitation
     spectrum: tuple[tuple[float, float], ...]
     efficiency: float
+    designed_for: tuple[str, ...]
     prediction: Prediction
     needed: Needed | None
     sheet: tuple[Stretch, ...]
@@ -119,11 +122,12 @@ class Plan:
             },
             "spectrum": [{"frequency_hz": line, "share": share} for line, share in self.spectrum],
             "efficiency": self.efficiency,
+            "designed_for": list(self.designed_for),
             "parameters": {name: row.to_dict() for name, row in self.prediction.parameters.items()},
             "derived": {name: row.to_dict() for name, row in self.prediction.derived.items()},
-            "relative_std_pct": dict(self.prediction.relative_pct),
+            "relative_std_pct": self.prediction.relative_pct,
             "identifiability": self.prediction.identifiability.to_dict(),
-            "needed": None if self.needed is None else asdict(self.needed),
+            "needed": None if self.needed is None else _finite(asdict(self.needed)),
             "run_sheet": [asdict(stretch) for stretch in self.sheet],
             "sensors": {output: asdict(noise) for output, noise in self.sensors.items()},
             "limits": asdict(self.limits),
@@ -188,6 +192,11 @@ class Plan:
         return (*lines, *self.notes)
 
 
+def _finite(table: dict[str, Any]) -> dict[str, Any]:
+    """JSON has no infinity."""
+    return {key: None if value == math.inf else value for key, value in table.items()}
+
+
 def _columns(*columns: Array) -> str:
     text = io.StringIO()
     # A tenth of a millivolt is far below what any governor's input resolves.
@@ -196,10 +205,19 @@ def _columns(*columns: Array) -> str:
 
 
 def needed_for(
-    accuracy_pct: float, relative_pct: Mapping[str, float], names: tuple[str, ...], duration_s: float
+    accuracy_pct: float,
+    now: Mapping[str, float],
+    later: Mapping[str, float],
+    names: tuple[str, ...],
+    duration_s: float,
 ) -> Needed:
-    """Estimate the time for an accuracy of all `names` from the standard deviations that a duration gives."""
-    worst = max(names, key=lambda name: relative_pct[name])
-    ratio = relative_pct[worst] / accuracy_pct
-    duration = duration_s * max(ratio, 1.0) ** 2 if ratio > 1.0 else duration_s * ratio**2
-    return Needed(accuracy_pct, float(duration) if math.isfinite(duration) else math.inf, worst, ratio <= 1.0)
+    """Estimate the time for an accuracy of all `names` from the standard deviations [%] after a duration and after twice it.
+
+    Variances have a part that falls with the time, and one that stays: what gauges and calibration leave open.
+    """
+    limiting = max(names, key=lambda name: now[name])
+    first, second = now[limiting] ** 2, later.get(limiting, now[limiting]) ** 2
+    falling = 2.0 * max(first - second, 0.0) * duration_s
+    room = accuracy_pct**2 - max(2.0 * second - first, 0.0)
+    duration = falling / room if room > 0.0 else math.inf
+    return Needed(accuracy_pct, duration, limiting, now[limiting] <= accuracy_pct)

@@ -24,9 +24,20 @@ from shipfp_rs.vessel.vessel import Vessel
 
 @dataclass(frozen=True)
 class Subject:
-    """A structure, its expected values by name, and the operating point of each of its signals.
+    """What is expected of a ship.
 
-    `vessel` is None where the expectation is a fingerprint.
+    Parameters
+    ----------
+    name
+        Of the ship.
+    structure, values
+        Linear about the operating point: lines are chosen by it, and its parameters by name.
+    operating_point
+        Of each of its signals.
+    vessel
+        None where the expectation is a fingerprint.
+    fitted
+        What will be fitted; None: the full ship.
     """
 
     name: str
@@ -34,6 +45,7 @@ class Subject:
     values: Mapping[str, float]
     operating_point: Mapping[str, float]
     vessel: Vessel | None = None
+    fitted: Structure | None = None
 
     @classmethod
     def of(
@@ -52,13 +64,14 @@ class Subject:
                     f"n_e_rpm is {n_e_rpm:g}, expected none with a fingerprint: it has its own point"
                 )
             return cls._of_fingerprint(source, structure or structure_of(source))
-        return cls._of_vessel(source, structure or usual_structure(), n_e_rpm)
+        return cls._of_vessel(source, structure, n_e_rpm)
 
     @classmethod
-    def _of_vessel(cls, vessel: Vessel, structure: Structure, n_e_rpm: float | None) -> Self:
+    def _of_vessel(cls, vessel: Vessel, fitted: Structure | None, n_e_rpm: float | None) -> Self:
+        structure = fitted or usual_structure()
         point = steady_state(vessel, n_e_rpm)
         known = true_values(dataclasses.asdict(linearise(vessel, n_e_rpm)))
-        return cls(vessel.name, structure, _expected(structure, known), point.levels, vessel)
+        return cls(vessel.name, structure, _expected(structure, known), point.levels, vessel, fitted)
 
     @classmethod
     def _of_fingerprint(cls, fingerprint: Fingerprint, structure: Structure) -> Self:
@@ -72,7 +85,7 @@ class Subject:
                 )
         known = fingerprint.settings.get("optimum", {})
         name = f"fingerprint of {fingerprint.vessel or 'a drive train not named'}"
-        return cls(name, structure, _expected(structure, known), point)
+        return cls(name, structure, _expected(structure, known), point, fitted=structure)
 
     @property
     def signals(self) -> dict[str, str]:
@@ -102,7 +115,8 @@ class Subject:
             hold=excitation.hold,
             kind=excitation.kind,
         )
-        rows = self.structure.equations.simulate(self.values, bare)
+        plant = self.structure if self.fitted else Structure.ship(torque="gauge")
+        rows = plant.equations.simulate({**plant.complete({}), **self.values}, bare)
         measured = {
             signal: self.operating_point[signal] * (row if signal == "E_n" else 1.0 + row)
             for signal, row in zip(self.signals.values(), rows, strict=True)

@@ -58,6 +58,18 @@ def identified(
     """Fit the ship and say what the data tell."""
     require_excited(experiments)
     fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s)
+    return answered(fit, intervals, seed=seed, vessel=vessel)
+
+
+def answered(
+    fit: ShipFit,
+    intervals: Literal["profile", "symmetric"],
+    *,
+    seed: int | None = None,
+    vessel: str | None = None,
+) -> Fingerprint:
+    """Say what the data tell about the ship found."""
+    question = fit.question
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES | fit.along]
@@ -108,7 +120,7 @@ def identified(
         },
     )
     fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector))
-    return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(experiments)))
+    return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(question.experiments)))
 
 
 def intervals_of(

@@ -15,6 +15,7 @@ import numpy as np
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each, settle
 from shipfp_rs.identification.first_guesses import first_guesses
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.ship_found import (
     COARSE_STEP_S,
@@ -27,6 +28,7 @@ from shipfp_rs.identification.ship_found import (
     step_for,
 )
 from shipfp_rs.identification.trials import with_elements
+from shipfp_rs.support.arrays import Array
 
 DELAYS = {"T_d", "T_set", "tau_act"}
 REDIVIDED, MORE = 3, 2
@@ -46,9 +48,59 @@ def fit_ship(
         Where no start leads to a ship that can be simulated.
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
+    fit = with_elements(smooth_ship(question, starts=starts, seed=seed, until=until), until)
+    fit = with_other_delays(fit, until)
+    try:
+        return refined(fit, until)
+    except IdentificationError:
+        # A twist that only a long step keeps stable is none.
+        if fit.stiff is None:
+            raise
+        return refined(replace(fit.stiff, gains=fit.gains), until)
+
+
+def first_look(
+    question: Question,
+    smooth: bool | None = None,
+    *,
+    starts: int = 1,
+    seed: int | None = 0,
+    until: float | None = None,
+) -> ShipFit:
+    """Go down from all starts at a long step, without the elements that are tried; see `fit_ship`."""
+    likelihood, vectors = _begun(question, smooth, starts, seed)
+    try:
+        likelihood, basins = best_basins(likelihood, vectors, until=until)
+    except SimulationError as error:
+        raise IdentificationError(f"identify: {error}") from error
+    return ShipFit(question, likelihood, tuple(basins), (), {}, smooth)
+
+
+def smooth_ship(
+    question: Question, *, starts: int = 1, seed: int | None = 0, until: float | None = None
+) -> ShipFit:
+    """Search the ship without the elements that are tried, at the step of the search; see `fit_ship`."""
     # Not low-passed by processing, a set point may run straight between its samples or be band-limited: both are tried.
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
-    smooth: bool | None = True if undecided else None
+    fit = first_look(question, True if undecided else None, starts=starts, seed=seed, until=until)
+    values = fit.values
+    likelihood = likelihood_at(question, (), values, fit.smooth).with_noise_of(fit.likelihood)
+    basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
+    if not basins:
+        raise IdentificationError("identify: the ship found can't be simulated at a fine step")
+    if undecided:
+        straight = likelihood_at(question, (), values, False).with_noise_of(likelihood)
+        end = descend(straight, basins[0].vector, until=until)
+        if end.cost < basins[0].cost - 1.0:
+            ends = [descend(straight, one.vector, until=until) for one in basins]
+            return replace(fit, likelihood=straight, basins=tuple(distinct(straight, ends)), smooth=False)
+    return replace(fit, likelihood=likelihood, basins=tuple(basins))
+
+
+def _begun(
+    question: Question, smooth: bool | None, starts: int, seed: int | None
+) -> tuple[Likelihood, list[Array]]:
+    """Return the likelihood of first descents and the vectors that they begin at."""
     likelihood = question.likelihood((), COARSE_STEP_S, smooth)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
     drawn: list[dict[str, float]] = []
@@ -62,35 +114,9 @@ def fit_ship(
     # A loop that is drawn may be too quick for any step.
     step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
     likelihood = question.likelihood((), step_s, smooth)
-    vectors = [
+    return likelihood, [
         likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)
     ]
-    try:
-        likelihood, basins = best_basins(likelihood, vectors, until=until)
-    except SimulationError as error:
-        raise IdentificationError(f"identify: {error}") from error
-    values = likelihood.coordinates.values(basins[0].vector)
-    likelihood = likelihood_at(question, (), values, smooth).with_noise_of(likelihood)
-    basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in basins])
-    if not basins:
-        raise IdentificationError("identify: the ship found can't be simulated at a fine step")
-    if undecided:
-        straight = likelihood_at(question, (), values, False).with_noise_of(likelihood)
-        end = descend(straight, basins[0].vector, until=until)
-        if end.cost < basins[0].cost - 1.0:
-            smooth, likelihood = False, straight
-            ends = [descend(straight, one.vector, until=until) for one in basins]
-            basins = distinct(straight, ends)
-    fit = ShipFit(question, likelihood, tuple(basins), (), {}, smooth)
-    fit = with_elements(fit, until)
-    fit = with_other_delays(fit, until)
-    try:
-        return refined(fit, until)
-    except IdentificationError:
-        # A twist that only a long step keeps stable is none.
-        if fit.stiff is None:
-            raise
-        return refined(replace(fit.stiff, gains=fit.gains), until)
 
 
 def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:

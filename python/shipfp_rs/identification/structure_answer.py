@@ -29,7 +29,12 @@ def fitted(
     data: Data | Sequence[Data], structure: Structure, options: Options, *, vessel: str | None = None
 ) -> Fingerprint:
     """Fit a structure by its own equations, as `identify` does."""
-    fit = fit_structure(data, structure, options)
+    return of_structure(fit_structure(data, structure, options), options, vessel=vessel)
+
+
+def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = None) -> Fingerprint:
+    """Say what data tell of a structure, about the end of a search."""
+    structure = fit.structure
     found = StructureEstimates(fit, options.intervals)
     vector, records = fit.best.vector, fit.likelihood.records
     spectra = in_band(fit.likelihood, vector)

@@ -1,4 +1,4 @@
-"""A dry run of a trial: what was read, what would be fitted, what is missing; nothing is fitted and nothing written."""
+"""A dry run of a trial: what was read, what would be fitted, what the data are expected to tell; nothing is written."""
 
 from __future__ import annotations
 
@@ -10,15 +10,21 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.foresight import foresee
+from shipfp_rs.identification.question import TRIED
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.runs.fit import located, structure_from
-from shipfp_rs.structures.structure import Structure
+from shipfp_rs.processing.trial_channels import Load, Rack, Tacho, Torque
+from shipfp_rs.runs.fit import choice, located, structure_from
+from shipfp_rs.support.arrays import attributes
 from shipfp_rs.vessel.vessel import Vessel
 
 Notify = Callable[[str], None]
 
+TOLD = ("parameters", "derived", "identifiability")
+"""Tables of the fingerprint to expect in the JSON form."""
 LITTLE = 0.9
 """A warning is given where less than this share of a signal's samples is usable."""
 
@@ -37,8 +43,12 @@ class Check:
         What is left of each after cleaning: share of usable samples of every signal, faults by kind.
     operating_point
         Signal to value.
-    parameters
-        What would be fitted: name, unit, status (free, fixed, prior, tied), bounds, value.
+    structure, outputs
+        What would be fitted.
+    tried
+        Elements that a fit tries beside.
+    expected
+        What the data are expected to tell: a first look at a long step, without the elements that are tried.
     missing
         What is not there and costs something, a line each.
     """
@@ -50,16 +60,20 @@ class Check:
     operating_point: dict[str, float]
     structure: str
     outputs: tuple[str, ...]
-    parameters: tuple[dict[str, Any], ...]
+    tried: tuple[str, ...]
+    expected: Fingerprint
     missing: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return dataclasses.asdict(self)
+        told = {key: table for key, table in self.expected.to_dict().items() if key in TOLD}
+        return (
+            attributes(self, *(one.name for one in dataclasses.fields(self) if one.name != "expected")) | told
+        )
 
 
 def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
-    """Read, clean and resample a trial's windows as a run would, and stop before the fit.
+    """Read, clean and resample a trial's windows as a run would, take a first look at them, and stop before the fit.
 
     Parameters
     ----------
@@ -72,40 +86,39 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
     ------
     InputError
         Where a run would be refused.
+    IdentificationError
+        Where no start leads to a ship that can be simulated.
     """
     notify("reading the trial")
     trial = Trial.load(path)
     vessel = Vessel.load(trial.trial.vessel)
-    structure = structure_from(trial.identify, located(trial))
+    declared = None if trial.chooses else structure_from(trial.identify, located(trial))
     notify("opening the log")
     logs = trial.logs()
     channels = [entry for log in logs for entry in _channels(trial, log)]
     notify("reading and cleaning the log")
     experiments = [experiment for log in logs for experiment in process(log, trial, vessel)]
+    notify("taking a first look")
+    expected = foresee(experiments, **choice(trial)) if declared is None else foresee(experiments, declared)
     return Check(
         trial.trial.name,
         vessel.name,
         tuple(channels),
         tuple(_window(experiment) for experiment in experiments),
         {name: float(value) for name, value in experiments[0].operating_point.items()},
-        structure.name,
-        tuple(structure.outputs),
-        tuple(_parameter(structure, index) for index in range(len(structure.parameters))),
-        tuple(_missing(trial, structure, experiments)),
+        "the full ship" if declared is None else declared.name,
+        tuple(expected.structure["outputs"]),
+        tuple(name for name in TRIED if name not in trial.identify.elements) if declared is None else (),
+        expected,
+        tuple(_missing(trial, experiments)),
     )
 
 
 def _channels(trial: Trial, log: Log) -> list[dict[str, Any]]:
     channels = trial.channels
-    sensors: list[tuple[str, str]] = [("set point", channels.set_point.column)]
-    if channels.torque is not None:
-        sensors.append((f"torque ({channels.torque.location})", channels.torque.column))
-    if channels.rack is not None:
-        sensors.append(("fuel rack", channels.rack.column))
-    sensors += [
-        (f"pulse train, {tacho.pulses_per_rev} a turn of the {tacho.shaft}", tacho.column)
-        for tacho in channels.tachos.values()
-    ]
+    sensors = [("set point", channels.set_point.column)]
+    sensors += [(_read_as(sensor), sensor.column) for sensor in channels.levels.values()]
+    sensors += [(_source(tacho), tacho.column) for tacho in channels.tachos.values() if tacho.column]
     told = []
     for what, column in sensors:
         channel = log.channel(column)
@@ -120,6 +133,18 @@ def _channels(trial: Trial, log: Log) -> list[dict[str, Any]]:
             }
         )
     return told
+
+
+def _read_as(sensor: Torque | Rack | Load) -> str:
+    if isinstance(sensor, Torque):
+        return f"torque ({sensor.location})"
+    return f"load ({sensor.quantity})" if isinstance(sensor, Load) else "fuel rack"
+
+
+def _source(tacho: Tacho) -> str:
+    if tacho.kind == "pulses":
+        return f"pulse train, {tacho.pulses_per_rev} a turn of the {tacho.shaft}"
+    return f"{tacho.kind} of the {tacho.shaft}"
 
 
 def _window(experiment: Experiment) -> dict[str, Any]:
@@ -141,45 +166,17 @@ def _window(experiment: Experiment) -> dict[str, Any]:
     }
 
 
-def _parameter(structure: Structure, index: int) -> dict[str, Any]:
-    parameter = structure.parameters[index]
-    status = (
-        "fixed" if parameter.fixed else "tied" if parameter.tied is not None
-        else "prior" if parameter.prior is not None else "free"
-    )  # fmt: skip
-    bounds = [bound if np.isfinite(bound) else None for bound in (parameter.lower, parameter.upper)]
-    return {
-        "name": parameter.name,
-        "unit": parameter.unit,
-        "status": status,
-        "bounds": bounds,
-        "value": parameter.start if parameter.fixed else parameter.prior[0] if parameter.prior else None,
-    }
-
-
-def _missing(trial: Trial, structure: Structure, experiments: Sequence[Experiment]) -> list[str]:
+def _missing(trial: Trial, experiments: Sequence[Experiment]) -> list[str]:
     lines, channels = [], trial.channels
     if channels.torque is None:
-        lines.append(
-            "no torque channel: the speed alone is fitted, and tau_n, g and the gains are known as ratios only"
-        )
+        lines.append("no torque channel: the speed alone is fitted")
     if len(channels.tachos) == 1:
-        lines.append("one pulse train only: nothing to check the speed against")
-    if channels.rack is None:
+        lines.append("one source of speed only: nothing to check it against")
+    if channels.rack is None and channels.actuator is None:
         lines.append("no fuel rack: v and the governor's gains are known as products only")
-    known = {*trial.identify.fixed, *trial.identify.priors}
-    if channels.torque is not None and channels.torque.location == "gauge" and "tau_n" not in known:
-        lines.append(
-            "a gauge between the inertias and no tau_n known beforehand: the whole of tau_n stays unknown"
-        )
     for experiment in experiments:
         for name, values in experiment.signals.items():
             usable = float(np.isfinite(values).mean())
             if usable < LITTLE:
                 lines.append(f"{experiment.name}: {usable:.0%} of {name} is usable")
-    spread = [
-        float(np.nanstd(one.signals["n_set"]) / abs(np.nanmean(one.signals["n_set"]))) for one in experiments
-    ]
-    if max(spread) < 1e-4:
-        lines.append("the set point moves in no window: there is nothing to identify")
     return lines

@@ -1,35 +1,27 @@
-"""The fit that a TRIAL.toml or a SWEEP.toml asks for: its structure, and the choice that the data make."""
+"""The fit that a TRIAL.toml or a SWEEP.toml asks for: its structure, or what it leaves open of the full ship."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_tables import Identify
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.vessel.vessel import Vessel
 
 
-def chosen(
-    trial: Trial, experiments: Sequence[Experiment], vessel: Vessel, *, seed: int | None
-) -> Fingerprint:
-    """Fit the full ship within what a trial's [identify] table leaves open."""
+def choice(trial: Trial) -> dict[str, Any]:
+    """Return what a trial's [identify] table leaves open of the full ship, as arguments of `identify`."""
     options, place = trial.identify, located(trial)
     outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
-    return identify(
-        experiments,
-        elements=options.elements,
-        torque=options.torque or place,
-        outputs=outputs if outputs is None else _measured(outputs, place),
-        fixed=options.fixed,
-        priors=options.priors,
-        seed=options.seed if seed is None else seed,
-        vessel=vessel.name,
-    )
+    return {
+        "elements": options.elements,
+        "torque": options.torque or place,
+        "outputs": outputs if outputs is None else _measured(outputs, place),
+        "fixed": options.fixed,
+        "priors": options.priors,
+    }
 
 
 def structure_from(options: Identify, located: Torque | None) -> Structure:

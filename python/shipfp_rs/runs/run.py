@@ -17,7 +17,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import compared_responses, write_report
-from shipfp_rs.runs.fit import chosen, located, structure_from
+from shipfp_rs.runs.fit import choice, located, structure_from
 from shipfp_rs.structures.names import Language
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.vessel.vessel import Vessel
@@ -101,19 +101,13 @@ def evaluate(
         for experiment in process(log, trial, vessel)
     ]
     options = trial.identify
+    own_seed = options.seed if seed is None else seed
     if declared is None:
         notify("choosing the elements and identifying")
-        fingerprint = chosen(trial, experiments, vessel, seed=seed)
-        structure = rebuilt(fingerprint)
+        fingerprint = identify(experiments, vessel=vessel.name, seed=own_seed, **choice(trial))
     else:
-        structure = declared
-        fingerprint = identify(
-            experiments,
-            structure,
-            vessel=vessel.name,
-            seed=options.seed if seed is None else seed,
-            **options.options,
-        )
+        fingerprint = identify(experiments, declared, vessel=vessel.name, seed=own_seed, **options.options)
+    structure = declared or rebuilt(fingerprint)
     if trial.channels.torque is None:
         fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))

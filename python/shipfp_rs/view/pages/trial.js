@@ -289,8 +289,11 @@ export class TrialPanel {
   }
 
   checked(card, found) {
-    const fitted = found.parameters.map((one) => `${one.name} (${one.status})`).join(", ");
-    make(card, "p", { class: "told" }, `Would be fitted: ${fitted}; ${found.structure}, outputs ${found.outputs.join(", ")}.`);
+    make(card, "p", { class: "told" }, `Would be fitted: ${found.structure}, outputs ${found.outputs.join(", ")}.`);
+    const told = Object.entries({ ...found.parameters, ...found.derived });
+    const known = told.filter(([, one]) => one.ci95).map(([name, one]) => `${name} ${one.ci95.map((end) => short(end, 3)).join(" to ")} ${one.unit}`);
+    make(card, "p", { class: "told" }, `Expected at a first look: ${known.join("; ") || "nothing"}.`);
+    for (const [name, one] of told.filter(([, one]) => one.status === "unidentifiable")) make(card, "p", { class: "soft told" }, `${name}: ${one.reason}.`);
     for (const window of found.windows) {
       const usable = Object.entries(window.usable).map(([name, share]) => `${name} ${(100 * share).toFixed(1)} %`).join(", ");
       make(card, "p", { class: "told" }, `${window.name}: usable ${usable}; speed from ${window.speed_from}.`);

@@ -1,0 +1,97 @@
+"""What data are expected to tell before they are fitted: a fingerprint by the likelihood's curvature, without profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.automatic import answered
+from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.gates import require_excited
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.question import Question, question_of, question_of_ship
+from shipfp_rs.identification.ship_fit import first_look
+from shipfp_rs.identification.ship_found import DEFAULTS, ShipFit, likelihood_at
+from shipfp_rs.identification.structure_answer import fitted, of_structure
+from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
+
+ABSENT = {"T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0}
+"""Values without effect of what the full ship always has."""
+
+
+def foresee(
+    experiments: Sequence[Experiment],
+    structure: Structure | None = None,
+    *,
+    values: Mapping[str, float] | None = None,
+    **choice: Any,
+) -> Fingerprint:
+    """Return the fingerprint to expect of data, in a fraction of the time of `identify`.
+
+    Parameters
+    ----------
+    experiments
+        The data.
+    structure
+        That will be fitted; None: the full ship.
+    values
+        Parameters of the ship, about which is looked; None: those of a first look, without the elements that are tried.
+    **choice
+        As of `question_of`, without a structure.
+
+    Returns
+    -------
+    Fingerprint
+        Intervals are symmetric; a parameter on its bound has none of any width.
+
+    Raises
+    ------
+    InputError, IdentificationError
+        Where a fit would be refused.
+    """
+    require_excited(experiments)
+    with threadpool_limits(limits=1):
+        if structure is None:
+            question = question_of(experiments, **choice)
+        else:
+            given = (
+                question_of_ship(experiments, structure) if structure.free and not structure.ties else None
+            )
+            if given is None:
+                return _of_structure(experiments, structure, values)
+            question = given
+        return answered(first_look(question) if values is None else _at(question, values), "symmetric")
+
+
+def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
+    """Return the fit that ended at the values, under the noise of what they leave."""
+    likelihood = likelihood_at(question, (), {**DEFAULTS, **values}, None)
+    vector = likelihood.coordinates.vector({**DEFAULTS, **ABSENT, **values})
+    likelihood = likelihood.with_noise(vector)
+    return ShipFit(question, likelihood, (_end(likelihood, vector),), (), {}, None)
+
+
+def _of_structure(
+    experiments: Sequence[Experiment], structure: Structure, values: Mapping[str, float] | None
+) -> Fingerprint:
+    """Return what to expect of a structure with equations of its own."""
+    options = Options(intervals="symmetric", starts=1)
+    if values is None:
+        return fitted(experiments, structure, options)
+    likelihood = likelihood_of(experiments, structure, options)
+    vector = likelihood.coordinates.vector(values)
+    likelihood = likelihood.with_noise(vector)
+    end = _end(likelihood, vector)
+    return of_structure(StructureFit(structure, likelihood, (end,), (end,)), options)
+
+
+def _end(likelihood: Likelihood, vector: Array) -> Basin:
+    found = likelihood.products(vector)
+    return Basin(found.cost, vector, products=found)
