@@ -100,12 +100,14 @@ def _channels(trial: Trial, log: Log) -> list[dict[str, Any]]:
     sensors: list[tuple[str, str]] = [("set point", channels.set_point.column)]
     if channels.torque is not None:
         sensors.append((f"torque ({channels.torque.location})", channels.torque.column))
-    if channels.rack is not None:
-        sensors.append(("fuel rack", channels.rack.column))
-    sensors += [
-        (f"pulse train, {tacho.pulses_per_rev} a turn of the {tacho.shaft}", tacho.column)
-        for tacho in channels.tachos.values()
-    ]
+    if (actuator := channels.rack or channels.actuator) is not None:
+        sensors.append(("fuel rack", actuator.column))
+    if channels.load is not None:
+        sensors.append((f"load ({channels.load.quantity})", channels.load.column))
+    for tacho in channels.tachos.values():
+        pulses = f"pulse train, {tacho.pulses_per_rev} a turn" if tacho.kind == "pulses" else tacho.kind
+        if tacho.kind != "edges":
+            sensors.append((f"{pulses} of the {tacho.shaft}", tacho.column))
     told = []
     for what, column in sensors:
         channel = log.channel(column)
@@ -164,8 +166,8 @@ def _missing(trial: Trial, structure: Structure, experiments: Sequence[Experimen
             "no torque channel: the speed alone is fitted, and tau_n, g and the gains are known as ratios only"
         )
     if len(channels.tachos) == 1:
-        lines.append("one pulse train only: nothing to check the speed against")
-    if channels.rack is None:
+        lines.append("one source of speed only: nothing to check the speed against")
+    if channels.rack is None and channels.actuator is None:
         lines.append("no fuel rack: v and the governor's gains are known as products only")
     known = {*trial.identify.fixed, *trial.identify.priors}
     if channels.torque is not None and channels.torque.location == "gauge" and "tau_n" not in known:
