@@ -1,5 +1,6 @@
 """TRIAL.toml says everything once; a slip in it is answered by one line that names the key."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -250,3 +251,62 @@ def test_breakage_d3_d4_values_beyond_sense_are_told_in_the_words_of_the_file(ke
         validated(content, Trial, "TRIAL.toml")
     assert said in str(caught.value)
     assert "validation" not in str(caught.value)
+
+
+KNOWN = """
+[trial]
+name = "Drive"
+log = "log.parquet"
+[channels.set_point]
+column = "set point"
+unit = "U/min"
+[channels.torque]
+column = "torque"
+unit = "lbf ft"
+location = "brake"
+[channels.load]
+column = "load"
+unit = "kW"
+quantity = "power"
+[channels.rack]
+column = "fuel"
+unit = "%"
+[channels.speed]
+column = "speed"
+unit = "rad/s"
+[operating_point]
+steady_s = [0.0, 9.0]
+[[windows]]
+name = "C1"
+start_s = 10.0
+stop_s = 60.0
+"""
+
+
+def test_units_of_speed_torque_and_power_need_no_calibration_and_one_speed_no_vessel(tmp_path):
+    trial = load(tmp_path, KNOWN)
+    channels = trial.channels
+    lines = {channels.set_point: 1.0, channels.torque: 1.3558179, channels.load: 1e3, channels.rack: 1.0}
+    assert {sensor.column: sensor.calibration.scale for sensor in lines} == {
+        sensor.column: pytest.approx(scale) for sensor, scale in lines.items()
+    }
+    assert trial.trial.vessel == "direct-drive"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('unit = "U/min"', 'unit = "V"', "set_point.calibration: found nothing, expected channel 'set point' from V to rpm"),
+        ('unit = "lbf ft"', 'unit = "mV"\ncalibration = "to be given"', "expected channel 'torque' from mV to Nm: {"),
+        ('column = "torque"', 'column = "to be given"', "torque.column: found 'to be given', expected the name"),
+        ('unit = "rad/s"', 'pulses_per_rev = "to be given"', "a whole number, the pulses in a turn, for channel 'speed'"),
+        ('unit = "rad/s"', 'unit = "rad/s"\nshaft = "propeller"', "trial.vessel: found nothing beside channels.speed.shaft"),
+        ('column = "load"', 'column = "torque"', "channels.load.column: found 'torque', which is channels.torque, too"),
+        (KNOWN[KNOWN.index("[[windows]]") :], "", "windows: found none, expected one table [[windows]]"),
+    ],
+)  # fmt: skip
+def test_what_no_unit_tells_is_asked_for_by_the_channel_s_name(tmp_path, old, new, words):
+    assert old in KNOWN
+    with pytest.raises(InputError, match=re.escape(words)) as raised:
+        load(tmp_path, KNOWN.replace(old, new))
+    assert "\n" not in str(raised.value)

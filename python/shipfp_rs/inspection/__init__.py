@@ -20,6 +20,7 @@ from shipfp_rs.inspection.checks import (
     static_check,
     static_torque,
     steady_points,
+    tells_static_torque,
     trains,
 )
 from shipfp_rs.inspection.looked_for import looked_for
@@ -121,7 +122,7 @@ def inspect_log(
     Raises
     ------
     InputError
-        Where a channel of the trial is missing, or nothing in the log is steady.
+        Where a channel of the trial is missing.
     """
     reports = describe(log)
     faults = [fault.to_dict() for fault in [*log.faults, *_recorded(log, reports)]]
@@ -134,26 +135,16 @@ def inspect_log(
     if trial is not None:
         vessel = vessel or Vessel.load(trial.trial.vessel)
         every = found_experiments(log, trial, vessel, windows)
-        experiments = [experiment for experiment in every if experiment.kind == "steady"]
         torque = trial.channels.torque
-        name = SIGNAL_OF_LOCATION[torque.location] if torque is not None else None
-        points = tuple(steady_points(experiments, name))
-        longest = max(experiments, key=len)
-        rates = rates_of(vessel, float(np.nanmean(longest.signals["n_e"])))
-        checks |= {
-            "set_point_to_speed": linearity(points),
-            "pulse_trains": trains(experiments),
-            "noise": {
-                key: {"std": float(np.nanstd(values)), "unit": UNITS[key]}
-                for key, values in longest.signals.items()
-            },
-            "bandwidth_hz": {
-                "speed": longest.provenance["speed"]["bandwidth_hz"],
-                "signals": PASSBAND * longest.rate_hz,
-            },
-        }
+        if steady := [experiment for experiment in every if experiment.kind == "steady"]:
+            name = SIGNAL_OF_LOCATION[torque.location] if torque is not None else None
+            points = tuple(steady_points(steady, name))
+            longest = max(steady, key=len)
+            rates = rates_of(vessel, float(np.nanmean(longest.signals["n_e"])))
+            checks |= _at_rest(points, steady, longest)
         if torque is not None:
-            checks["static_torque"] = static_check(vessel, points, C_Q)
+            if points and tells_static_torque(vessel, C_Q):
+                checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
         faults += _processed(every, {(fault["kind"], fault["channel"]) for fault in faults})
     spectra = {
@@ -177,6 +168,22 @@ def inspect_log(
             trial.channels.set_point.column if trial is not None else set_point_of(log)
         )
     return Inspection(log.name, tuple(reports), tuple(faults), tuple(windows), spectra, peaks, points, checks)
+
+
+def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: Experiment) -> dict[str, Any]:
+    """Return what steady experiments tell of set point, pulse trains, noise and bandwidth."""
+    return {
+        "set_point_to_speed": linearity(points),
+        "pulse_trains": trains(steady),
+        "noise": {
+            key: {"std": float(np.nanstd(values)), "unit": UNITS[key]}
+            for key, values in longest.signals.items()
+        },
+        "bandwidth_hz": {
+            "speed": longest.provenance["speed"]["bandwidth_hz"],
+            "signals": PASSBAND * longest.rate_hz,
+        },
+    }
 
 
 def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:

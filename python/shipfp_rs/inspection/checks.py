@@ -18,7 +18,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_tables import OperatingPoint, Window
 from shipfp_rs.processing.windows import FoundWindow, Kind, find_windows
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.vessel.vessel import Vessel
+from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
 
 SETTLE_S = 4.0
 """Time after a step that is left out, since the plant still moves [s]."""
@@ -61,6 +61,12 @@ def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = No
     # C_Q* refers to the blade's speed at 0.7 R and the disc's area: K_Q = C_Q* pi / 8 (0.7 pi)^2 = 1.899 C_Q*.
     K_Q = vessel.K_Q_over_eta_r if C_Q is None else C_Q * math.pi / 8.0 * (0.7 * math.pi) ** 2
     return np.asarray(K_Q * vessel.water.density_kg_m3 * D**5 * n_s**2)
+
+
+def tells_static_torque(vessel: Vessel, C_Q: float | None) -> bool:
+    """Whether a vessel has what `static_torque` needs."""
+    plant = () if C_Q is not None else (*PLANT_KEYS, "operating_point")
+    return vessel.given("water.density_kg_m3", "propeller.diameter_m", *plant)
 
 
 def static_check(vessel: Vessel, points: Sequence[SteadyPoint], C_Q: float | None = None) -> dict[str, Any]:
@@ -148,14 +154,10 @@ def found_experiments(
         for window in found
         if window.kind != "steady" or _lasts(window)
     )
-    if not any(window.kind == "steady" for window in windows):
-        raise InputError(
-            f"{log.name}: no steady stretch found; the checks need one of {2.0 * SETTLE_S:g} s, which "
-            "operating_point.steady_s may name"
-        )
-    # Only the signals' own values are needed, so any operating point will do.
+    # Only the signals' own values are needed, so any operating point will do; a load can't be normalised with it.
     plain = trial.model_copy(
         update={
+            "channels": trial.channels.model_copy(update={"load": None}),
             "windows": windows,
             "operating_point": OperatingPoint(n_e_rpm=1.0, M_Nm=1.0),
             "trial": trial.trial.model_copy(update={"log": (log.name,)}),

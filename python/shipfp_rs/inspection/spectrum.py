@@ -59,7 +59,7 @@ def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, A
 
 
 def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
-    """Return what turns at an engine speed, name to rate [Hz] (eq. 6.4 to 6.6).
+    """Return what turns at an engine speed, name to rate [Hz] (eq. 6.4 to 6.6), as far as the vessel tells.
 
     Examples
     --------
@@ -69,12 +69,12 @@ def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
     """
     engine = n_e_rpm / 60.0
     shaft = engine / vessel.gearbox.ratio
-    return {
-        "shaft": shaft,
-        "blades": vessel.propeller.blades * shaft,
-        "engine": engine,
-        "firing": engine * vessel.engine.cylinders / (vessel.engine.strokes / 2),
-    }
+    rates = {"shaft": shaft, "engine": engine}
+    if vessel.given("propeller.blades"):
+        rates["blades"] = vessel.propeller.blades * shaft
+    if vessel.given("engine.cylinders", "engine.strokes"):
+        rates["firing"] = engine * vessel.engine.cylinders / (vessel.engine.strokes / 2)
+    return dict(sorted(rates.items(), key=lambda rate: rate[1]))
 
 
 def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | None = None) -> list[Peak]:

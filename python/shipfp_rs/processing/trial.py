@@ -37,16 +37,21 @@ class Trial(Section):
     channels: Channels
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
-    windows: Annotated[tuple[Window, ...], Field(strict=False, min_length=1)]
+    windows: Annotated[tuple[Window, ...], Field(strict=False)] = ()
     identify: Identify = Identify()
     report: Report = Report()
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
+        if not self.windows:
+            raise unexpected(
+                "windows", "none", "one table [[windows]] or more, each with name, start_s and stop_s"
+            )
         names = [window.name for window in self.windows]
         if len(set(names)) < len(names):
             raise unexpected("windows", f"names {names}", "each name once")
         self._require_one_place_of_torque()
+        self._require_own_columns()
         point = self.operating_point
         given = {
             "n_e": point.n_e_rpm,
@@ -78,6 +83,28 @@ class Trial(Section):
                     "windows", f"log {window.log!r} in {window.name!r}", f"one of {', '.join(files)}"
                 )
         return self
+
+    def _require_own_columns(self) -> None:
+        """Refuse one column in two roles, and a speed behind a gear that no vessel tells."""
+        channels = self.channels
+        found = {"set_point": channels.set_point.column}
+        for key in ("torque", "rack", "actuator", "load"):
+            if (sensor := getattr(channels, key)) is not None:
+                found[key] = sensor.column
+        found |= {name: tacho.column for name, tacho in channels.tachos.items() if tacho.kind != "edges"}
+        first: dict[str, str] = {}
+        for key, column in found.items():
+            if (other := first.setdefault(column, key)) != key:
+                raise unexpected(
+                    f"channels.{key}.column", f"{column!r}, which is channels.{other}, too", "another one"
+                )
+        for name, tacho in channels.tachos.items():
+            if tacho.shaft == "propeller" and "vessel" not in self.trial.model_fields_set:
+                raise unexpected(
+                    "trial.vessel",
+                    f'nothing beside channels.{name}.shaft = "propeller"',
+                    "a built-in ship or a vessel file, whose gear lies between propeller and set point",
+                )
 
     def _require_one_place_of_torque(self) -> None:
         """Refuse an [identify] that contradicts the torque channel: where the torque was measured, or whether it was."""

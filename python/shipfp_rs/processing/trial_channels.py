@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.toml import FilePath, Name, Section, unexpected
-from shipfp_rs.support.units import TO_REV, TO_RPM, told
+from shipfp_rs.support.units import ELECTRIC, TO_NM, TO_REV, TO_RPM, TO_W, told
 
 Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]
@@ -56,14 +56,60 @@ class Line(Section):
         return Calibration(self.scale, self.offset, unit)
 
 
-class SetPoint(Section):
-    """The channel of the engine-speed set point, calibrated to rpm of the engine."""
+TO_BE_GIVEN = "to be given"
+"""What stands in a file for a value that no log tells; a trial that holds it is refused by the name of its channel."""
+
+
+class Level(Section):
+    """A channel of samples that a line calibrates; a unit of what it is needs no line."""
+
+    told_in: ClassVar[Mapping[str, float]] = {}
+    """Units to their factors."""
+    to: ClassVar[str] = ""
+    """Unit of the calibrated values."""
 
     column: Name
     unit: str
     calibration: Line
+    """By the unit's own factor where it is left out."""
     delay_s: Delay = 0.0
     """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _unit_calibrates(cls, content: Any) -> Any:
+        """Fill in the factor of a known unit; say what to write for any other."""
+        if not isinstance(content, dict):
+            return content
+        column, unit = content.get("column"), content.get("unit")
+        if column == TO_BE_GIVEN:
+            raise unexpected("column", repr(column), "the name of a channel of the log")
+        line = content.get("calibration", TO_BE_GIVEN)
+        if line != TO_BE_GIVEN or not (isinstance(column, str) and isinstance(unit, str)):
+            return content
+        factor, to = cls._factor(told(unit), content)
+        if factor is not None:
+            return {**content, "calibration": {"scale": factor}}
+        recorded = unit or "what is recorded"
+        raise unexpected(
+            "calibration",
+            repr(content["calibration"]) if "calibration" in content else "nothing",
+            f"channel {column!r} from {recorded} to {to}: {{ scale = {to} per {recorded}, offset = {to} at 0 }}, or "
+            f"{{ table = [[{recorded}, {to}], [{recorded}, {to}]] }}",
+        )
+
+    @classmethod
+    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        """Return the factor of a unit, None for one that is not what the channel is, and the unit it leads to."""
+        return cls.told_in.get(unit), cls.to
+
+
+class SetPoint(Level):
+    """The channel of the engine-speed set point, calibrated to rpm of the engine."""
+
+    told_in = TO_RPM
+    to = "rpm"
+
     held: bool = False
     """The engine holds each sample until the next one comes, as it does with what a bus asks for. What it follows is half
     a sample's period late then, which is not part of `delay_s`, and a torque that it tells as seldom shows the stairs."""
@@ -74,16 +120,14 @@ class SetPoint(Section):
         return 0.5 if self.held else 0.0
 
 
-class Torque(Section):
+class Torque(Level):
     """The torque channel, calibrated to Nm."""
 
-    column: Name
-    unit: str
-    calibration: Line
+    told_in = TO_NM
+    to = "Nm"
+
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
-    delay_s: Delay = 0.0
-    """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
     gauge_accuracy: Accuracy | None = None
     """None: what the likelihood leaves open, 0.003."""
 
@@ -93,31 +137,31 @@ class Torque(Section):
         return "gauge" if self.location == "gauge" else "brake"
 
 
-class Rack(Section):
+class Rack(Level):
     """The fuel rack, or a CAN bus's fuel signal: zero without fuel, and proportional to it.
 
-    Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm.
+    Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm, without a calibration. For
+    a bus half of its repetition period is part of `delay_s`.
     """
 
-    column: Name
-    unit: str
-    calibration: Line
-    delay_s: Delay = 0.0
-    """Delay of the channel [s], which is removed. For a bus half of its repetition period is part of it."""
     gauge_accuracy: Accuracy | None = None
     """As of the torque."""
 
+    @classmethod
+    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        return None if unit in ELECTRIC else 1.0, "mm"
 
-class Load(Section):
+
+class Load(Level):
     """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
-    column: Name
-    unit: str
-    calibration: Line
     quantity: Literal["torque", "power"]
     """Torque [Nm], or power [W], which is divided by the shaft's speed."""
-    delay_s: Delay = 0.0
-    """Delay of the channel [s], which is removed."""
+
+    @classmethod
+    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        units, to = (TO_W, "W") if content.get("quantity") == "power" else (TO_NM, "Nm")
+        return units.get(unit), to
 
 
 class Tacho(Section):
@@ -162,7 +206,17 @@ class Tacho(Section):
     @model_validator(mode="before")
     @classmethod
     def _kind_from_keys(cls, content: Any) -> Any:
-        if not isinstance(content, dict) or "kind" in content:
+        if not isinstance(content, dict):
+            return content
+        wanted = {
+            "column": "the name of a channel of the log",
+            "pulses_per_rev": "a whole number, the pulses in a turn",
+        }
+        wanted |= {"shaft": '"engine" or "propeller"'}
+        for key, what in wanted.items():
+            if content.get(key) == TO_BE_GIVEN:
+                raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, for channel {content.get('column')!r}")
+        if "kind" in content:
             return content
         unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
         if "file" in content:

@@ -32,8 +32,8 @@ class Header(Section):
     """The trial: its name, the ship, the recordings."""
 
     name: Name
-    vessel: FilePath
-    """A built-in ship's name or the path of a vessel file."""
+    vessel: FilePath = "direct-drive"
+    """A built-in ship's name or the path of a vessel file; without one there is no gear between engine and speed."""
     log: Annotated[
         tuple[FilePath, ...],
         Field(strict=False, min_length=1, max_length=1000),

@@ -118,7 +118,7 @@ def _channels(trial: Trial, log: Log) -> list[dict[str, Any]]:
     channels = trial.channels
     sensors = [("set point", channels.set_point.column)]
     sensors += [(_read_as(sensor), sensor.column) for sensor in channels.levels.values()]
-    sensors += [(_source(tacho), tacho.column) for tacho in channels.tachos.values() if tacho.column]
+    sensors += [(_source(tacho), tacho.column) for tacho in channels.tachos.values() if tacho.kind != "edges"]
     told = []
     for what, column in sensors:
         channel = log.channel(column)

@@ -28,10 +28,29 @@ NAMED: Mapping[str, str] = {
     "n·m": "Nm",
     "n.m": "Nm",
     "n-m": "Nm",
+    "nm": "Nm",
     "newtonmeter": "Nm",
+    "newtonmetre": "Nm",
     "kn*m": "kNm",
     "kn·m": "kNm",
     "kn.m": "kNm",
+    "kn-m": "kNm",
+    "knm": "kNm",
+    "lbfft": "lbf ft",
+    "lbf-ft": "lbf ft",
+    "lbf*ft": "lbf ft",
+    "lbf·ft": "lbf ft",
+    "lbft": "lbf ft",
+    "lb-ft": "lbf ft",
+    "ftlbf": "lbf ft",
+    "ft-lbf": "lbf ft",
+    "ft·lbf": "lbf ft",
+    "ftlb": "lbf ft",
+    "ft-lb": "lbf ft",
+    "°/s": "deg/s",
+    "°/sec": "deg/s",
+    "deg/sec": "deg/s",
+    "grad/s": "deg/s",
     "deg.c": "°C",
     "degc": "°C",
     "grad": "°",
@@ -48,7 +67,7 @@ TO_RPM: Mapping[str, float] = {
     "deg/s": 1.0 / 6.0,
 }
 """Turns a minute in one of each unit of speed; a frequency is taken for turns a second."""
-TO_NM: Mapping[str, float] = {"Nm": 1.0, "kNm": 1e3, "MNm": 1e6}
+TO_NM: Mapping[str, float] = {"mNm": 1e-3, "Nm": 1.0, "kNm": 1e3, "MNm": 1e6, "lbf ft": 1.3558179483314004}
 TO_W: Mapping[str, float] = {"W": 1.0, "kW": 1e3, "MW": 1e6}
 TO_REV: Mapping[str, float] = {
     "rev": 1.0,
@@ -57,6 +76,9 @@ TO_REV: Mapping[str, float] = {
     "rad": 1.0 / 6.283185307179586,
 }
 """Turns in one of each unit of angle."""
+
+ELECTRIC = frozenset(("", "V", "mV", "µV", "A", "mA", "mV/V", "counts", "bits"))
+"""Units of what an amplifier or a converter tells; only a calibration says what it stands for."""
 
 LETTER = "[?�¿]"
 """What a degree or micro sign becomes where a text is read with the wrong encoding."""
