@@ -16,11 +16,13 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import cli, signals
+from shipfp_rs.assessment import comparable
 from shipfp_rs.assessment.comparison import compare, covariance_of, trend
 from shipfp_rs.assessment.propagation import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.plot.comparison import draw
 from shipfp_rs.structures.structure import Structure
@@ -207,3 +209,56 @@ def test_the_command_prints_and_draws_what_changed(pair, tmp_path, capsys):
     assert "none.json" in capsys.readouterr().err
     with pytest.raises(InputError, match="expected 1 to"):
         draw({})
+
+
+def of_the_full_ship(seed: int, elements: dict[str, bool]) -> tuple[Fingerprint, Experiment]:
+    """What a trial of the tug is expected to tell, with an engine that reaches its limit if that is said to act."""
+    truth = {
+        "tau_n": TUG.tau_n, "g": TUG.g, "vK_p": TUG.v * TUG.K_p, "vK_i": TUG.v * TUG.K_i, "p": TUG.p, "M_max": 1.15
+    }  # fmt: skip
+    bare = Experiment("trial", 25.0, {"n_set": POINT["n_set"] + 2.0 * SHORT.samples}, POINT, hold=SHORT.hold)
+    plant = Structure.ship(["torque_limit"])
+    clean = plant.equations.simulate({**truth, "M_soft": 3e-3}, bare)
+    dn, dM = clean + NOISE * noise(clean.shape, COLOUR, seed)
+    measured = {"n_e": POINT["n_e"] * (1.0 + dn), "M_b": 1725.0 * (1.0 + dM)}
+    point = {**POINT, "M_b": 1725.0}
+    record = replace(bare, signals={**bare.signals, **measured}, operating_point=point)
+    return foresee([record], values=truth, elements=elements), record
+
+
+def test_ships_of_which_one_shows_a_limit_are_compared_with_it(monkeypatch):
+    (bent, first), (straight, second) = (
+        of_the_full_ship(seed, {"torque_limit": acts}) for seed, acts in ((1, True), (2, False))
+    )
+    assert bent.elements["torque_limit"]["state"] == "on"
+    with pytest.raises(InputError, match="1 of 2 fingerprints have no upper torque limit"):
+        compare(bent, straight)
+    asked = []
+
+    def again(experiments, **options):
+        asked.append(options["elements"])
+        return of_the_full_ship(2, {"torque_limit": True})[0]
+
+    monkeypatch.setattr(comparable, "identify", again)
+    found = compare(bent, straight, data=([first], [second]))
+    assert asked == [{"torque_limit": True, "rack_rate": False, "twist": False}]
+    assert not found["M_max"].significant
+    assert any("fitted again with upper torque limit" in line for line in found.remarks)
+
+
+def test_a_change_of_no_quantity_alone_names_where_it_shows(pair):
+    def with_two(change_p: float, change_tau: float) -> Fingerprint:
+        one = pair[0]
+        kept = {
+            "p": replace(one["p"], value=2.0 + change_p, std=0.1, ci95=(1.8 + change_p, 2.2 + change_p)),
+            "tau_prop": replace(one["tau_prop"], value=0.4 + change_tau, std=0.02, ci95=None),
+        }
+        matrix = [[0.01, 0.99 * 0.002], [0.99 * 0.002, 4e-4]]  # a correlation of 0.99
+        return replace(one, parameters=kept, derived={}, covariance={"names": [*kept], "matrix": matrix})
+
+    # Each by one deviation of the difference, but against their correlation.
+    found = compare(with_two(0.0, 0.0), with_two(0.14, -0.028))
+    assert not any(change.significant for change in found.changes)
+    assert found.joint.p < 1e-6
+    assert set(found.joint.most) == {"p", "tau_prop"}
+    assert "p by +7.0 % and tau_prop by -7.0 %" in found.verdict[0]

@@ -1,17 +1,79 @@
-"""Whether two fingerprints can be compared at all, and what weakens it if they can."""
+"""Whether fingerprints can be compared at all, with which elements, and what weakens it if they can."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.question import TRIED
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.ties import declared
 
 SPEED_APART = 0.05
 """Operating speeds that differ by more than this part are two operating points: every parameter depends on it."""
 TORQUE_APART = 0.05
 """Operating torques that differ by more than this part are worth a word: tau_n is relative to them."""
+
+
+def with_common_elements(
+    fingerprints: Sequence[Fingerprint], data: Sequence[Sequence[Experiment]] | None
+) -> tuple[list[Fingerprint], list[str]]:
+    """Return fingerprints of the full ship that all have the elements that one of them shows, fitted again where need be.
+
+    Parameters
+    ----------
+    fingerprints
+        Two or more; those of a given structure are returned as they are.
+    data
+        The experiments of each; None: not at hand.
+
+    Raises
+    ------
+    InputError
+        Where one has to be fitted again, and its experiments are not given.
+    """
+    acting = {
+        name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
+    }
+    names = {name for element in acting for name in TRIED[element]}
+    lacking = [one for one in fingerprints if not names <= set(one.parameters)]
+    if not lacking or any(one.settings.get("structure") != FULL_SHIP for one in fingerprints):
+        return list(fingerprints), []
+    words = " and ".join(ELEMENTS[name].words for name in TRIED if name in acting)
+    if data is None:
+        raise InputError(
+            f"{len(lacking)} of {len(fingerprints)} fingerprints have no {words}, expected the same elements in all; give "
+            "data, the experiments of each, to fit them again with it, or keep experiments.parquet beside fingerprint.json"
+        )
+    if len(data) != len(fingerprints):
+        raise InputError(f"data of {len(data)} fingerprints, expected those of {len(fingerprints)}")
+    found = [
+        one
+        if one not in lacking
+        else identify(
+            experiments,
+            elements={name: name in acting for name in TRIED},
+            torque=one.structure["torque"],
+            outputs=one.structure["outputs"],
+            fixed={
+                name: estimate.value
+                for name, estimate in one.parameters.items()
+                if estimate.status == "fixed" and estimate.reason == "given" and estimate.value is not None
+            },
+            vessel=one.vessel,
+            seed=one.seed,
+        )
+        for one, experiments in zip(fingerprints, data, strict=True)
+    ]
+    return found, [
+        f"{len(lacking)} of {len(fingerprints)} fingerprints were fitted again with {words}, which another one shows"
+    ]
 
 
 def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ...]:

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm
 
-from shipfp_rs.assessment.comparable import require_comparable
+from shipfp_rs.assessment.comparable import require_comparable, with_common_elements
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.combinations import COMBINATIONS
@@ -43,11 +44,12 @@ class Change:
 
 
 class Joint(NamedTuple):
-    """Wald test of all quantities together: statistic, degrees of freedom, p."""
+    """Wald test of all quantities together: statistic, degrees of freedom, p, and the two that show most of it."""
 
     statistic: float
     freedom: int
     p: float
+    most: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Comparison:
         """Return the JSON form."""
         return {
             "changes": [asdict(change) | {"ci95": list(change.ci95)} for change in self.changes],
-            "joint": self.joint._asdict(),
+            "joint": self.joint._asdict() | {"most": list(self.joint.most)},
             "level": self.level,
             "remarks": list(self.remarks),
             "verdict": list(self.verdict),
@@ -80,15 +82,24 @@ class Comparison:
 
 
 @checked
-def compare(before: Fingerprint, after: Fingerprint, *, level: float = 0.05) -> Comparison:
+def compare(
+    before: Fingerprint,
+    after: Fingerprint,
+    *,
+    level: float = 0.05,
+    data: Sequence[Sequence[Experiment]] | None = None,
+) -> Comparison:
     """Tell which parameters changed from one fingerprint to another, with significance under both covariances.
 
     Parameters
     ----------
     before, after
-        Fingerprints of the same ship, structure and operating speed, from data of their own.
+        Fingerprints of the same ship, structure and operating speed, from data of their own. Of the full ship one may
+        show an element, such as a torque limit, that the other lacks; it is then fitted again with that.
     level
         Probability of a false alarm, for all quantities together, and for the joint test.
+    data
+        Experiments of both, needed only for such a fit.
 
     Returns
     -------
@@ -109,7 +120,8 @@ def compare(before: Fingerprint, after: Fingerprint, *, level: float = 0.05) -> 
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
-    remarks = require_comparable(before, after)
+    (before, after), again = with_common_elements((before, after), data)
+    remarks = (*require_comparable(before, after), *again)
     names = _common(before, after)
     alone = [_change(name, before[name], after[name]) for name in names]
     significant = _holm([change.p for change in alone], level)
@@ -119,7 +131,12 @@ def compare(before: Fingerprint, after: Fingerprint, *, level: float = 0.05) -> 
 
 
 @checked
-def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, float, float]:
+def trend(
+    fingerprints: Mapping[float, Fingerprint],
+    name: str,
+    *,
+    data: Mapping[float, Sequence[Experiment]] | None = None,
+) -> tuple[float, float, float]:
     """Fit a line through one quantity of many fingerprints, each weighted by its variance (condition monitoring).
 
     Parameters
@@ -128,6 +145,9 @@ def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, 
         Time (any unit) to fingerprint, three or more.
     name
         Parameter or combination.
+    data
+        Time to the experiments of each, needed only where one shows an element of the full ship that others lack, which
+        are then fitted again with it.
 
     Returns
     -------
@@ -144,11 +164,16 @@ def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, 
         raise InputError(
             f"{len(fingerprints)} fingerprints, expected three or more for a trend; use compare for two"
         )
+    if data is not None and not set(fingerprints) <= set(data):
+        raise InputError(
+            "trend: data lack some of the times of the fingerprints, expected the experiments of each"
+        )
     times = np.array(list(fingerprints), dtype=float)
-    first, *others = fingerprints.values()
+    given = None if data is None else [data[time] for time in fingerprints]
+    (first, *others), _ = with_common_elements(list(fingerprints.values()), given)
     for other in others:
         require_comparable(first, other)
-    found = [fingerprint[name] for fingerprint in fingerprints.values()]
+    found = [fingerprint[name] for fingerprint in (first, *others)]
     for time, estimate in zip(times, found, strict=True):
         if estimate.value is None or estimate.std is None:
             raise InputError(f"{name!r} is not known in the fingerprint at {time:g}: {estimate.reason}")
@@ -166,10 +191,10 @@ def _common(before: Fingerprint, after: Fingerprint) -> list[str]:
     names = [
         name
         for name, estimate in {**before.parameters, **before.derived}.items()
-        if estimate.std is not None
+        if estimate.std  # on a bound there may be none, or one of zero
         and name not in tied
         and (name in after.parameters or name in after.derived)
-        and after[name].std is not None
+        and after[name].std
     ]
     if not names:
         raise InputError("no parameter or combination is known in both fingerprints; nothing to compare")
@@ -230,7 +255,9 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
     strength, direction = np.linalg.eigh((both[0] + both[1]) / np.outer(size, size))
     along = (direction.T @ (change / size))[-told:] / np.sqrt(strength[-told:])
     statistic = float(along @ along)
-    return Joint(statistic, told, float(chi2.sf(statistic, told)))
+    strongest = direction[:, -told:][:, int(np.argmax(np.abs(along)))]
+    most = tuple(names[place] for place in np.argsort(-np.abs(strongest))[:2])
+    return Joint(statistic, told, float(chi2.sf(statistic, told)), most)
 
 
 def _rank(covariance: Array) -> int:
@@ -293,7 +320,12 @@ def _verdict(changes: Sequence[Change], joint: Joint, level: float) -> tuple[str
     if found:
         lines.append(f"The rest did not change by more than chance ({together}).")
     elif joint.p < level:
-        lines.append(f"Something changed ({together}), but no quantity alone tells what.")
+        both = [change for change in changes if change.name in joint.most]
+        moved = " and ".join(f"{change.name} by {change.change_pct:+.1f} %" for change in both)
+        lines.append(
+            f"Something changed ({together}), though no quantity alone by more than chance: {moved}, which the errors of "
+            "both trials would not move so together."
+        )
     else:
         lines.append(f"No change beyond what the uncertainties allow ({together}).")
         least = min(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from shipfp_rs.cli.options import Json, Replace, a_path, new_file, probability
-from shipfp_rs.cli.output import print_json, print_table, print_text
+from shipfp_rs.cli.output import print_json, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
 
@@ -32,6 +32,7 @@ def compare(
 ) -> None:
     """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
+    from shipfp_rs.experiments.parquet import read_experiments
     from shipfp_rs.identification.estimate import decimals, rounded
     from shipfp_rs.identification.fingerprint import Fingerprint
     from shipfp_rs.support.files import ending_in, replacing
@@ -41,7 +42,11 @@ def compare(
             raise InputError(f"{out}: is a fingerprint that is compared; choose another name")
         new_file(ending_in(out, ".png"), force=force)
     first, second = Fingerprint.load(before), Fingerprint.load(after)
-    comparison = compare_fingerprints(first, second, level=level)
+    beside = [path.parent / "experiments.parquet" for path in (before, after)]
+    data = [read_experiments(path) for path in beside] if all(path.is_file() for path in beside) else None
+    with progress() as notify:
+        notify("comparing")
+        comparison = compare_fingerprints(first, second, level=level, data=data)
     if out is not None:
         from shipfp_rs.plot.comparison import draw
 

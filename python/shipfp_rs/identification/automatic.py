@@ -35,6 +35,8 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set")
 """Combinations that a fingerprint tells beside the parameters."""
+FULL_SHIP = "the full ship"
+"""What a fingerprint's settings call the structure that is fitted where none is given."""
 LOWER, RESTARTS = 0.5, 2
 """A profile that meets a deviance lower by this begins again from there, so often."""
 COMBINED_TRIES = 3
@@ -340,7 +342,7 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
     values = {**c.given, **fit.values}
     names = structure_of(fit).names
     return {
-        "structure": "the full ship" if fit.question.structure is None else fit.question.structure.name,
+        "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
         "set_point": "straight lines" if fit.smooth is False else "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.identification.question import TRIED
@@ -106,7 +107,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
         tuple(channels),
         tuple(_window(experiment) for experiment in experiments),
         {name: float(value) for name, value in experiments[0].operating_point.items()},
-        "the full ship" if declared is None else declared.name,
+        FULL_SHIP if declared is None else declared.name,
         tuple(expected.structure["outputs"]),
         tuple(name for name in TRIED if name not in trial.identify.elements) if declared is None else (),
         expected,
