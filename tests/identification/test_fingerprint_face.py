@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import sys
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -14,6 +15,8 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.designs.subject import Subject
+from shipfp_rs.identification.fingerprint import Estimate
+from shipfp_rs.identification.question import question_of
 from shipfp_rs.structures.elements import ELEMENTS
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
@@ -130,7 +133,7 @@ def test_simulate_gives_what_the_ship_would_do_and_predict_what_it_did(found, tr
     excited = found.simulate(fp.signals.steps([13.0], 10.0, rate_hz=50.0))
     assert excited.signals["n_e"][-1] == pytest.approx(trial.operating_point["n_e"] + 13.0, abs=1.0)
     told = found.predict(trial)
-    share = np.std(told["n_e"] - trial.normalised("n_e")) / np.std(trial.normalised("n_e"))
+    share = np.std(told.normalised("n_e") - trial.normalised("n_e")) / np.std(trial.normalised("n_e"))
     assert share == pytest.approx(1.0 - 0.01 * found.fit["dn"]["nrmse_pct"], rel=0.1)
     bare = fp.Experiment("S1", 50.0, {"n_set": [1.0, 1.0, 1.0]}, {"n_set": 1.0})
     assert found.simulate(bare).signals["n_e"][0] == pytest.approx(trial.operating_point["n_e"])
@@ -349,3 +352,47 @@ def test_breakage_d3_what_a_search_writes_stands_together(found, tmp_path) -> No
     path.write_text(json.dumps(content))
     with pytest.raises(fp.InputError, match=r"settings\.converged: found None, expected true or false"):
         fp.Fingerprint.load(path)
+
+
+def test_a_step_at_the_first_sample_is_a_step(found) -> None:
+    steps = fp.Excitation("S1", "steps", 50.0, np.full(500, 13.0), "zero")
+    speed = found.simulate(steps).signals["n_e"]
+    point = found.data[0]["operating_point"]["n_e"]
+    assert speed[0] == pytest.approx(point, abs=0.05)
+    assert speed[-1] == pytest.approx(point + 13.0, abs=1.0)
+
+
+def test_delays_that_no_loop_notices_are_left_out_of_the_linearisation_and_named(found) -> None:
+    structure = fp.Structure.ship(["dead_time_loop", "dead_time_set_point"])
+    late = _at_starts(found, structure)
+    parameters = {
+        **late.parameters,
+        **dict.fromkeys(("T_d", "T_set"), Estimate(8e-5, 1e-4, (0.0, 3e-4), "s")),
+    }
+    optimum = {**late.settings["optimum"], "T_d": 0.05, "T_set": 8e-5}
+    late = replace(late, parameters=parameters, settings={**late.settings, "optimum": optimum})
+    transfer = late.to_tf(order=5)
+    assert "without T_set below 1 ms" in transfer.name
+    # T_d alone is approximated; a step of the set point reaches the torque through it, and not at once.
+    assert len(transfer.poles()) == 7
+    assert np.abs(late.to_ss(order=5).D).max() == 0.0
+
+
+def test_a_fingerprint_draws_and_predicts_what_it_was_fitted_to(found, trial) -> None:
+    assert found.experiments == (trial,)
+    np.testing.assert_array_equal(found.predict().signals["n_e"], found.predict(trial).signals["n_e"])
+    measured, model = fp.plot.fit(found)[0].get_lines()[1:]
+    assert np.ptp(model.get_ydata()) == pytest.approx(np.ptp(measured.get_ydata()), rel=0.1)
+    amplitude, _ = fp.plot.bode(found)
+    assert amplitude.get_xlabel() or amplitude.get_ylabel()
+    loaded = fp.Fingerprint._from_dict(json.loads(json.dumps(found.to_dict())))
+    for call in (loaded.predict, lambda: fp.plot.fit(loaded), lambda: fp.plot.bode(loaded)):
+        with pytest.raises(fp.InputError, match="give the one that is meant"):
+            call()
+
+
+def test_outputs_can_be_asked_for_by_the_names_of_signals(trial) -> None:
+    question = question_of([trial], outputs=["n_e", "M_b"])
+    assert question.outputs == ("dn", "dM")
+    with pytest.raises(fp.InputError, match="outputs: no 'M_x'"):
+        question_of([trial], outputs=["n_e", "M_x"])

@@ -78,7 +78,7 @@ def test_signals_of_one_unit_share_a_panel_and_masked_samples_are_counted(trial)
 
 
 def test_the_fit_is_drawn_in_the_unit_of_the_measurement(trial) -> None:
-    panels = plot.fit(trial, {"n_e": trial.normalised("n_e"), "M_g": trial.normalised("n_set")})
+    panels = plot.fit(trial, trial)
     assert labels_have_units(panels)
     asked, measured, model = panels[0].get_lines()
     asked = asked.get_ydata()  # thinned, no peak lost

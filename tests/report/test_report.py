@@ -17,6 +17,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import render, write_report
 from shipfp_rs.report.charts import thin
+from tests.report.echo import echo
 
 NASTY = "<script>alert('&')</script>"
 
@@ -77,7 +78,7 @@ def fingerprint(experiments) -> Fingerprint:
 
 @pytest.fixture(scope="module")
 def page(fingerprint, experiments) -> str:
-    simulated = [{"n_e": e.normalised("n_set"), "M_g": e.normalised("n_set")} for e in experiments]
+    simulated = [echo(one) for one in experiments]
     return render(fingerprint, experiments, simulated=simulated, truth={"tau_n": 1.3, "p": 2.0}, title=NASTY)
 
 
@@ -316,7 +317,7 @@ def test_eight_hours_with_many_faults_fit_into_ten_megabytes(fingerprint) -> Non
         replace(whole.window(3600.0 * hour, 3600.0 * (hour + 1), name=f"hour {hour}"), provenance=account)
         for hour in range(8)
     ]
-    models = [{name: hour.normalised("n_set") for name in ("n_e", "M_g")} for hour in hours]
+    models = [echo(hour) for hour in hours]
     page = render(fingerprint, hours, simulated=models)
     print(f"8 h, {len(whole):,} samples of 3 signals, 2 models: {len(page.encode()) / 1e6:.1f} MB")
     assert len(page.encode()) < 10e6

@@ -20,6 +20,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import write_report
 from tests.conftest import CHROMIUM
+from tests.report.echo import echo
 
 pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
@@ -87,7 +88,7 @@ def report(tmp_path_factory) -> Path:
         vessel=HOSTILE,
         verdict=(f"Known: tau_n. {HOSTILE}",),
     )
-    models = [{name: e.normalised("n_set") for name in ("n_e", "M_g")} for e in (experiment, other)]
+    models = [echo(one) for one in (experiment, other)]
     path = tmp_path_factory.mktemp("report") / "report.html"
     return write_report(path, fingerprint, [experiment, other], simulated=models, title=HOSTILE)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Experiment, Structure, identify
-from shipfp_rs.assessment.prediction import predict, predict_response
+from shipfp_rs.assessment.prediction import predict_response
 from shipfp_rs.assessment.validation import validate
 from shipfp_rs.errors import InputError
 from tests.identification.test_identifiability import (
@@ -57,10 +57,11 @@ def test_what_is_shared_is_known_better_than_from_either(trials, tmp_path):
     assert joint.identifiability.rank == joint.identifiability.free == len(TRUTH)
     loaded = type(joint).load(joint.save(tmp_path / "fingerprint.json"))
     assert loaded.structure["shared"] == ["T_d", "T_set", "p"]
-    again, given = predict(loaded, trials[0]), predict(loaded, trials[0], BOTH)
-    assert all(np.array_equal(again[signal], given[signal]) for signal in given)
+    again, given = loaded.predict(trials[0]), loaded.predict(trials[0], BOTH)
+    assert again.outputs.keys() == given.outputs.keys()
+    assert all(np.array_equal(again.signals[name], row) for name, row in given.outputs.items())
     for trial in trials:
-        rest = predict(loaded, trial, BOTH)["n_e"] - trial.normalised("n_e")
+        rest = loaded.predict(trial, BOTH).normalised("n_e") - trial.normalised("n_e")
         assert np.std(rest) < 3e-4
     assert validate(joint, trials[1], BOTH)["dn"] > 90.0
 

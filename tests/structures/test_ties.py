@@ -7,7 +7,7 @@ import pytest
 
 from shipfp_rs import Fingerprint, Structure, compare, design
 from shipfp_rs.assessment.closed_loop import closed_loop
-from shipfp_rs.assessment.prediction import predict, structure_of
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
@@ -119,7 +119,7 @@ def test_everything_that_starts_from_a_fingerprint_knows_its_ties(tmp_path):
     loaded = Fingerprint.load(found.save(tmp_path / "fingerprint.json"))
     assert structure_of(loaded).ties == TIED.ties
     assert loaded["vK_i"] == found["vK_i"]
-    assert np.array_equal(predict(loaded, made)["M_b"], predict(found, made, TIED)["M_b"])
+    assert np.array_equal(loaded.predict(made).signals["M_b"], found.predict(made, TIED).signals["M_b"])
     same = compare(found, loaded)
     assert [change.name for change in same.changes] == ["tau_n", "g", "vK_p"]
     assert same.joint.freedom == 3

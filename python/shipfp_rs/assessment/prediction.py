@@ -1,33 +1,14 @@
-"""What a fingerprint's model makes of an experiment, its own or another one (cross-validation)."""
+"""The structure and the frequency response of a fingerprint's model."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
-
-
-@checked
-def predict(
-    fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None
-) -> Mapping[str, Array]:
-    """Simulate the fitted model with an experiment's set point, as `Fingerprint.predict` does.
-
-    The parameters are taken as the search left them; where the data leave some open, any choice along the open
-    directions gives the same outputs. `InputError` where the structure has equations of a user's own and is not given, or
-    the experiment lacks an output.
-    """
-    structure = structure or structure_of(fingerprint)
-    return simulated_about(structure, fingerprint.optimum, experiment)
 
 
 @checked

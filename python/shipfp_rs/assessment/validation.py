@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from shipfp_rs.assessment.prediction import predict, structure_of
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -43,12 +43,9 @@ def validate(
         As `predict`.
     """
     structure = structure or structure_of(fingerprint)
-    predicted = predict(fingerprint, experiment, structure)
-    fits = {}
-    rows = zip(structure.outputs, structure.measured(experiment), predicted.values(), strict=True)
-    for output, measured, model in rows:
-        fits[output] = nrmse_pct(measured, measured - model)
-    return fits
+    predicted = structure.measured(fingerprint.predict(experiment, structure))
+    rows = zip(structure.outputs, structure.measured(experiment), predicted, strict=True)
+    return {output: nrmse_pct(measured, measured - model) for output, measured, model in rows}
 
 
 @dataclass(frozen=True)

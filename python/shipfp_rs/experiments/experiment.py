@@ -117,6 +117,11 @@ class Experiment(Tabular, EvenlySampled):
         object.__setattr__(self, "operating_point", MappingProxyType(dict(self.operating_point)))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
+    @property
+    def outputs(self) -> dict[str, Array]:
+        """The signals that answer: all but set point and load."""
+        return {name: row for name, row in self.signals.items() if name not in ("n_set", "M_load")}
+
     def __repr__(self) -> str:
         signals = ", ".join(self.signals)
         return f"Experiment({self.name!r}, {len(self)} samples at {self.rate_hz:g} Hz: {signals})"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
@@ -68,6 +69,8 @@ class Fingerprint(Told, Modelled):
         "misfit" of the model.
     si
         Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
+    experiments
+        What was fitted; a file does not hold it.
     """
 
     parameters: Mapping[str, Estimate]
@@ -89,6 +92,7 @@ class Fingerprint(Told, Modelled):
     usability: Usable = ""
     why_not: WhyNot = ""
     si: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    experiments: tuple[Experiment, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         check_fields(self, "fingerprint")

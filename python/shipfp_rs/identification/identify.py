@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -111,7 +112,15 @@ def identify(
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
-    return _given_ship(data, structure, options, vessel) or fitted(data, structure, options, vessel=vessel)
+    return _given_ship(data, structure, options, vessel) or _with(
+        fitted(data, structure, options, vessel=vessel), data
+    )
+
+
+def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
+    """Return the fingerprint with the experiments that it is of."""
+    given = [data] if isinstance(data, Experiment | FrequencyResponse) else data
+    return replace(fingerprint, experiments=tuple(one for one in given if isinstance(one, Experiment)))
 
 
 def _full_ship(
@@ -168,7 +177,7 @@ def _given_ship(
 
 def _answered(question: Question, options: Options, vessel: str | None) -> Fingerprint:
     with threadpool_limits(limits=1):
-        return identified(
+        found = identified(
             question.experiments,
             question,
             intervals=options.intervals,
@@ -177,6 +186,7 @@ def _answered(question: Question, options: Options, vessel: str | None) -> Finge
             vessel=vessel,
             time_limit_s=options.time_limit_s,
         )
+    return _with(found, question.experiments)
 
 
 def options_of(given: Mapping[str, Any]) -> Options:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,18 @@ from scipy.signal import ss2tf
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.structures.linearised import StateSpace, state_space
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, checked
-from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.tables import package
+
+DELAYS = ("T_d", "T_set", "tau_act", "T_M", "T_n")
+"""Delays that a linearisation approximates."""
+SHORT_S = 1e-3
+"""A delay found below this is none that a loop notices [s]."""
 
 
 class Modelled:
@@ -24,8 +30,10 @@ class Modelled:
 
     structure: Mapping[str, Any]
     settings: Mapping[str, Any]
+    parameters: Mapping[str, Estimate]
     data: tuple[Mapping[str, Any], ...]
     vessel: str | None
+    experiments: tuple[Experiment, ...]
 
     @property
     def optimum(self) -> Mapping[str, float]:
@@ -87,47 +95,93 @@ class Modelled:
         set_point = (
             drive.signals["n_set"] if isinstance(drive, Experiment) else point["n_set"] + drive.samples
         )
-        bare = Experiment(drive.name, drive.rate_hz, {"n_set": set_point}, point, drive.hold, drive.kind)
-        rows = model.part(drive.name).equations.simulate(values, bare)
+        # One sample at rest before: else a step at the start would be where the ship has always been.
+        begun = {"n_set": np.concatenate([[point["n_set"]], set_point])}
+        bare = Experiment(drive.name, drive.rate_hz, begun, point, drive.hold, drive.kind)
+        rows = model.part(drive.name).equations.simulate(values, bare)[:, 1:]
         signals = {
             signal: point[signal] * (row if signal == "E_n" else 1.0 + row)
             for signal, row in zip(names.values(), rows, strict=True)
         }
-        source = {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
         return Experiment(
-            drive.name, drive.rate_hz, {"n_set": set_point, **signals}, point, drive.hold, drive.kind, source
+            drive.name,
+            drive.rate_hz,
+            {"n_set": set_point, **signals},
+            point,
+            drive.hold,
+            drive.kind,
+            self._source(),
         )
 
     @checked
-    def predict(self, experiment: Experiment, structure: Structure | None = None) -> Mapping[str, Array]:
+    def predict(self, experiment: Experiment | None = None, structure: Structure | None = None) -> Experiment:
         """Return what the fitted model makes of an experiment, its initial state and offsets fitted to what was measured.
 
         Parameters
         ----------
         experiment
-            Set point and measured outputs.
+            Set point and measured outputs; None: the first one that was fitted, which a file does not hold.
         structure
             The fingerprint's; None rebuilds it.
 
         Returns
         -------
-        dict
-            Signal name to normalised deviation, shape (N,).
+        Experiment
+            Set point and outputs in the units of the measured signals, each sample.
 
         Raises
         ------
         InputError
             As `simulate`, or where an output was not measured.
         """
+        record = self.first(experiment)
         model, values = self._model(structure)
-        return simulated_about(model, values, experiment)
+        point = record.operating_point
+        signals = {
+            name: point[name] * (row if name == "E_n" else 1.0 + row)
+            for name, row in simulated_about(model, values, record).items()
+        }
+        return replace(
+            record, signals={"n_set": record.signals["n_set"], **signals}, provenance=self._source()
+        )
 
-    def _linearised(self, structure: Structure | None, order: int) -> StateSpace:
-        return state_space(*self._model(structure), order)
+    def first(self, experiment: Experiment | None = None) -> Experiment:
+        """Return an experiment that is given, or the first one that was fitted.
+
+        Raises
+        ------
+        InputError
+            Where none is given, and the fingerprint comes from a file or was fitted to responses.
+        """
+        if experiment is None and not self.experiments:
+            raise InputError(
+                "experiment: found none, and the fingerprint holds none; give the one that is meant"
+            )
+        return experiment or self.experiments[0]
+
+    def _source(self) -> dict[str, str]:
+        return {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
+
+    def _linearised(self, structure: Structure | None, order: int) -> tuple[StateSpace, str]:
+        """Return the linearisation without delays that no loop notices, and a name that says which."""
+        model, values = self._model(structure)
+        short = [
+            name
+            for name in DELAYS
+            if 0.0 < values.get(name, 0.0) < SHORT_S
+            and name in self.parameters
+            and self.parameters[name].status != "fixed"
+        ]
+        name = self.vessel or "drive train"
+        if short:
+            name += f", without {' and '.join(short)} below {1e3 * SHORT_S:g} ms"
+        return state_space(model, {**values, **dict.fromkeys(short, 0.0)}, order), name
 
     @checked
     def to_ss(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
         """Return the model linearised about the operating point as a state space of python-control, signals named.
+
+        Delays below 1 ms, which no loop notices, are left out, and its name says so.
 
         Parameters
         ----------
@@ -142,7 +196,7 @@ class Modelled:
             Where python-control is not installed, or the structure has no linearisation.
         """
         control = package("control", "python-control")
-        space = self._linearised(structure, order)
+        space, name = self._linearised(structure, order)
         return control.ss(
             space.A,
             space.B[:, None],
@@ -150,13 +204,16 @@ class Modelled:
             space.D[:, None],
             inputs=["dn_set"],
             outputs=list(space.outputs),
+            name=name,
         )
 
     @checked
     def to_tf(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
         """Return the same as transfer functions of python-control, one for each output; see `to_ss`."""
         control = package("control", "python-control")
-        space = self._linearised(structure, order)
+        space, name = self._linearised(structure, order)
         numerators, denominator = ss2tf(space.A, space.B[:, None], space.C, space.D[:, None])
         rows = [[np.trim_zeros(row, "f")] for row in numerators]
-        return control.tf(rows, [[denominator] for _ in rows], inputs=["dn_set"], outputs=list(space.outputs))
+        return control.tf(
+            rows, [[denominator] for _ in rows], inputs=["dn_set"], outputs=list(space.outputs), name=name
+        )

@@ -62,6 +62,14 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "zeta_twist": (0.0, 6.0),
 }
 """Between which parameters are searched; the same as those that structures declare."""
+OF_SIGNALS: Mapping[str, str] = {
+    "n_e": "dn",
+    "n_s": "dn",
+    **dict.fromkeys(SIGNALS, "dM"),
+    "X_f": "dX",
+    "E_n": "dE",
+}
+"""Outputs that may be asked for by the names of their signals."""
 KERNEL_OUTPUTS = {"dn": "dn", "dX": "dX", "dE": "dE"}
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
@@ -193,7 +201,9 @@ def question_of(
     first = next((name for name in SIGNALS if name in common), "")
     place = torque or SIGNALS.get(first, "brake")
     chosen = sides.get(place, first)
-    if outputs is None:
+    if outputs is not None:
+        outputs = [OF_SIGNALS.get(output, output) for output in outputs]
+    else:
         outputs = ["dn", *(["dM"] if chosen else []), *(["dX"] if "X_f" in common else [])]
     signals = {"dn": speed, "dM": chosen, "dX": "X_f", "dE": "E_n"}
     _require_outputs(outputs, signals, common)

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shipfp_rs.assessment.compared_responses import compared_responses
+from shipfp_rs.errors import InputError
+from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.plot.style import COLOURS, COMPARED, GREY, LABELS, dress, panels_of
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -14,12 +17,12 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from shipfp_rs.frequency import FrequencyResponse
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
 
 @checked
 def bode(
-    measured: FrequencyResponse,
+    measured: FrequencyResponse | Fingerprint,
     model: FrequencyResponse | None = None,
     axes: Sequence[Axes] | None = None,
 ) -> Sequence[Axes]:
@@ -28,7 +31,8 @@ def bode(
     Parameters
     ----------
     measured
-        Points; where it knows their standard deviations they get bars of two of these.
+        Points; where it knows their standard deviations they get bars of two of these. Of a fingerprint those of the first
+        experiment that was fitted, with the model's curve.
     model
         The model's response at frequencies of its own, ascending; measured phases are drawn on its turn.
     axes
@@ -38,6 +42,13 @@ def bode(
     -------
     sequence of Axes
     """
+    if not isinstance(measured, FrequencyResponse):
+        pairs = compared_responses(measured, [measured.first()])
+        if not pairs:
+            raise InputError(
+                "measured: the fingerprint's experiment excites no frequency well enough for a point"
+            )
+        measured, model = pairs[0][0], model or pairs[0][1]
     amplitude, phase = panels = panels_of(axes, 2, sharex=True)
     for index, (name, response) in enumerate(measured.response.items()):
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.plot.style import COLOURS, GREEN, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
 from shipfp_rs.support.arguments import checked
@@ -16,6 +16,8 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
 SPEEDS = ("n_e", "n_s")
 
@@ -58,50 +60,61 @@ def units(experiment: Experiment) -> tuple[str, ...]:
 
 @checked
 def fit(
-    experiment: Experiment,
-    simulated: Mapping[str, npt.ArrayLike],
+    measured: Experiment | Fingerprint,
+    model: Experiment | None = None,
     axes: Sequence[Axes] | None = None,
     *,
     stretch_s: tuple[float, float] | None = None,
+    signals: Sequence[str] | None = None,
 ) -> Sequence[Axes]:
     """Draw measured signals and the fitted model's, one panel a signal, and the set point beside a speed.
 
     Parameters
     ----------
-    experiment
-        The measured signals.
-    simulated
-        Signal name to the model's normalised deviation (as `Experiment.normalised`), shape (N,).
+    measured
+        The measured signals; of a fingerprint the first experiment that was fitted.
+    model
+        What a fingerprint's `predict` or `simulate` gives; needed where `measured` is no fingerprint.
     axes
         One a signal; made where None.
     stretch_s
         From when to when to draw [s], with the band in which 95 % of the measured samples are to be expected about the
         model: 1.96 standard deviations of what it leaves over in the whole record. None: all of it, without a band.
+    signals
+        Names of those that are drawn; None: all of the model's.
 
     Returns
     -------
     sequence of Axes
     """
-    panels = panels_of(axes, len(simulated), sharex=True)
+    if isinstance(measured, Experiment):
+        experiment = measured
+    else:
+        experiment, model = measured.first(), model or measured.predict()
+    if model is None:
+        raise InputError(
+            "model: found none beside an experiment, expected what a fingerprint's predict gives"
+        )
+    fitted = {name: row for name, row in model.outputs.items() if signals is None or name in signals}
+    panels = panels_of(axes, len(fitted), sharex=True)
     rows = (
         slice(None) if stretch_s is None else slice(*(round(end * experiment.rate_hz) for end in stretch_s))
     )
     time = experiment.time[rows]
-    for ax, (name, deviation) in zip(panels, simulated.items(), strict=True):
-        model = experiment.operating_point[name] * (1.0 + np.asarray(deviation, dtype=np.float64))
-        measured, color = experiment.signals[name], COLOURS[name]
+    for ax, (name, answer) in zip(panels, fitted.items(), strict=True):
+        recorded, color = experiment.signals[name], COLOURS[name]
         if stretch_s is not None:
-            half = DEVIATIONS_95 * float(np.nanstd(measured - model))
-            times, low = envelope(time, model[rows] - half)
-            _, high = envelope(time, model[rows] + half)
+            half = DEVIATIONS_95 * float(np.nanstd(recorded - answer))
+            times, low = envelope(time, answer[rows] - half)
+            _, high = envelope(time, answer[rows] + half)
             ax.fill_between(times, low, high, color=color, alpha=0.2, lw=0.0, label="95 % of samples")
         if name in SPEEDS and "n_set" in experiment.signals:
             point = experiment.operating_point
             scale = 1.0 if UNITS[name] == UNITS["n_set"] else point[name] / point["n_set"]
             asked = scale * experiment.signals["n_set"][rows]
             ax.plot(*envelope(time, asked), color=GREEN, lw=0.8, label="set point")
-        ax.plot(*envelope(time, measured[rows]), color=GREY, lw=1.0, label="measured")
-        ax.plot(*envelope(time, model[rows]), color=color, lw=1.2, label="model")
+        ax.plot(*envelope(time, recorded[rows]), color=GREY, lw=1.0, label="measured")
+        ax.plot(*envelope(time, answer[rows]), color=color, lw=1.2, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     if stretch_s is None:  # else the legend has its place
         panels[0].set_title(experiment.name, loc="left", parse_math=False)

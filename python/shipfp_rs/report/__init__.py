@@ -18,7 +18,6 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report import answer, elements, fate, findings, loop, markup
-from shipfp_rs.report.bode import compared_responses
 from shipfp_rs.report.charts import charts
 from shipfp_rs.report.driven import replacements
 from shipfp_rs.report.language import Say
@@ -29,7 +28,7 @@ from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import environment
 from shipfp_rs.vessel.vessel import Vessel
 
-__all__ = ["compared_responses", "render", "write_report"]
+__all__ = ["render", "write_report"]
 
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
 
@@ -40,7 +39,7 @@ STILL_PICTURES = 12
 class Content(TypedDict, total=False):
     """What a report may hold beside a fingerprint and its experiments; see `write_report`."""
 
-    simulated: Sequence[Mapping[str, Any]]
+    simulated: Sequence[Experiment]
     responses: Responses
     truth: Mapping[str, float] | None
     title: str
@@ -66,9 +65,9 @@ def write_report(
     experiments
         What it was fitted to.
     simulated
-        For each experiment, signal name to the fitted model's normalised deviation, shape (N,); may be empty.
+        For each experiment the fitted model's, as `Fingerprint.predict` gives it; may be empty.
     responses
-        Measured responses, each with the model's, for Bode plots; `compared_responses` makes them.
+        Measured responses, each with the model's, for Bode plots; `assessment.compared_responses` makes them.
     truth
         Name to true value, for simulated logs.
     title
@@ -92,7 +91,7 @@ def render(
     fingerprint: Fingerprint,
     experiments: Sequence[Experiment],
     *,
-    simulated: Sequence[Mapping[str, Any]] = (),
+    simulated: Sequence[Experiment] = (),
     responses: Responses = (),
     truth: Mapping[str, float] | None = None,
     title: str = "Fingerprint",
@@ -183,7 +182,7 @@ def _digest(script: str) -> str:
 
 
 def _signals(
-    experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], pictures: Pictures, say: Say
+    experiments: Sequence[Experiment], simulated: Sequence[Experiment], pictures: Pictures, say: Say
 ) -> Iterable[str]:
     for index, (experiment, chart) in enumerate(
         zip(experiments, charts(experiments, simulated, say), strict=True)
@@ -193,9 +192,9 @@ def _signals(
         yield chart
         if index >= STILL_PICTURES:
             continue
-        if simulated and simulated[index]:
+        if simulated:
             still = pictures.draw(
-                len(simulated[index]),
+                len(simulated[index].outputs),
                 partial(plot.fit, experiment, simulated[index]),
                 say(
                     "{name}: measured signals, and the model's answer to the same set point.",

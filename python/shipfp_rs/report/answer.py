@@ -50,7 +50,7 @@ NONE = 0.02
 def answer(
     fingerprint: Fingerprint,
     experiments: Sequence[Experiment],
-    simulated: Sequence[Mapping[str, Any]],
+    simulated: Sequence[Experiment],
     loop: Mapping[str, Estimate],
     step: str,
     pictures: Pictures,
@@ -325,16 +325,16 @@ def _listed(symbols: Iterable[str], say: Say) -> str:
 
 
 def _picture(
-    experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], pictures: Pictures, say: Say
+    experiments: Sequence[Experiment], simulated: Sequence[Experiment], pictures: Pictures, say: Say
 ) -> str:
     """Draw the stretch of the first experiment in which its speed moves most, measured and modelled."""
-    if not experiments or not simulated or not simulated[0]:
+    if not experiments or not simulated:
         return ""
-    experiment, model = experiments[0], dict(list(simulated[0].items())[:2])
-    stretch = _liveliest(experiment, np.asarray(next(iter(model.values())), dtype=np.float64))
+    experiment, model = experiments[0], dict(list(simulated[0].outputs.items())[:2])
+    stretch = _liveliest(experiment, next(iter(model.values())))
     return pictures.draw(
         len(model),
-        partial(plot.fit, experiment, model, stretch_s=stretch),
+        partial(plot.fit, experiment, simulated[0], stretch_s=stretch, signals=[*model]),
         say(
             "{name}, {start} to {stop} s: measurement, and the model's answer to the same set point. Shaded: 95 % of the "
             "measured samples lie this close to the model.",
@@ -348,7 +348,7 @@ def _picture(
     )
 
 
-def _stretch_csv(experiment: Experiment, model: Mapping[str, Any], stretch: tuple[float, float]) -> str:
+def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tuple[float, float]) -> str:
     """Return a stretch of an experiment, measured and modelled, as CSV."""
     rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
     columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
@@ -356,9 +356,7 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Any], stretch: tupl
         columns["n_set_rpm"] = experiment.signals["n_set"]
     for name, fitted in model.items():
         columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
-        columns[f"{name}_model"] = experiment.operating_point[name] * (
-            1.0 + np.asarray(fitted, dtype=np.float64)
-        )
+        columns[f"{name}_model"] = fitted
     values = np.column_stack([column[rows] for column in columns.values()])
     lines = [",".join(f"{value:.7g}" for value in row) for row in values]
     return "\n".join([",".join(columns), *lines]) + "\n"

@@ -56,7 +56,7 @@ BUTTONS = (
 """What zoom.js says."""
 
 
-def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, Any]], say: Say) -> list[str]:
+def charts(experiments: Sequence[Experiment], simulated: Sequence[Experiment], say: Say) -> list[str]:
     """Return a figure for each experiment.
 
     Samples are kept one by one where the page has room for all, else as smallest and largest of equal stretches, so
@@ -67,15 +67,15 @@ def charts(experiments: Sequence[Experiment], simulated: Sequence[Mapping[str, A
     experiments
         What was fitted.
     simulated
-        For each experiment, signal name to the fitted model's normalised deviation, shape (N,); may be empty.
+        For each experiment the fitted model's; may be empty.
     """
-    models = [*simulated] or [{}] * len(experiments)
+    models = [one.outputs for one in simulated] or [{}] * len(experiments)
     total = sum(len(e) * (len(e.signals) + 2 * len(m)) for e, m in zip(experiments, models, strict=True))
     width = 1 if total <= VALUES else -(-2 * total // VALUES)
     return [_chart(e, m, width, say) for e, m in zip(experiments, models, strict=True)]
 
 
-def _chart(experiment: Experiment, model: Mapping[str, Any], width: int, say: Say) -> str:
+def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: Say) -> str:
     marked = [fault for fault in faults(experiment) if not fault.kept]
     panels = []
     for unit in plot.signals.units(experiment):
@@ -86,7 +86,7 @@ def _chart(experiment: Experiment, model: Mapping[str, Any], width: int, say: Sa
             label = say.label(_label(name))
             series.append(_series(label, style.COLOURS[name], samples, width))
             if name in model:
-                fitted = experiment.operating_point[name] * (1.0 + np.asarray(model[name], dtype=np.float64))
+                fitted = model[name]
                 series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
                 left.append(
                     _panel(

@@ -169,21 +169,16 @@ class _Wiring:
         if not dead_time:
             return signal
         m = self.order
-        # Denominator from the highest power; the numerator's odd powers have the other sign.
-        late = np.array([comb(m, k) * factorial(2 * m - k) for k in range(m, -1, -1)], dtype=np.float64)
-        early = late * (-1.0) ** np.arange(m, -1, -1)
-        late, early = late / late[0], early / late[0]
-        direct = early[0]
-        rest = (early - direct * late)[1:]
+        # From the highest power. With one order less in the numerator nothing gets through at once, as it should.
+        late = np.array([comb(m, k) * factorial(2 * m - 1 - k) for k in range(m, -1, -1)], dtype=np.float64)
+        early = [(-1) ** k * comb(m - 1, k) * factorial(2 * m - 1 - k) for k in range(m - 1, -1, -1)]
+        late, early = late / late[0], np.array(early) / late[0]
         states = [self.state() for _ in range(m)]
         first = signal - sum((part * self.form(one) for part, one in zip(late[1:], states, strict=True)), 0.0)
         self.rates[states[0]] = np.asarray(first / dead_time)
         for one, before in zip(states[1:], states, strict=False):
             self.rates[one] = self.form(before) / dead_time
-        told = direct * signal + sum(
-            (part * self.form(one) for part, one in zip(rest, states, strict=True)), 0.0
-        )
-        return np.asarray(told)
+        return np.asarray(sum((part * self.form(one) for part, one in zip(early, states, strict=True)), 0.0))
 
     def built(self, outputs: Mapping[str, Form]) -> StateSpace:
         """Return the state space of these outputs."""

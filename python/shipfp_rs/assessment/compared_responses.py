@@ -1,20 +1,19 @@
-"""Measured frequency responses of experiments beside the fitted model's, for the report."""
+"""Measured frequency responses of experiments beside the fitted model's."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from shipfp_rs.assessment.prediction import predict, predict_response, structure_of
+from shipfp_rs.assessment.prediction import predict_response, structure_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, local_response
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
 
 SMOOTHED = 13
 """Bins over which the set point's power is averaged: as many as a point of `local_response` has at least."""
@@ -53,22 +52,14 @@ def compared_responses(
         try:
             model = predict_response(fingerprint, measured, structure=structure)
         except InputError:
-            model = _simulated(experiment, predict(fingerprint, experiment, structure), measured)
+            model = _simulated(fingerprint.predict(experiment, structure), measured)
         pairs.append((measured, replace(model, name=structure.name)))
     return pairs
 
 
-def _simulated(
-    experiment: Experiment, model: Mapping[str, Array], measured: FrequencyResponse
-) -> FrequencyResponse:
-    """Return the response of a model that made these deviations, at the measured frequencies."""
-    signals = {
-        name: experiment.operating_point[name] * (1.0 + row)
-        for name, row in model.items()
-        if name in measured.response
-    }
-    bare = replace(experiment, signals={"n_set": experiment.signals["n_set"], **signals})
-    response = local_response(bare, _band(experiment), signals=[*signals])
+def _simulated(model: Experiment, measured: FrequencyResponse) -> FrequencyResponse:
+    """Return the response of a model that made an experiment, at the measured frequencies."""
+    response = local_response(model, _band(model), signals=[*measured.response])
     return response.select(np.isin(response.frequency_hz, measured.frequency_hz))
 
 
