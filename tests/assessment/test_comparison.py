@@ -32,7 +32,7 @@ from tests.launch import noise
 
 TUG = linearise(Vessel.load("stan-tug-1205"))
 STRUCTURE = Structure.linear(torque="gauge", products=True, free_exponent=True)
-CHIRP = signals.chirp(0.01, 1.5, 240.0, 40.0, rate_hz=50.0)
+CHIRP = signals.chirp(0.01, 1.5, 240.0, 40.0, rate_hz=20.0)
 POINT = {"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0}
 NOISE, COLOUR = np.array([[2.4e-4], [1.2e-2]]), 0.58
 """What `shipfp demo` leaves over of speed and torque, relative to the operating point, and its speed's correlation."""
@@ -56,9 +56,8 @@ def fingerprint(
     clean = STRUCTURE.equations.simulate(truth, bare)
     dn, dM = clean + NOISE * noise(clean.shape, COLOUR, seed)
     measured = {"n_e": POINT["n_e"] * (1.0 + dn), "M_g": POINT["M_g"] * (1.0 + dM)}
-    return identify(
-        replace(bare, signals=set_point | measured), structure, vessel="stan-tug-1205", **settings
-    )
+    options = {"intervals": "symmetric", **settings}
+    return identify(replace(bare, signals=set_point | measured), structure, vessel="stan-tug-1205", **options)
 
 
 def _pair(job: tuple[int, float]) -> tuple[bool, bool]:
@@ -94,8 +93,8 @@ def pair() -> tuple[Fingerprint, Fingerprint]:
 
 
 def test_a_few_pairs_without_a_change_raise_few_alarms():
-    alarms = sum(_short_pair(draw, 1.0) < 0.05 for draw in range(20))
-    assert alarms <= binom.ppf(0.999, 20, 0.07)
+    alarms = sum(_short_pair(draw, 1.0) < 0.05 for draw in range(8))
+    assert alarms <= binom.ppf(0.999, 8, 0.07)
 
 
 def _short_pair(draw: int, inertia: float) -> float:

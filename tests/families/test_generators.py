@@ -168,7 +168,9 @@ def test_margins_tell_a_stable_loop_from_an_unstable_one():
     assert not has_margins(BASE | {"vK_p": 40.0, "T_d": 0.15})
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "family", ["tug", *(pytest.param(one, marks=pytest.mark.slow) for one in FAMILIES if one != "tug")]
+)
 def test_draws_are_seeded_and_keep_their_ranges(family):
     some = [draw(family, seed, longest_s=240.0) for seed in range(16)]
     again = draw(family, 3, longest_s=240.0)
@@ -191,7 +193,9 @@ def test_draws_are_seeded_and_keep_their_ranges(family):
     assert ((on > 0) & (on < len(some))).all()
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "family", ["tug", *(pytest.param(one, marks=pytest.mark.slow) for one in FAMILIES if one != "tug")]
+)
 def test_experiments_hold_the_trial(family):
     # The launch is integrated by solve_ivp, where sampling governors take long.
     one = replace(draw(family, 0 if family == "launch" else 2, longest_s=200.0), late_s=None)
@@ -325,6 +329,7 @@ def only(elements, kind):
     return replace(one, water=None, late_s=None)
 
 
+@pytest.mark.slow
 def test_an_element_matters_by_its_effect_against_the_noise():
     """A dead time of 0.1 s does, one of a tenth of a millisecond does not; less noise makes more matter."""
     one = only({"T_set"}, kind="multisine")

@@ -77,6 +77,7 @@ def test_a_step_between_two_instants_keeps_its_time_in_the_mean():
     assert np.abs(excitation(times) - seen).max() > 0.02
 
 
+@pytest.mark.slow
 def test_steps_keep_the_governors_time_or_none():
     kept, off = [], []
     for seed in range(24):
@@ -93,6 +94,7 @@ def test_steps_keep_the_governors_time_or_none():
     assert min(off) > 0.4
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_rate_acts_where_a_draw_has_one():
     some = [one for one in (draw("tug", seed, longest_s=201.0) for seed in range(16)) if "rate" in one.on]
     assert 2 <= len(some) <= 12

@@ -26,7 +26,8 @@ def test_a_fit_of_the_right_structure_alarms_no_more_often_than_it_says():
     draws, probabilities, alarmed = 60, [], 0
     for draw in range(draws):
         correlation = (0.0, 0.9, 0.99)[draw % 3]
-        fingerprint = identify(noisy_record(EXCITATION, 0.05, correlation, [1, draw]), STRUCTURE)
+        record = noisy_record(EXCITATION, 0.05, correlation, [1, draw])
+        fingerprint = identify(record, STRUCTURE, intervals="symmetric")
         alarmed += bool(alarms(fingerprint))
         probabilities.append([fingerprint.fit[output]["input_correlation_p"] for output in ("dn", "dM")])
     assert alarmed <= 0.05 * draws
@@ -58,7 +59,8 @@ def outside(test):
 def test_the_correlogram_shows_what_the_tests_say():
     """One lag in twenty outside the band by chance (60 draws, 25 lags), most of them where noise was taken for white."""
     white = [
-        identify(noisy_record(EXCITATION, 0.05, 0.0, [2, k]), STRUCTURE, noise="white") for k in range(60)
+        identify(noisy_record(EXCITATION, 0.05, 0.0, [2, k]), STRUCTURE, noise="white", intervals="symmetric")
+        for k in range(60)
     ]
     # The noise beside a set point's lag is told from residuals nearby, so that its band is a little too narrow.
     for kind, apart in (("autocorrelation", 0.02), ("set_point", 0.05)):

@@ -172,7 +172,7 @@ def test_channels_free_of_noise_weigh_no_more_than_their_accuracy_a10():
         assert holds(found, name, truth), name
 
 
-@pytest.mark.parametrize("late_s", [1.3, 7.1])
+@pytest.mark.parametrize("late_s", [7.1, pytest.param(1.3, marks=pytest.mark.slow)])
 def test_a_window_that_begins_in_the_middle_of_the_excitation_tells_the_same_a6(late_s, drawn):
     ship, experiment = drawn
     begin = ship.excitation.start_s

@@ -269,6 +269,7 @@ print(fit([back], 1.51), fp.plot.bode(response), samples)
 """
 
 
+@pytest.mark.slow
 def test_a_users_script_passes_mypy_strict_and_a_wrong_one_does_not(tmp_path) -> None:
     api = pytest.importorskip("mypy.api")
     good, bad = tmp_path / "good.py", tmp_path / "bad.py"

@@ -111,6 +111,7 @@ def test_the_chirp_is_cut_where_it_passes_the_frequency_up_to_which_the_ship_is_
     assert crossings / 5.0 == pytest.approx(LAST_HZ, abs=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_the_chirp")
 def test_the_command_puts_the_truth_beside_both_structures(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["reproduce", "twin", "--json"]) == 0
