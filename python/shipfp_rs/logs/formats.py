@@ -9,6 +9,10 @@ from pathlib import Path
 
 from shipfp_rs.errors import InputError, ShipfpError
 
+MOST_PACKED = 10_000
+"""Samples that a byte of a file can stand for, where a channel hardly changes."""
+MANY_SAMPLES = 1_000_000_000
+"""Samples that are read in seconds, whatever they are packed in."""
 MODULES = {
     ".parquet": "parquet",
     ".pq": "parquet",
@@ -101,3 +105,10 @@ def one_line_errors(path: Path) -> Iterator[None]:
         raise InputError(
             f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
         ) from error
+
+
+def require_credible(path: Path, samples: int) -> None:
+    """Refuse a file that tells of more samples than its bytes can hold, however packed: to read them would not end."""
+    size = path.stat().st_size
+    if samples > max(MOST_PACKED * size, MANY_SAMPLES):
+        raise InputError(f"{path}: tells of {samples:.3g} samples in {size} bytes; is the file damaged?")

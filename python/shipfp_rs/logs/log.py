@@ -17,7 +17,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors
+from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors, require_credible
 from shipfp_rs.support import hints, units
 from shipfp_rs.support.arguments import checked
 
@@ -127,6 +127,7 @@ class Log:
                 raise InputError(f"{path}: {words[key]} is of no use for this format; leave it out")
         with one_line_errors(path):
             log = reader(path, rate_hz, **options)
+        require_credible(path, sum(channel.samples for channel in log.channels.values()))
         rates = {channel.rate_hz for channel in log.channels.values()}
         if rate_hz is not None and not np.isclose(list(rates), rate_hz, rtol=1e-6).any():
             told = f"{path}: a rate of {rate_hz:g} Hz is given but not used; the file tells {min(rates):g} Hz itself"

@@ -1,0 +1,258 @@
+"""Bad and hostile inputs are safe: each costs one line, nothing hangs, nothing is shown or taken that is not the trial's."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from shipfp_rs import cli
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.log import Log
+from tests.cli.small_trial import SMALL, small_log
+from tests.view.serving import served
+
+SECRET = b"a line of another file\n" * 10
+LONG = "1" * 5000
+"""A whole number of more digits than Python turns into one."""
+DEEP = "[" * 100_000
+
+
+@pytest.fixture(scope="module")
+def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of a small trial, made once."""
+    return small_log().write(tmp_path_factory.mktemp("small") / "log.parquet")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, log_file: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder with a small trial."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.parquet").hardlink_to(log_file)
+    (tmp_path / "TRIAL.toml").write_text(SMALL, encoding="utf-8")
+    return tmp_path
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command that must be refused, and return its one line."""
+    status = cli.main(arguments)
+    told = capsys.readouterr()
+    assert (status, told.out) == (2, ""), told
+    assert told.err.count("\n") == 1
+    assert "internal" not in told.err
+    return told.err
+
+
+def _external_storage(h5py, path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        stored = file.create_dataset("u", (100,), dtype="i1", external=[("secret", 0, 100)])
+        stored.attrs["rate_hz"] = 10.0
+
+
+def _virtual_dataset(h5py, path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        layout = h5py.VirtualLayout((100,), "f8")
+        layout[:] = h5py.VirtualSource("other.h5", "u", (100,))
+        file.create_virtual_dataset("u", layout).attrs["rate_hz"] = 10.0
+
+
+def _external_link(h5py, path: Path) -> None:
+    # Words beside a table name its columns, wherever they stand.
+    with h5py.File(path, "w") as file:
+        file.create_dataset("table", data=np.zeros((100, 2))).attrs["rate_hz"] = 10.0
+        file["words"] = h5py.ExternalLink("other.h5", "/words")
+
+
+def _external_group(h5py, path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("u", data=np.zeros(100)).attrs["rate_hz"] = 10.0
+        file.create_group("inner")["all"] = h5py.ExternalLink("other.h5", "/")
+
+
+def _endless(h5py, path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("u", (10**13,), dtype="f8", chunks=(1000,)).attrs["rate_hz"] = 10.0
+
+
+@pytest.mark.parametrize(
+    ("write", "said"),
+    [
+        pytest.param(_external_storage, "in another file", id="d5-external-storage"),
+        pytest.param(_virtual_dataset, "in another file", id="d5-virtual-dataset"),
+        pytest.param(_external_link, "leads into another file", id="d5-external-link"),
+        pytest.param(_external_group, "leads into another file", id="d5-external-link-to-a-group"),
+        pytest.param(_endless, "tells of 1e+13 samples", id="d6-more-samples-than-bytes-can-hold"),
+    ],
+)
+def test_an_hdf5_file_shows_its_own_bytes_only(
+    write: Callable[..., None], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    Path("secret").write_bytes(SECRET)
+    with h5py.File("other.h5", "w") as file:
+        file.create_dataset("u", data=np.arange(100.0))
+        file.create_dataset("words", data=["one", "two"], dtype=h5py.string_dtype())
+    write(h5py, Path("log.h5"))
+    with pytest.raises(InputError, match=said.replace("+", r"\+")):
+        Log.open("log.h5")
+
+
+def test_an_hdf5_file_with_links_of_its_own_is_read(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file.create_dataset("u", data=np.arange(100.0)).attrs["rate_hz"] = 10.0
+        file["same"] = h5py.SoftLink("/u")
+        file["one"], file["two"] = h5py.SoftLink("/two"), h5py.SoftLink("/one")
+        file["inner/all"] = file["/"]
+    assert Log.open(tmp_path / "log.h5").read("u")[-1] == 99.0
+
+
+@pytest.mark.parametrize(
+    "sandbox", [False, True], ids=["d5-token", "d5-token-where-no-file-can-stand-beside-the-log"]
+)
+def test_the_pages_secret_is_not_among_the_arguments_of_the_browser(
+    sandbox: bool, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened = []
+    ended = threading.Event()
+    ended.set()
+    monkeypatch.setattr("shipfp_rs.view.server.end_asked_for", lambda: ended)
+
+    def open_browser(address: str) -> None:
+        file = Path(address.removeprefix("file://"))
+        opened.append((address, file.read_text(), file.parent.stat().st_mode & 0o777))
+
+    monkeypatch.setattr("webbrowser.open", open_browser)
+    if sandbox:
+        monkeypatch.setattr("shipfp_rs.view.server.UNSHARED", 0o7777)
+    assert cli.main(["view", "log.parquet"]) == 0
+    ((address, text, rights),) = opened
+    shown = capsys.readouterr().out.split()[1]
+    assert shown.split("/")[3] not in address
+    assert (shown in text, rights) == (True, 0o700)
+    assert sorted(path.name for path in folder.iterdir()) == ["TRIAL.toml", "log.parquet"]
+
+
+def test_d5_the_file_that_is_handed_over_opens_the_page(folder: Path, browser) -> None:
+    from shipfp_rs.view.server import handed_over
+
+    with served(folder) as caller, handed_over(caller.server.address, folder) as file:
+        page = browser.new_page()
+        page.goto(file)
+        page.wait_for_url(caller.server.address)
+        page.wait_for_selector("body[data-ready]")
+
+
+ODD_FILES: dict[str, Callable[[Path], object]] = {
+    "d5-fifo": lambda path: os.mkfifo(path / "x.toml"),
+    "d5-folder": lambda path: (path / "x.toml").mkdir(),
+    "d5-dangling-link": lambda path: (path / "x.toml").symlink_to("nowhere"),
+    "d2-links-in-a-loop": lambda path: (path / "x.toml").symlink_to("x.toml"),
+    "d2-links-in-a-loop-as-the-trials-log": lambda path: (
+        (path / "y").symlink_to("y"),
+        (path / "x.toml").write_text('[trial]\nlog = "y"'),
+    ),
+    "d5-device": lambda path: (path / "x.toml").symlink_to("/dev/zero"),
+    "d5-device-as-a-log": lambda path: (path / "x.csv").symlink_to("/dev/zero"),
+    "d2-deep-toml": lambda path: (path / "x.toml").write_text("a = " + DEEP),
+    "d2-numbers-of-thousands-of-digits": lambda path: (path / "x.toml").write_text(f"a = {LONG}"),
+    "d2-a-log-with-a-nul-in-its-name": lambda path: (path / "x.toml").write_text('[trial]\nlog = "a\\u0000"'),
+    "d2-trial-that-is-a-number": lambda path: (path / "x.toml").write_text("trial = 1"),
+    "d2-name-that-is-not-utf-8": lambda path: (
+        (path / os.fsdecode(b"\xff.csv")).write_text("t\n1\n"),
+        (path / os.fsdecode(b"\xff.toml")).write_text(""),
+    ),
+    "d5-fingerprint-is-a-fifo": lambda path: os.mkfifo(path / "run/fingerprint.json"),
+    "d5-fingerprint-is-deep": lambda path: (path / "run/fingerprint.json").write_text('{"a":' + DEEP),
+    "d5-fingerprint-with-half-a-character": lambda path: (path / "run/fingerprint.json").write_text(
+        '{"vessel": "\\ud800"}'
+    ),
+    "d2-fingerprint-whose-verdict-is-a-number": lambda path: (path / "run/fingerprint.json").write_text(
+        '{"verdict": 5, "vessel": [1], "structure": 2}'
+    ),
+    "d2-fingerprint-with-a-number-of-thousands-of-digits": lambda path: (
+        path / "run/fingerprint.json"
+    ).write_text(f'{{"usable": {LONG}}}'),
+    "d2-summary-whose-draws-are-lists": lambda path: (path / "run/summary.json").write_text(
+        '{"draws": {"total": [[]], "done": null}}'
+    ),
+    "d6-pyramid-is-a-fifo": lambda path: os.mkfifo(path / "log.parquet.shipfp-pyramid"),
+}
+
+
+@pytest.mark.parametrize("odd", ODD_FILES.values(), ids=ODD_FILES)
+def test_one_odd_file_does_not_disable_the_page(odd: Callable[[Path], object], folder: Path) -> None:
+    for name in ("run", "well"):
+        (folder / name).mkdir()
+    odd(folder)
+    (folder / "well" / "fingerprint.json").write_text('{"vessel": "tug", "verdict": ["Known: p."]}')
+    with served(folder) as caller:
+        told = caller.get("folder")
+        assert told["status"] == 200, told
+        assert "log.parquet" in [log["name"] for log in told["logs"]]
+        assert [trial["name"] for trial in told["trials"]] in (["TRIAL.toml"], ["TRIAL.toml", "x.toml"])
+        results = caller.get("results")
+        assert results["status"] == 200
+        assert "Known: p." in [one["verdict"] for one in results["results"]]
+        doc = next(trial["doc"] for trial in told["trials"] if trial["name"] == "TRIAL.toml")
+        assert "draft" in caller.get("draft", doc=doc)
+        assert caller.until_read(doc)["state"] == "done"
+
+
+POSTS = {
+    "d2-half-a-character-as-a-key": '{"\\ud800": 1}',
+    "d2-half-a-character-as-a-file": '{"doc": 0, "file": "\\udcff.toml", "draft": {}}',
+    "d2-half-a-character-in-a-draft": '{"doc": 0, "file": "x.toml", "draft": {"name": "\\udfff"}}',
+    "d2-bytes-that-are-not-utf-8": '{"doc": 0, "file": "\udcff.toml", "draft": {}}',
+    "d2-number-of-thousands-of-digits": f'{{"doc": {LONG}}}',
+    "d2-deep-draft": '{"doc": 0, "file": "x.toml", "draft": {"name": ' + "[" * 900 + "]" * 900 + "}}",
+    "d2-nan": '{"doc": NaN, "file": "x.toml"}',
+}
+
+
+@pytest.mark.parametrize("name", ["save", "preview", "process", "job", "stop"])
+@pytest.mark.parametrize("body", POSTS.values(), ids=POSTS)
+def test_an_odd_post_is_answered_in_a_line(name: str, body: str, page: SimpleNamespace) -> None:
+    status, _, answer = page.caller.ask(
+        f"/{page.caller.server.token}/api/{name}", "POST", body.encode("utf-8", "surrogateescape"),
+        Origin=page.caller.server.origin, Content_Type="application/json",
+    )  # fmt: skip
+    told = json.loads(answer)["error"]
+    assert status == 400, told
+    assert "\n" not in told
+    assert "internal" not in told
+    assert [path.name for path in page.folder.iterdir() if path.suffix == ".toml"] == []
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory, log_file: Path):
+    """A page of a folder with one log."""
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "log.parquet").hardlink_to(log_file)
+    with served(folder) as caller:
+        caller.server.desk.open(folder / "log.parquet")
+        yield SimpleNamespace(caller=caller, folder=folder)
+
+
+DESCRIPTIONS = {
+    "d1-number-of-thousands-of-digits": SMALL.replace("scale = 1.0 }", f"scale = {LONG} }}"),
+    "d1-vessel-is-an-endless-device": SMALL.replace('"stan-tug-1205"', '"/dev/zero"'),
+    "d1-vessel-is-a-terminal": SMALL.replace('"stan-tug-1205"', '"/dev/tty"'),
+    "d1-vessel-with-a-nul-in-its-name": SMALL.replace('"stan-tug-1205"', '"a\\u0000.toml"'),
+    "d1-log-is-an-endless-device": SMALL.replace("log.parquet", "/dev/zero"),
+}
+
+
+@pytest.mark.parametrize("text", DESCRIPTIONS.values(), ids=DESCRIPTIONS)
+def test_a_trial_that_can_not_be_read_to_its_end_costs_one_line(
+    text: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "TRIAL.toml").write_text(text)
+    refused(["check", "TRIAL.toml"], capsys)
