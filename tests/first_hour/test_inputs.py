@@ -6,14 +6,17 @@ import json
 import os
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import shipfp_rs as fp
 from shipfp_rs import cli
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from tests.cli.small_trial import SMALL, small_log
 from tests.view.serving import served
@@ -256,3 +259,86 @@ def test_a_trial_that_can_not_be_read_to_its_end_costs_one_line(
 ) -> None:
     (folder / "TRIAL.toml").write_text(text)
     refused(["check", "TRIAL.toml"], capsys)
+
+
+@pytest.fixture(scope="module")
+def record() -> fp.Experiment:
+    """A launch in a chirp."""
+    chirp = fp.signals.chirp(0.05, 1.0, 40.0, 39.0, rate_hz=50.0)
+    noise = {"n_e": 0.02, "M_b": 0.02, "M_g": 0.02, "X_f": 0.02}
+    record = fp.simulate(fp.Vessel.load("stan-launch-804"), chirp, noise=noise, seed=1)
+    return replace(record, signals={name: record.signals[name] for name in ("n_set", *noise)})
+
+
+ASKED: dict[str, tuple[dict[str, Any], str]] = {
+    "d1-fixed-of-zero": ({"fixed": {"tau_n": 0.0}}, "tau_n: fixed at 0, expected more than 0"),
+    "d1-ratio-fixed-at-zero": ({"fixed": {"v": 0.0}}, "v: fixed at 0, expected more than 0"),
+    "d1-limit-fixed-at-zero": ({"fixed": {"M_max": 0.0}}, "M_max: fixed at 0, expected more than 0"),
+    "d1-dead-time-fixed-without-end": ({"fixed": {"T_d": 1e15}}, "fixed.T_d: found 1e+15, expected 0 to 0.6"),
+    "d1-prior-without-width": (
+        {"priors": {"T_d": (0.1, 0.0)}},
+        "priors.T_d: found a standard deviation of 0",
+    ),
+    "d1-prior-far-away": (
+        {"priors": {"tau_n": (1e9, 1.0)}},
+        "priors.tau_n: found 1e+09, expected 0.01 to 20",
+    ),
+    "d3-outputs-without-speed": ({"outputs": ["dM"]}, "no 'dn', expected the speed among them"),
+    "d6-output-not-known": ({"outputs": ["dQ"]}, "no 'dQ', expected some of dn, dM, dX, dE"),
+    "b4-output-by-its-signal": ({"outputs": ["n_e"]}, "no 'n_e', expected some of dn, dM, dX, dE"),
+    "d6-output-not-measured": ({"outputs": ["dn", "dE"]}, "'dE' was not measured in every experiment"),
+    "d6-no-outputs": ({"outputs": []}, "no 'dn', expected the speed among them"),
+}
+
+
+@pytest.mark.parametrize(("asked", "said"), ASKED.values(), ids=ASKED)
+def test_what_no_ship_can_have_is_refused_before_the_fit(
+    asked: dict[str, Any], said: str, record: fp.Experiment
+) -> None:
+    with pytest.raises(InputError) as caught:
+        fp.identify(record, torque="brake", **asked)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("torque", ["brake", "gauge"])
+def test_d6_a_speed_that_never_moves_is_refused(torque: Any, record: fp.Experiment) -> None:
+    still = np.full_like(record.signals["n_e"], record.operating_point["n_e"])
+    with pytest.raises(InputError, match="n_e does not follow the set point"):
+        fp.identify(replace(record, signals={**record.signals, "n_e": still}), torque=torque)
+
+
+def test_d3_a_ship_of_which_the_torque_alone_is_compared_is_fitted(record: fp.Experiment) -> None:
+    structure = fp.Structure.ship(torque="brake", outputs=["dM"])
+    found = fp.identify(record, structure, starts=1, intervals="symmetric", time_limit_s=1.0)
+    assert found.structure["outputs"] == ["dM"]
+
+
+def test_a_limit_that_is_known_is_fitted_with_its_element(record: fp.Experiment) -> None:
+    found = fp.identify(record, fixed={"M_max": 3.0}, intervals="symmetric", time_limit_s=1.0)
+    assert found.parameters["M_max"].value == 3.0
+
+
+def _sparse(io, sparse, path: Path) -> None:
+    io.savemat(path, {"u": np.arange(9.0), "fs": 10.0, "S": sparse.csc_matrix(np.eye(3))})
+
+
+def _complex(io, sparse, path: Path) -> None:
+    io.savemat(path, {"u": np.arange(9.0), "fs": 10.0, "S": np.arange(9.0) + 1j})
+
+
+@pytest.mark.parametrize(
+    ("write", "left_out"),
+    [
+        pytest.param(_sparse, "S", id="d6-sparse-matrix"),
+        pytest.param(_complex, r"S \(complex\)", id="d7-complex-numbers"),
+    ],
+)
+def test_what_is_no_channel_of_a_matlab_file_is_left_out_with_a_word(
+    write: Callable[..., None], left_out: str, tmp_path: Path
+) -> None:
+    from scipy import io, sparse
+
+    write(io, sparse, tmp_path / "log.mat")
+    with pytest.warns(LogWarning, match=f"no vectors of numbers: {left_out}; left out"):
+        log = Log.open(tmp_path / "log.mat")
+    assert list(log.channels) == ["u"]
