@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,13 +13,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
-from tests.cli.small_trial import SMALL, small_log
+from shipfp_rs.sweeps.store import opened
+from tests.cli.small_trial import SMALL, SWEEP, small_log
 from tests.view.serving import served
 
 SECRET = b"a line of another file\n" * 10
@@ -342,3 +345,109 @@ def test_what_is_no_channel_of_a_matlab_file_is_left_out_with_a_word(
     with pytest.warns(LogWarning, match=f"no vectors of numbers: {left_out}; left out"):
         log = Log.open(tmp_path / "log.mat")
     assert list(log.channels) == ["u"]
+
+
+@pytest.mark.parametrize("closed", ["stdout", "stderr", "stdin"], ids=lambda name: f"d3-closed-{name}")
+def test_a_stream_that_the_caller_has_closed_ends_no_command(
+    closed: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, closed, None)
+    assert cli.main(["convert", "log.parquet", "again.parquet"]) == 0
+    getattr(sys, closed).close()
+    assert Log.open("again.parquet").channels == Log.open("log.parquet").channels
+    monkeypatch.setattr(sys, closed, None)
+    assert cli.main(["convert", "nothing.parquet", "new.parquet"]) == 2
+    getattr(sys, closed).close()
+
+
+@pytest.mark.parametrize(("given", "left"), [("4,2", "4"), ("nope", "1"), ("", "1"), ("3", "3")])
+def test_d6_numbers_of_threads_are_such_as_libraries_read(
+    given: str, left: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    monkeypatch.setenv("MPLBACKEND", "nope")
+    assert cli.main(["--version"]) == 0
+    assert (os.environ["OMP_NUM_THREADS"], os.environ["MPLBACKEND"]) == (left, "agg")
+
+
+def test_d6_reproduce_alone_says_that_a_command_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["reproduce"]) == 2
+    assert capsys.readouterr().err == "shipfp: error: no command given, expected one; see shipfp --help\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["inspect", "log.parquet"], ["init", "new", "--log", "log.parquet"]],
+    ids=["d2-time-of-inspect", "d2-time-of-init"],
+)
+def test_an_empty_name_of_the_time_is_none(
+    command: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "time is empty" in refused([*command, "--time", ""], capsys)
+
+
+def test_d2_a_scheduler_that_does_not_answer_leaves_no_folder(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed")
+    (folder / "SWEEP.toml").write_text(SWEEP)
+    refused(["sweep", "SWEEP.toml", "--out", "sw", "--address", "nowhere"], capsys)
+    assert not (folder / "sw").exists()
+
+
+MANIFESTS: dict[str, Callable[[Path], object]] = {
+    "d6-fifo": os.mkfifo,
+    "d6-device": lambda path: path.symlink_to("/dev/zero"),
+    "d6-deep": lambda path: path.write_text(DEEP),
+    "d6-half-a-character": lambda path: path.write_text('{"format": 1, "sweep": {"\\ud800": 1}}'),
+    "d6-format-alone": lambda path: path.write_text('{"format": 1}'),
+    "d6-negative-part": lambda path: path.write_text(
+        '{"format": 1, "draws": 2, "part_draws": 1, "below": -5, "beyond": [], "finished": false, "sweep": {}}'
+    ),
+}
+
+
+@pytest.mark.parametrize("write", MANIFESTS.values(), ids=MANIFESTS)
+def test_what_is_no_manifest_is_refused(
+    write: Callable[[Path], object], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "SWEEP.toml").write_text(SWEEP)
+    (folder / "sw").mkdir()
+    write(folder / "sw" / "manifest.json")
+    refused(["sweep", "SWEEP.toml", "--out", "sw"], capsys)
+
+
+SCHEMA = pa.schema([("index", pa.int64()), ("x", pa.float64())])
+
+
+def _flipped(one: Path, other: Path) -> None:
+    content = bytearray(one.read_bytes())
+    content[content.index(np.float64(1.5).tobytes()) + 6] ^= 1
+    one.write_bytes(content)
+
+
+def _swapped(one: Path, other: Path) -> None:
+    first, second = one.read_bytes(), other.read_bytes()
+    one.write_bytes(second)
+    other.write_bytes(first)
+
+
+@pytest.mark.parametrize(
+    ("damage", "whole"),
+    [
+        pytest.param(lambda one, other: None, 2, id="as-written"),
+        pytest.param(_flipped, 1, id="d7-flipped-byte"),
+        pytest.param(_swapped, 0, id="d7-swapped-files"),
+    ],
+)
+def test_parts_of_a_sweep_that_are_not_as_written_are_made_again(
+    damage: Callable[[Path, Path], object], whole: int, tmp_path: Path
+) -> None:
+    record = {"seed": 1}
+    with opened(tmp_path / "sw", record, SCHEMA, draws=9, part_draws=3) as store:
+        for part in (0, 1):
+            rows = {"index": [*store.draws_of(part)], "x": [1.5, 2.5 + part, 3.5]}
+            store.add(part, pa.RecordBatch.from_pydict(rows, schema=SCHEMA))
+    damage(*sorted((tmp_path / "sw").rglob("0*.parquet")))
+    with opened(tmp_path / "sw", record, SCHEMA, draws=9, part_draws=3) as store:
+        assert store.rows == 3 * whole

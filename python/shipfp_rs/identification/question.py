@@ -189,9 +189,7 @@ def question_of(
             raise InputError(f"elements: no {name!r}, expected some of {', '.join(ELEMENTS)}")
     _require_parameters({"fixed": known, "priors": priors or {}})
     _require_values(known, priors or {})
-    for name, parameters in TRIED.items():
-        if not known.keys().isdisjoint(parameters):
-            elements.setdefault(name, True)
+    elements = _known_elements(known) | elements
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:
@@ -306,6 +304,11 @@ def _require_values(fixed: Mapping[str, float], priors: Mapping[str, tuple[float
     for name, (_, std) in priors.items():
         if not std > 0.0:
             raise InputError(f"priors.{name}: found a standard deviation of {std:g}, expected more than 0")
+
+
+def _known_elements(fixed: Mapping[str, float]) -> dict[str, bool]:
+    """Elements of which a parameter is known act."""
+    return {name: True for name, parameters in TRIED.items() if not fixed.keys().isdisjoint(parameters)}
 
 
 def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common: Container[str]) -> None:

@@ -107,7 +107,16 @@ def one_line_errors(path: Path) -> Iterator[None]:
         ) from error
 
 
-def require_credible(path: Path, samples: int) -> None:
+def require_file(path: Path) -> None:
+    """Refuse what is no file, and an empty one."""
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
+        raise InputError(f"{path}: {kind}, expected a log file")
+    if not path.stat().st_size:
+        raise InputError(f"{path}: the file is empty")
+
+
+def require_size(path: Path, samples: int) -> None:
     """Refuse a file that tells of more samples than its bytes can hold, however packed: to read them would not end."""
     size = path.stat().st_size
     if samples > max(MOST_PACKED * size, MANY_SAMPLES):

@@ -38,21 +38,24 @@ def read_text(path: Path, expected: str) -> str:
         Where it is no file or can't be read; one line.
     """
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
-            raise InputError(f"{path}: a pipe or a device, expected {expected}; write it to a file first")
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise InputError(f"{path}: {status.st_size / 2**20:.0f} MB, expected {expected}")
+        kind = path.stat().st_mode
+        content = None
+        if stat.S_ISREG(kind) or stat.S_ISDIR(kind):
+            with path.open("rb") as file:
+                content = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise InputError(
+            f"{path}: {getattr(error, 'strerror', None) or error}; expected {expected}"
+        ) from error
+    if content is None:
+        raise InputError(f"{path}: a pipe or a device, expected {expected}; write it to a file first")
+    if len(content) > MOST_BYTES:
+        raise InputError(f"{path}: more than {MOST_BYTES / 2**20:.0f} MB, expected {expected}")
+    try:
         return content.decode().replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: found bytes that are not UTF-8 at {error.start}, expected {expected}"
-        ) from error
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        raise InputError(
-            f"{path}: {getattr(error, 'strerror', None) or error}; expected {expected}"
         ) from error
 
 
