@@ -21,6 +21,7 @@ from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.sweeps.store import opened
+from shipfp_rs.tacho.speed import interval_gain, resample
 from tests.cli.small_trial import SMALL, SWEEP, small_log
 from tests.view.serving import served
 
@@ -451,3 +452,55 @@ def test_parts_of_a_sweep_that_are_not_as_written_are_made_again(
     damage(*sorted((tmp_path / "sw").rglob("0*.parquet")))
     with opened(tmp_path / "sw", record, SCHEMA, draws=9, part_draws=3) as store:
         assert store.rows == 3 * whole
+
+
+HUGE = (1e308, 1e15, float("inf"), 10**400, 2**70)
+TRAIN = np.where(np.arange(2000) % 100 < 30, 5.0, 0.0)
+TIMES = np.arange(100) * 0.05
+LARGE_CALLS: dict[str, Callable[[Any], object]] = {
+    "substeps": lambda value: fp.simulate(LAUNCH, STEPS, substeps=value),
+    "set-point": lambda value: fp.simulate(LAUNCH, STEPS, n_e_rpm=value),
+    "steady-state": lambda value: fp.steady_state(LAUNCH, n_e_rpm=value),
+    "resample-rate": lambda value: resample(fp.tacho.speed_from_pulses(TIMES, 4), value, 0.0, 4.0),
+    "resample-stop": lambda value: resample(fp.tacho.speed_from_pulses(TIMES, 4), 100.0, 0.0, value),
+    "pulses-a-turn": lambda value: fp.tacho.speed_from_pulses(TIMES, value),
+    "reflectors": lambda value: fp.tacho.reflector_angles(TIMES, value),
+    "multisine-period": lambda value: fp.signals.multisine([0.5, 1.0], value, 39.0),
+    "multisine-iterations": lambda value: fp.signals.multisine([0.5, 1.0], 4.0, 39.0, iterations=value),
+}
+LAUNCH = fp.Vessel.load("stan-launch-804")
+STEPS = fp.signals.steps([13.0, -13.0], 1.0)
+
+
+@pytest.mark.parametrize("value", HUGE, ids=lambda value: f"{float(min(value, 1e308)):.0e}")
+@pytest.mark.parametrize("call", LARGE_CALLS.values(), ids=lambda call: "d4")
+def test_numbers_that_nothing_has_are_refused(call: Callable[[Any], object], value: float) -> None:
+    with pytest.raises(InputError) as caught:
+        call(value)
+    assert "expected" in str(caught.value) or "lower the set point" in str(caught.value)
+
+
+def test_d4_a_number_that_overflows_on_the_way_is_an_input_error() -> None:
+    with pytest.raises(InputError, match="pulse_times: a number is too large"):
+        fp.tacho.pulse_times(TRAIN, 1000.0, window_s=1e308)
+
+
+def test_d7_masked_samples_are_gaps() -> None:
+    swing = np.sin(np.pi * np.arange(500) / 10.0)
+    masked = np.ma.array(np.where(np.arange(500) // 10 == 7, 50.0, swing), mask=np.arange(500) // 10 == 7)
+    log = Log.from_arrays({"a": masked, "b": np.ma.masked_equal(np.arange(500), 3)}, rate_hz=10.0)
+    assert np.isnan(log.read("a")).sum() == 10
+    assert np.isnan(log.read("b")).sum() == 1
+    signals = {"n_set": np.full(500, 1300.0), "n_e": 1300.0 + masked}
+    point = {"n_set": 1300.0, "n_e": 1300.0}
+    assert np.isnan(fp.Experiment("S", 25.0, signals, point).signals["n_e"]).sum() == 10
+    assert np.isnan(fp.Calibration(scale=2.0)(masked)).sum() == 10
+    assert fp.frequency.fit_sine(masked, 10.0, near_hz=0.5).amplitude[0] == pytest.approx(1.0)
+
+
+def test_d7_small_whole_numbers_do_not_wrap() -> None:
+    intervals = fp.tacho.speed_from_pulses(TIMES, 4)
+    speed, _ = resample(intervals, np.int8(100), np.int8(0), np.int8(4))
+    np.testing.assert_array_equal(speed, resample(intervals, 100.0, 0.0, 4.0)[0])
+    gain = interval_gain(np.array([60, 120], dtype=np.int8), np.int8(4), np.int8(20))
+    np.testing.assert_array_equal(gain, interval_gain([60.0, 120.0], 4, 20.0))

@@ -166,7 +166,7 @@ class Log:
         InputError
             Where samples are no numbers in one dimension.
         """
-        held = {key: np.asarray(values) for key, values in arrays.items()}
+        held = {key: np.asanyarray(values) for key, values in arrays.items()}
         for key, values in held.items():
             if values.ndim != 1 or values.dtype.kind not in "biuf":
                 raise InputError(
