@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import shipfp_rs as fp
@@ -504,3 +505,54 @@ def test_d7_small_whole_numbers_do_not_wrap() -> None:
     np.testing.assert_array_equal(speed, resample(intervals, 100.0, 0.0, 4.0)[0])
     gain = interval_gain(np.array([60, 120], dtype=np.int8), np.int8(4), np.int8(20))
     np.testing.assert_array_equal(gain, interval_gain([60.0, 120.0], 4, 20.0))
+
+
+def _in_the_field(path: Path) -> None:
+    field = pa.field("u", pa.float64(), metadata={b"sample_rate_hz": b"10", b"made by": b"a logger"})
+    pq.write_table(pa.table([np.arange(9.0)], schema=pa.schema([field])), path)
+
+
+def _in_the_table(path: Path) -> None:
+    pq.write_table(pa.table({"u": np.arange(9.0)}).replace_schema_metadata({"sample_rate_hz": "10"}), path)
+
+
+def _with_trailing_semicolons(path: Path) -> None:
+    lines = [f"{time / 10.0:.1f};{time}.0;" for time in range(9)]
+    path.write_text("\n".join(["time [s];u [Nm];", *lines, ""]))
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix"),
+    [
+        pytest.param(_in_the_field, ".parquet", id="c7-rate-in-a-fields-metadata"),
+        pytest.param(_in_the_table, ".parquet", id="c7-rate-in-a-tables-metadata"),
+        pytest.param(_with_trailing_semicolons, ".csv", id="c7-trailing-semicolons"),
+    ],
+)
+def test_what_a_logger_wrote_about_its_rate_is_read(
+    write: Callable[[Path], None], suffix: str, tmp_path: Path
+) -> None:
+    write(tmp_path / f"log{suffix}")
+    log = Log.open(tmp_path / f"log{suffix}")
+    assert log.channel("u").rate_hz == pytest.approx(10.0)
+    np.testing.assert_array_equal(log.read("u"), np.arange(9.0))
+
+
+def test_c7_two_swapped_first_rows_are_told(tmp_path: Path) -> None:
+    times = [1, 0, *range(2, 400)]
+    rows = [f"{time / 10.0:.1f},{time}.0" for time in times]
+    (tmp_path / "log.csv").write_text("\n".join(["time,u", *rows, ""]))
+    with pytest.warns(LogWarning, match="clock set back at samples 1 to 1"):
+        assert Log.open(tmp_path / "log.csv").channel("u").rate_hz == pytest.approx(10.0)
+
+
+def test_c7_the_sign_of_degrees_stays_what_it_is(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        stored = file.create_dataset("u", data=np.arange(9.0))
+        stored.attrs["rate_hz"], stored.attrs["unit"] = 10.0, np.bytes_("°C".encode("latin-1"))
+    (tmp_path / "log.csv").write_bytes("time,u [°C]\n0,1\n1,2\n2,3\n".encode("latin-1"))
+    assert [Log.open(tmp_path / f"log.{suffix}").channel("u").unit for suffix in ("h5", "csv")] == [
+        "°C",
+        "°C",
+    ]

@@ -271,4 +271,9 @@ def _instant(path: Path, value: Any) -> datetime:
 
 def _text(value: Any) -> str:
     value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    if not isinstance(value, bytes):
+        return str(value)
+    try:
+        return value.decode()
+    except UnicodeDecodeError:  # older loggers write the sign of degrees in Latin-1
+        return value.decode("latin-1")
