@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +23,7 @@ import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
+from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.sweeps.store import opened
 from shipfp_rs.tacho.speed import interval_gain, resample
 from tests.cli.small_trial import SMALL, SWEEP, small_log
@@ -254,6 +257,10 @@ DESCRIPTIONS = {
     "d1-vessel-is-an-endless-device": SMALL.replace('"stan-tug-1205"', '"/dev/zero"'),
     "d1-vessel-is-a-terminal": SMALL.replace('"stan-tug-1205"', '"/dev/tty"'),
     "d1-vessel-with-a-nul-in-its-name": SMALL.replace('"stan-tug-1205"', '"a\\u0000.toml"'),
+    "d1-thousands-of-windows": SMALL
+    + "".join(
+        f'[[windows]]\nname = "W{k}"\nkind = "chirp"\nstart_s = 1.0\nstop_s = 39.0\n' for k in range(2000)
+    ),
     "d1-log-is-an-endless-device": SMALL.replace("log.parquet", "/dev/zero"),
 }
 
@@ -556,3 +563,19 @@ def test_c7_the_sign_of_degrees_stays_what_it_is(tmp_path: Path) -> None:
         "°C",
         "°C",
     ]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that are closed")
+def test_d6_a_closed_terminal_ends_a_command_in_order(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def app(*_: object, **__: object) -> None:
+        with replacing_folder(tmp_path / "out", marker="done") as folder:
+            (folder / "done").write_text("")
+            os.kill(os.getpid(), signal.SIGHUP)
+            time.sleep(5.0)
+
+    monkeypatch.setattr(cli, "app", app)
+    assert cli.main([]) == cli.ENDED
+    assert capsys.readouterr().err == "shipfp: ended from outside\n"
+    assert list(tmp_path.iterdir()) == []

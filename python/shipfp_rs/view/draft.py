@@ -16,7 +16,7 @@ from tomlkit.items import InlineTable, Table
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.roles import NAMES
-from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial import MOST_WINDOWS, Trial
 from shipfp_rs.support.toml import Section, parsed_toml, read_tables, template, validated
 
 ROLES = ("set_point", "torque", "rack", "train")
@@ -68,7 +68,7 @@ class Draft(Section):
     vessel: Short = "stan-tug-1205"
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
-    windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=2000)] = ()
+    windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
 
 
 def version_of(path: Path) -> str:
