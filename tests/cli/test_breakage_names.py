@@ -136,8 +136,7 @@ def test_breakage_d2_a_full_disk_is_told_with_the_name_that_was_given(folder, ar
     with disk_of(1024):
         told = line_of(arguments, capsys)
     assert named in told
-    if arguments[0] != "sweep":
-        assert sorted(path.name for path in folder.iterdir()) == before, "nothing is left"
+    assert sorted(path.name for path in folder.iterdir()) == before, "nothing is left"
 
 
 def test_breakage_d2_a_full_device_is_told_by_its_name(tmp_path):

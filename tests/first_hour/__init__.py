@@ -1,0 +1,1 @@
+"""What a user meets in the first hour: logs, files and options as they come, wrong ones too."""

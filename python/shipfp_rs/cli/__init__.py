@@ -39,6 +39,8 @@ with ends_without_a_word():
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
 """Errors of the system itself; any other error of a file is about a name that the user gave."""
+ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+"""Signals by which others end a command; the latter is a terminal that was closed."""
 AGAIN_S = 0.2
 """Time after which an interrupt that a library swallowed is raised again."""
 LONGEST_WORD = 300
@@ -76,7 +78,10 @@ def _frame(
 
 @contextlib.contextmanager
 def _orderly_end(asked: list[int]) -> Iterator[None]:
-    """Answer SIGTERM as Ctrl-C, so that temporary files, processes and semaphores are given back; `asked` notes signals."""
+    """Answer SIGTERM and a closed terminal as Ctrl-C, so that temporary files and processes are given back.
+
+    `asked` notes the signals.
+    """
 
     def end(number: int, _: object) -> None:
         asked.append(number)
@@ -94,7 +99,9 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
         return
     # A shell's background commands ignore Ctrl-C.
     heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, *[signal.SIGINT] * heeded)}
+    # Under nohup a closed terminal is ignored.
+    closing = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, end) for number in (*closing, *[signal.SIGINT] * heeded)}
     hook = sys.unraisablehook
 
     def swallowed(unraisable: Any) -> None:
@@ -128,6 +135,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     asked: list[int] = []
     try:
+        _open_closed_streams()
+        _take_odd_words_from_the_environment()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 # A terminal without Greek letters is no reason to fail.
@@ -139,10 +148,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # CPython notes an interrupt within the exec of a text (dataclasses do that) and dies of it at its own end, caught or
         # not, unless a later text runs through.
         exec("")
-        ended = signal.SIGTERM in asked
+        ended = not set(asked).isdisjoint(ENDING)
         _line("ended from outside" if ended else "interrupted")
         return ENDED if ended else INTERRUPTED
     return status
+
+
+def _open_closed_streams() -> None:
+    """Lead streams that the caller has closed nowhere, before a file gets one's number, and then what is printed."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+
+
+def _take_odd_words_from_the_environment() -> None:
+    """Have libraries load that know one number of threads only, and no backend but their own; no command opens a window."""
+    os.environ["MPLBACKEND"] = "agg"
+    first, *others = os.environ.get("OMP_NUM_THREADS", "1").split(",")
+    if others or not first.strip().isdecimal():
+        os.environ["OMP_NUM_THREADS"] = first if first.strip().isdecimal() else "1"
 
 
 def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
@@ -176,7 +200,7 @@ def _fail(error: Exception) -> int:
     # typer brought click's exceptions along before it had its own; both kinds answer to format_message.
     usage = getattr(error, "format_message", None)
     if usage is not None:
-        _line(f"error: {usage().rstrip('.')}; see shipfp --help")
+        _line(f"error: {usage().rstrip('.') or 'no command given, expected one'}; see shipfp --help")
         return BAD_INPUT
     if isinstance(error, InputError):
         _line(f"error: {error}")

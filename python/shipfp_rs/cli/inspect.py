@@ -64,7 +64,7 @@ def inspect(
     recording = Log.open(
         log,
         rate_hz=rate_hz or (told.rate_hz if told else None),
-        time=time or (told.time_column if told else None),
+        time=time if time is not None or told is None else told.time_column,
         names=names or (told.names if told else None),
     )
     folder_of_its_own = (

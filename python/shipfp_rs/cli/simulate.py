@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -84,7 +86,7 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate a trial and write it with the true parameters beside it."""
-    from shipfp_rs.support.files import write_text_atomically
+    from shipfp_rs.support.files import replacing
     from shipfp_rs.support.json_files import json_text
     from shipfp_rs.vessel.vessel import Vessel
 
@@ -105,36 +107,47 @@ def simulate(
     with progress() as notify, as_typed(TYPED):
         notify("simulating")
         try:
-            truth = _raw(ship, vessel, signal, files, seed) if raw else _clean(ship, signal, noise, out, seed)
+            made = _raw(ship, vessel, signal, out, seed) if raw else _clean(ship, signal, noise, out, seed)
         except SimulationError as error:
             raise InputError(f"vessel {vessel!r}: {error}") from error
-        write_text_atomically(files["truth"], json_text(truth))
+        texts = {"truth": json_text(made.truth)} | ({"trial": made.trial} if raw else {})
+        with contextlib.ExitStack() as whole:  # on a disk that fills up none of them appears
+            for name, text in texts.items():
+                whole.enter_context(replacing(files[name])).write_text(text, encoding="utf-8")
+            made.write()
     if json:
-        print_json({"files": {name: str(path) for name, path in files.items()}, **truth})
+        print_json({"files": {name: str(path) for name, path in files.items()}, **made.truth})
     else:
         print_text(*(f"wrote {path}" for path in files.values()))
 
 
-def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int) -> dict[str, Any]:
+class _Made(NamedTuple):
+    """A simulated trial: its truth, what writes its data, and its TRIAL.toml."""
+
+    truth: dict[str, Any]
+    write: Callable[[], object]
+    trial: str = ""
+
+
+def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int) -> _Made:
     from shipfp_rs.experiments.parquet import write_experiments
     from shipfp_rs.simulation.simulate import simulate as run
     from shipfp_rs.vessel.linear_model import linearise
 
     levels = dict.fromkeys(("n_e", "n_s", "M_b", "M_s", "M_g"), noise) if noise else None
-    write_experiments(out, [run(ship, signal, noise=levels, seed=seed)])
-    return {"vessel": ship.name, "seed": seed, "parameters": true_values(dataclasses.asdict(linearise(ship)))}
+    experiment = run(ship, signal, noise=levels, seed=seed)
+    parameters = true_values(dataclasses.asdict(linearise(ship)))
+    truth = {"vessel": ship.name, "seed": seed, "parameters": parameters}
+    return _Made(truth, lambda: write_experiments(out, [experiment]))
 
 
-def _raw(ship: Vessel, name: str, signal: Excitation, files: dict[str, Path], seed: int) -> dict[str, Any]:
+def _raw(ship: Vessel, name: str, signal: Excitation, out: Path, seed: int) -> _Made:
     from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
     from shipfp_rs.simulation.sensors import Sensors
-    from shipfp_rs.support.files import write_text_atomically
 
     sensors = Sensors(rate_hz=signal.rate_hz)
     log, truth = simulate_raw_log(ship, signal, sensors=sensors, seed=seed)
-    log.write(files["data"])
-    write_text_atomically(files["trial"], trial_toml(name, files["data"].name, sensors, truth))
-    return {
+    told = {
         "vessel": ship.name,
         "seed": seed,
         "parameters": true_values(truth.linear),
@@ -145,6 +158,7 @@ def _raw(ship: Vessel, name: str, signal: Excitation, files: dict[str, Path], se
         },
         "reflector_angles": {train: places.tolist() for train, places in truth.reflector_angles.items()},
     }
+    return _Made(told, lambda: log.write(out), trial_toml(name, out.name, sensors, truth))
 
 
 def _excitation(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -33,7 +34,7 @@ def view(
     from shipfp_rs.logs.log import Log
     from shipfp_rs.view.desk import Desk
     from shipfp_rs.view.pyramid import stored
-    from shipfp_rs.view.server import end_asked_for, serving
+    from shipfp_rs.view.server import end_asked_for, handed_over, serving
 
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; give a log, a TRIAL.toml or a folder")
@@ -48,9 +49,9 @@ def view(
             Log.open(path, rate_hz=rate_hz)  # what can't be read is told here, not in the page
         page = f"look.html?doc={desk.open(path, rate_hz)}"
     ended = end_asked_for()  # before the address is told: who knows it may end it
-    with serving(desk, page) as server:
+    with serving(desk, page) as server, contextlib.ExitStack() as shown:
         print_text(f"{path}: {server.address}", "Ctrl-C ends it.")
         if not no_browser:
-            webbrowser.open(server.address)
+            webbrowser.open(shown.enter_context(handed_over(server.address, desk.folder)))
         while not ended.wait(0.5):
             pass

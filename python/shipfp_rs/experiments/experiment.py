@@ -13,7 +13,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import check_fields, checked, told
-from shipfp_rs.support.arrays import Array, EvenlySampled
+from shipfp_rs.support.arrays import Array, EvenlySampled, unmasked
 from shipfp_rs.support.checks import positive
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.tables import Columns, Tabular
@@ -90,7 +90,7 @@ class Experiment(Tabular, EvenlySampled):
                 raise InputError(
                     f"experiment {self.name!r}: signal {name!r} is unknown, {hints.suggestion(name, list(UNITS))}"
                 )
-            values = np.array(samples, dtype=np.float64)
+            values = unmasked(samples)
             if values.shape != (length,):
                 raise InputError(
                     f"experiment {self.name!r}: signal {name!r} has shape {values.shape}, expected ({length},)"

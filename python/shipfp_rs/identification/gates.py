@@ -126,7 +126,8 @@ def _require_following(experiment: Experiment) -> None:
     _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
-    pairs = [float(np.corrcoef(asked[: len(asked) - lag], speed[lag:])[0, 1]) for lag in lags]
+    with np.errstate(invalid="ignore"):  # a speed that never moves
+        pairs = [float(np.corrcoef(asked[: len(asked) - lag], speed[lag:])[0, 1]) for lag in lags]
     # A sine falls as it rises half a period later: only a speed that follows at no delay has the wrong sign.
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
     if not np.isfinite(best) or abs(best) < LEAST_CORRELATION:

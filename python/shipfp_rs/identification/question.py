@@ -117,6 +117,9 @@ class Question:
     structure: Structure | None = None
 
     def __post_init__(self) -> None:
+        for name in ("tau_n", "v", *(limit for limit in ("M_max", "rate") if limit in self.always)):
+            if self.fixed.get(name, 1.0) <= 0.0:
+                raise InputError(f"parameter {name}: fixed at {self.fixed[name]:g}, expected more than 0")
         for one in self.experiments:
             for output in self.outputs:
                 name = self.signal_in(one, output)
@@ -193,6 +196,8 @@ def question_of(
         if name not in ELEMENTS:
             raise InputError(f"elements: no {name!r}, expected some of {', '.join(ELEMENTS)}")
     _require_parameters({"fixed": known, "priors": priors or {}})
+    _require_values(known, priors or {})
+    elements = _known_elements(known) | elements
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:
@@ -267,6 +272,7 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         or equations.envelope
         or equations.substeps
         or own_gains
+        or "dn" not in structure.outputs
         or any(name not in BOUNDS for name in names)
     ):
         return None
@@ -297,6 +303,22 @@ def _require_parameters(tables: Mapping[str, Mapping[str, object]]) -> None:
         for name in names:
             if name not in BOUNDS:
                 raise InputError(f"{table}: no parameter {name!r}, expected some of {', '.join(BOUNDS)}")
+
+
+def _require_values(fixed: Mapping[str, float], priors: Mapping[str, tuple[float, float]]) -> None:
+    for table, values in (("fixed", fixed), ("priors", {name: mean for name, (mean, _) in priors.items()})):
+        for name, value in values.items():
+            low, high = BOUNDS[name]
+            if not (low <= value <= high or value == 0.0):  # at zero most are without effect
+                raise InputError(f"{table}.{name}: found {value:g}, expected {low:g} to {high:g}")
+    for name, (_, std) in priors.items():
+        if not std > 0.0:
+            raise InputError(f"priors.{name}: found a standard deviation of {std:g}, expected more than 0")
+
+
+def _known_elements(fixed: Mapping[str, float]) -> dict[str, bool]:
+    """Elements of which a parameter is known act."""
+    return {name: True for name, parameters in TRIED.items() if not fixed.keys().isdisjoint(parameters)}
 
 
 def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common: Container[str]) -> None:

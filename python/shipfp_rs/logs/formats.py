@@ -9,6 +9,10 @@ from pathlib import Path
 
 from shipfp_rs.errors import InputError, ShipfpError
 
+MOST_PACKED = 10_000
+"""Samples that a byte of a file can stand for, where a channel hardly changes."""
+MANY_SAMPLES = 1_000_000_000
+"""Samples that are read in seconds, whatever they are packed in."""
 MODULES = {
     ".parquet": "parquet",
     ".pq": "parquet",
@@ -101,3 +105,19 @@ def one_line_errors(path: Path) -> Iterator[None]:
         raise InputError(
             f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
         ) from error
+
+
+def require_file(path: Path) -> None:
+    """Refuse what is no file, and an empty one."""
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
+        raise InputError(f"{path}: {kind}, expected a log file")
+    if not path.stat().st_size:
+        raise InputError(f"{path}: the file is empty")
+
+
+def require_size(path: Path, samples: int) -> None:
+    """Refuse a file that tells of more samples than its bytes can hold, however packed: to read them would not end."""
+    size = path.stat().st_size
+    if samples > max(MOST_PACKED * size, MANY_SAMPLES):
+        raise InputError(f"{path}: tells of {samples:.3g} samples in {size} bytes; is the file damaged?")

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors
+from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors, require_file, require_size
 from shipfp_rs.support import hints, units
 from shipfp_rs.support.arguments import checked
 
@@ -111,13 +111,11 @@ class Log:
             return _joiner("pattern")(path, rate_hz=rate_hz, time=time, names=names)
         if not path.is_dir():
             _require_known(path)
-        if not path.is_file():
-            kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
-            raise InputError(f"{path}: {kind}, expected a log file")
-        if not path.stat().st_size:
-            raise InputError(f"{path}: the file is empty")
+        require_file(path)
         if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{path}: rate_hz is {rate_hz}, expected a positive number")
+        if time == "":
+            raise InputError(f"{path}: time is empty, expected the name of a column (--time)")
         reader = _reader_of(path)
         wishes = {"time": time, "names": None if names is None else str(Path(names).absolute())}
         options = {key: value for key, value in wishes.items() if value is not None}
@@ -127,6 +125,7 @@ class Log:
                 raise InputError(f"{path}: {words[key]} is of no use for this format; leave it out")
         with one_line_errors(path):
             log = reader(path, rate_hz, **options)
+        require_size(path, sum(channel.samples for channel in log.channels.values()))
         rates = {channel.rate_hz for channel in log.channels.values()}
         if rate_hz is not None and not np.isclose(list(rates), rate_hz, rtol=1e-6).any():
             told = f"{path}: a rate of {rate_hz:g} Hz is given but not used; the file tells {min(rates):g} Hz itself"
@@ -167,7 +166,7 @@ class Log:
         InputError
             Where samples are no numbers in one dimension.
         """
-        held = {key: np.asarray(values) for key, values in arrays.items()}
+        held = {key: np.asanyarray(values) for key, values in arrays.items()}
         for key, values in held.items():
             if values.ndim != 1 or values.dtype.kind not in "biuf":
                 raise InputError(

@@ -21,6 +21,9 @@ from shipfp_rs.processing.trial_tables import (
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.toml import Section, read_toml, unexpected
 
+MOST_WINDOWS = 500
+"""Most windows of a trial; each takes tens of milliseconds."""
+
 
 class Trial(Section):
     """A whole TRIAL.toml.
@@ -37,7 +40,7 @@ class Trial(Section):
     channels: Channels
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
-    windows: Annotated[tuple[Window, ...], Field(strict=False)] = ()
+    windows: Annotated[tuple[Window, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
     identify: Identify = Identify()
     report: Report = Report()
 

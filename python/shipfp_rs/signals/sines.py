@@ -13,7 +13,10 @@ from shipfp_rs.signals.checks import Bands, below_nyquist, numbers, outside, sam
 from shipfp_rs.signals.excitation import Excitation, Segment, repeated
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.checks import positive
+from shipfp_rs.support.checks import between, positive
+
+MOST_ITERATIONS = 100_000
+"""Rounds of flattening a multisine; its crest stays as it is long before."""
 
 
 @checked
@@ -164,6 +167,7 @@ def multisine(
                 "1/period_s, expected one of its own between zero and half of rate_hz; take a longer period"
             )
     order = np.argsort(lines)
+    between("iterations", iterations, 0, MOST_ITERATIONS)
     one_period = _flattened(np.array(lines)[order], sizes[order], samples, iterations)
     one_period *= amplitude_rpm / np.abs(one_period).max()
     return repeated(name, "multisine", rate_hz, one_period, periods)

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import unmasked
 from shipfp_rs.support.checks import is_one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -74,15 +75,31 @@ def checked(function: F) -> F:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        args = tuple(map(_plain, args))
+        kwargs = {name: _plain(value) for name, value in kwargs.items()}
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
             return function(*args, **kwargs)  # Python's own words for what is missing or too much
         _require(function.__name__, given, hints(), signature.parameters)
-        return function(*args, **kwargs)
+        try:
+            return function(*args, **kwargs)
+        except OverflowError as error:
+            raise InputError(
+                f"{function.__name__}: a number is too large ({error}), expected one that such data can have"
+            ) from error
 
     call.__kwdefaults__ = function.__kwdefaults__  # type: ignore[attr-defined]
     return call  # type: ignore[return-value]
+
+
+def _plain(value: Any) -> Any:
+    """Return Python's own number in place of NumPy's small ones, which wrap, and NaN for what is masked."""
+    if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biuf":
+        return unmasked(value)
+    if isinstance(value, np.integer | np.floating):
+        return value.item()
+    return value
 
 
 def check_fields(made: Any, label: str) -> None:
@@ -238,7 +255,8 @@ def _fits_plain(value: Any, hint: Any) -> bool:
         beyond = isinstance(value, int) and abs(value) >= 2**63
         return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_) and not beyond
     if hint is int:
-        return isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_)
+        whole = isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_)
+        return whole and abs(int(value)) < 2**63
     if hint is bool:
         return isinstance(value, bool | np.bool_)
     if inspect.isclass(hint) and not getattr(hint, "_is_protocol", False) and get_origin(hint) is None:

@@ -38,6 +38,11 @@ class EvenlySampled(ABC):
         return len(self) / self.rate_hz
 
 
+def unmasked(values: Any) -> Array:
+    """Return a copy of samples as 64-bit floats, NaN where they are masked."""
+    return np.asarray(np.ma.filled(np.ma.array(values, dtype=np.float64, copy=True), np.nan))
+
+
 def attributes(thing: object, *names: str) -> dict[str, Any]:
     """Return attributes of an object by name, in this order."""
     return {name: getattr(thing, name) for name in names}

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, unmasked
 from shipfp_rs.support.checks import positive
 
 
@@ -49,11 +49,11 @@ class Calibration:
 
     def __call__(self, recorded: npt.ArrayLike) -> Array:
         """Return the value of recorded samples, same shape."""
-        return np.asarray(np.asarray(recorded, dtype=np.float64) * self.scale + self.offset)
+        return unmasked(recorded) * self.scale + self.offset
 
     def inverse(self, value: npt.ArrayLike) -> Array:
         """Return what would be recorded for a value, same shape."""
-        return (np.asarray(value, dtype=np.float64) - self.offset) / self.scale
+        return (unmasked(value) - self.offset) / self.scale
 
     def standard_error(self, recorded: npt.ArrayLike) -> Array:
         """Return the standard error of the line at recorded samples, same shape; NaN without a covariance."""

@@ -23,7 +23,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 def read_text(path: Path, expected: str) -> str:
-    """Return the text of a description, UTF-8.
+    """Return the text of a description, UTF-8; of a pipe or a device nothing is read, since it may never end.
 
     Parameters
     ----------
@@ -38,17 +38,25 @@ def read_text(path: Path, expected: str) -> str:
         Where it is no file or can't be read; one line.
     """
     try:
-        if path.exists() and not path.is_file() and not path.is_dir() and not path.is_char_device():
-            raise InputError(f"{path}: a pipe or a socket, expected {expected}; write it to a file first")
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise InputError(f"{path}: {size / 2**20:.0f} MB, expected {expected}")
-        return path.read_text(encoding="utf-8")
+        kind = path.stat().st_mode
+        content = None
+        if stat.S_ISREG(kind) or stat.S_ISDIR(kind):
+            with path.open("rb") as file:
+                content = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise InputError(
+            f"{path}: {getattr(error, 'strerror', None) or error}; expected {expected}"
+        ) from error
+    if content is None:
+        raise InputError(f"{path}: a pipe or a device, expected {expected}; write it to a file first")
+    if len(content) > MOST_BYTES:
+        raise InputError(f"{path}: more than {MOST_BYTES / 2**20:.0f} MB, expected {expected}")
+    try:
+        return content.decode().replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: found bytes that are not UTF-8 at {error.start}, expected {expected}"
         ) from error
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; expected {expected}") from error
 
 
 def ending_in(path: str | Path, *suffixes: str) -> Path:

@@ -64,15 +64,22 @@ def read_toml(path: str | Path, model: type[Model]) -> Model:
         Where the file can't be read, is not TOML, or holds a key or value that the model refuses: one line,
         "file: key: found ..., expected ...".
     """
-    path = Path(path)
-    text = read_text(path, "a TOML file")
+    return validated(read_tables(Path(path)), model, str(path))
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file; `InputError` where it can't be read or is not TOML."""
+    return parsed_toml(read_text(path, "a TOML file"), str(path))
+
+
+def parsed_toml(text: str, source: str) -> dict[str, Any]:
+    """Return the tables of a text; `source` opens the message of the `InputError` where it is not TOML."""
     try:
-        content = tomllib.loads(text)
-        return validated(content, model, str(path))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not TOML: {error}") from error
+        return tomllib.loads(text)
     except RecursionError as error:
-        raise InputError(f"{path}: nested too deeply, expected tables of keys and values") from error
+        raise InputError(f"{source}: nested too deeply, expected tables of keys and values") from error
+    except ValueError as error:  # tomllib's own, and that of a whole number of more digits than Python takes
+        raise InputError(f"{source}: not TOML: {str(error).split(';')[0]}") from error
 
 
 def built_in(kind: str) -> dict[str, Path]:
@@ -123,6 +130,17 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
 
 def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Model:
     """Check already parsed `content`; `source` opens the message of the `InputError` where it fails."""
+    try:
+        _require_plain(content, source)
+        return model.model_validate(content)
+    except RecursionError as error:
+        raise InputError(f"{source}: nested too deeply, expected tables of keys and values") from error
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_mistake(error, model)}") from error
+
+
+def _require_plain(content: Mapping[str, Any], source: str) -> None:
+    """Refuse texts that are not one line, and numbers beyond any quantity."""
     for key, value in _leaves(content, ()):
         if isinstance(value, str):
             inside = value.translate(LINES) if key.endswith(SEVERAL_LINES) else value
@@ -141,24 +159,22 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
             raise InputError(
                 f"{source}: {key}: found {value}, expected 0 or a number of at least {SMALLEST:g} in size"
             )
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        first, *others = error.errors()
-        if first["type"] == "missing":
-            # Where its section also holds an unknown key, the missing one is likely misspelt.
-            unknown = [other for other in others if other["type"] == "extra_forbidden"]
-            first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
-        missing = [
-            ".".join(map(str, each["loc"]))
-            for each in error.errors()
-            if each["type"] == "missing" and isinstance(each["loc"][-1], str)
-        ]
-        if first["type"] == "missing" and len(missing) > 1:
-            raise InputError(
-                f"{source}: {', '.join(missing)}: found nothing, expected these keys to be given"
-            ) from error
-        raise InputError(f"{source}: {_one_line(first, model)}") from error
+
+
+def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
+    first, *others = error.errors()
+    if first["type"] == "missing":
+        # Where its section also holds an unknown key, the missing one is likely misspelt.
+        unknown = [other for other in others if other["type"] == "extra_forbidden"]
+        first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
+    missing = [
+        ".".join(map(str, each["loc"]))
+        for each in error.errors()
+        if each["type"] == "missing" and isinstance(each["loc"][-1], str)
+    ]
+    if first["type"] == "missing" and len(missing) > 1:
+        return f"{', '.join(missing)}: found nothing, expected these keys to be given"
+    return _one_line(first, model)
 
 
 def _leaves(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, float | str]]:

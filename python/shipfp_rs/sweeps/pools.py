@@ -142,12 +142,15 @@ def check_pool(executor: Where | Executor, address: str | None) -> None:
     Raises
     ------
     InputError
-        Where an address is given without executor "dask", or Dask's packages are not installed.
+        Where an address is given without executor "dask", Dask's packages are not installed, or no scheduler answers.
     """
     if address is not None and executor != "dask":
         raise InputError(f"address {address!r}: expected executor 'dask' with it")
     if executor == "dask":
         _dask()
+        if address is not None:
+            with _client(address, 1):
+                pass
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from filelock import FileLock, Timeout
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import local, replacing, write_text_atomically
+from shipfp_rs.support.json_files import read_json
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
 FORMAT = 1
@@ -74,6 +76,7 @@ class Store:
                 compression="none",
                 use_dictionary=False,
                 write_statistics=False,
+                write_page_checksum=True,
             )
         self._enter(part)
         self._write_manifest()
@@ -103,8 +106,7 @@ class Store:
                 yield from file.iter_batches(batch_size=ROWS_PER_GROUP)
             return
         for part in (*range(self.below), *sorted(self.beyond)):
-            with pq.ParquetFile(self._path(part)) as file:
-                yield from file.read().to_batches()
+            yield from self._read(part).to_batches()
 
     def _groups(self) -> Iterator[pa.Table]:
         waiting, rows = [], 0
@@ -150,10 +152,18 @@ class Store:
             self.below += 1
 
     def _is_whole(self, part: int) -> bool:
+        """Whether a part is there as it was written, and under its own name."""
         try:
-            return int(pq.read_metadata(self._path(part)).num_rows) == len(self.draws_of(part))
+            table = self._read(part)
+            return bool(table.schema.equals(self.schema)) and table["index"].to_pylist() == [
+                *self.draws_of(part)
+            ]
         except (OSError, pa.ArrowException):
             return False
+
+    def _read(self, part: int) -> pa.Table:
+        with pq.ParquetFile(self._path(part), page_checksum_verification=True) as file:
+            return file.read()
 
 
 @contextlib.contextmanager
@@ -190,8 +200,20 @@ def opened(
             # Read again: whoever held the folder until now may have added to it.
             store._take_over(read_manifest(folder) or content)
             _remove_leftovers(folder)
-        store._write_manifest()
+        try:
+            store._write_manifest()
+        except InputError:
+            if content is None:
+                _remove_empty(folder)
+            raise
         yield store
+
+
+def _remove_empty(folder: Path) -> None:
+    """Remove a folder in which nothing could be written, unless others stand in it."""
+    with contextlib.suppress(OSError):
+        (folder / LOCK).unlink(missing_ok=True)
+        folder.rmdir()
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
@@ -203,15 +225,26 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         Where it can't be read.
     """
     path = folder / MANIFEST
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
+    if not os.path.lexists(path):
         return None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a sweep's manifest ({error}); choose another folder") from error
+    content = read_json(path, "a sweep's manifest")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(f"{path}: not a manifest of format {FORMAT}; choose another folder")
+    if not _is_manifest(content):
+        raise InputError(f"{path}: was changed by another program; choose another folder")
     return content
+
+
+def _is_manifest(content: Mapping[str, Any]) -> bool:
+    """Whether it holds what `Store` writes, with numbers of parts that there can be."""
+    parts = [content.get("below"), *(beyond if isinstance(beyond := content.get("beyond"), list) else [None])]
+    sizes = (content.get("draws"), content.get("part_draws"))
+    return (
+        all(type(size) is int and size > 0 for size in sizes)
+        and all(type(part) is int and 0 <= part <= content["draws"] for part in parts)
+        and isinstance(content.get("finished"), bool)
+        and isinstance(content.get("sweep"), dict)
+    )
 
 
 def _remove_leftovers(folder: Path) -> None:

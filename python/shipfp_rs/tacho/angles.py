@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.tacho.tracks import PulseFlag, Track, checked_times, cut_tracks
 
 Array = npt.NDArray[np.float64]
@@ -40,6 +41,7 @@ class ReflectorAngles:
     reason: str = ""
 
 
+@checked
 def reflector_angles(
     times_s: npt.ArrayLike, pulses_per_rev: int, *, gaps: npt.ArrayLike | None = None
 ) -> ReflectorAngles:

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from shipfp_rs._core import interval_speeds, slope_at_even_times
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.checks import at_most
 from shipfp_rs.tacho.angles import ReflectorAngles, align_angles
 from shipfp_rs.tacho.crossings import PulseTimes
 from shipfp_rs.tacho.tracks import Track, checked_times, cut_tracks, require_positive
@@ -182,6 +183,7 @@ def speed_from_pulses(
     return IntervalSpeed(middle, speed, std, duration, flags.astype(np.uint8), pulses_per_rev, angle, ends)
 
 
+@checked
 def resample(
     interval_speed: IntervalSpeed, rate_hz: float, start_s: float, stop_s: float
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -209,9 +211,9 @@ def resample(
         True where no interval covers the time.
     """
     require_positive("rate_hz", rate_hz)
-    count = round((stop_s - start_s) * rate_hz)
-    if not count > 0:
+    if not stop_s > start_s:
         raise InputError(f"stop_s: found {stop_s} with start_s = {start_s}, expected later")
+    count = at_most("stop_s", (stop_s - start_s) * rate_hz)
     speed = np.full(count, np.nan)
     for _, edges, turned in unbroken(interval_speed):
         spline = CubicSpline(edges, turned, bc_type="natural")
@@ -236,6 +238,7 @@ def unbroken(interval_speed: IntervalSpeed) -> list[tuple[slice, Array, Array]]:
     return stretches
 
 
+@checked
 def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: float) -> Array:
     """Gain of the mean over one interval, sinc(f / (P n)), by which speed ripple at `frequency_hz` is reduced.
 

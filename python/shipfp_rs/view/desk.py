@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
+import stat
 import threading
-import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,9 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.support.files import write_text_atomically
+from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
-from shipfp_rs.support.toml import built_in, validated
+from shipfp_rs.support.toml import built_in, read_tables, validated
 from shipfp_rs.support.units import TO_NM, TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
@@ -30,6 +31,8 @@ NAME = re.compile(r"[^/\\\0:.][^/\\\0:]{0,99}\.toml")
 MOST_TILES = 256
 MOST_ENTRIES = 500
 LARGEST_TOML = 1 << 20
+UNREADABLE = (InputError, OSError, ValueError, RuntimeError)
+"""What an odd file of the folder may raise, which must not hide the others; RuntimeError: links in a circle."""
 
 Asked = Mapping[str, str]
 
@@ -85,8 +88,7 @@ class Desk:
 
     def open_trial(self, path: Path) -> list[int]:
         """Return the documents of a trial's logs, in order; relative names count from its folder."""
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        header = content.get("trial")
+        header = read_tables(path).get("trial")
         logs = header.get("log", []) if isinstance(header, dict) else []
         logs = [logs] if isinstance(logs, str) else logs
         rate_hz = header.get("rate_hz") if isinstance(header, dict) else None
@@ -123,27 +125,30 @@ class Desk:
         return self._open[number]
 
     def _folder(self, _: Asked) -> dict[str, Any]:
-        entries = sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]
-        files = [entry for entry in entries if entry.is_file() and not entry.name.startswith(".")]
-        logs = [
-            {"name": file.name, "doc": self.open(file), "bytes": file.stat().st_size}
-            for file in files
-            if file.suffix.lower() in suffixes() and file.stat().st_size
-        ]
-        trials, broken = [], []
-        for file in files:
-            if file.suffix == ".toml" and file.stat().st_size < LARGEST_TOML:
-                try:
-                    documents = self.open_trial(file)
-                except (InputError, OSError, ValueError):
-                    broken.append(file.name)
-                    continue
-                trials += [
-                    {"name": file.name, "log": self._open[number].path.name, "doc": number}
-                    for number in documents
-                ]
-        told = {"folder": self.folder.name, "logs": logs[:MOST_ENTRIES], "trials": trials[:MOST_ENTRIES]}
-        return {**told, "others": broken[:MOST_ENTRIES]}
+        logs: list[dict[str, Any]] = []
+        trials: list[dict[str, Any]] = []
+        others: list[str] = []
+        for file, size in self._files():
+            try:
+                if file.suffix.lower() in suffixes() and size:
+                    logs.append({"name": file.name, "doc": self.open(file), "bytes": size})
+                if file.suffix == ".toml" and size < LARGEST_TOML:
+                    trials += [
+                        {"name": file.name, "log": self._open[number].path.name, "doc": number}
+                        for number in self.open_trial(file)
+                    ]
+            except UNREADABLE:
+                others.append(file.name)
+        shown: dict[str, list[Any]] = {"logs": logs, "trials": trials, "others": others}
+        return {"folder": self.folder.name, **{key: found[:MOST_ENTRIES] for key, found in shown.items()}}
+
+    def _files(self) -> Iterator[tuple[Path, int]]:
+        """Give the ordinary files of the folder, in order, with their sizes: no pipes, devices and links to nothing."""
+        for entry in sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]:
+            with contextlib.suppress(OSError):
+                status = entry.stat()
+                if stat.S_ISREG(status.st_mode) and not entry.name.startswith("."):
+                    yield entry, status.st_size
 
     def _faults(self, asked: Asked) -> dict[str, Any]:
         work = self._document(asked).faults.begin()
@@ -182,13 +187,12 @@ class Desk:
 
     def _vessels(self) -> list[str]:
         own = []
-        for file in sorted(self.folder.glob("*.toml"))[:50]:
-            if file.stat().st_size < LARGEST_TOML and "[propeller]" in file.read_text("utf-8", "replace"):
-                try:
+        tables = [file for file, size in self._files() if file.suffix == ".toml" and size < LARGEST_TOML]
+        for file in tables[:50]:
+            with contextlib.suppress(*UNREADABLE):
+                if "propeller" in read_tables(file):
                     Vessel.load(str(file))
                     own.append(file.name)
-                except InputError:
-                    continue
         return [*built_in("vessels"), *own]
 
     def _text_of(self, content: Mapping[str, Any]) -> tuple[Document, Path, str]:
@@ -198,9 +202,9 @@ class Desk:
         path = self._writable(content.get("file"))
         old = None
         if path.exists() and document.trial is not None and path == self._own(document):
-            old = path.read_text(encoding="utf-8")
+            old = read_text(path, "a TRIAL.toml")
         elif document.trial is not None:
-            old = document.trial.read_text(encoding="utf-8")
+            old = read_text(document.trial, "a TRIAL.toml")
         log = document.path.resolve()
         shown = log.relative_to(self.folder).as_posix() if log.is_relative_to(self.folder) else str(log)
         return document, path, drafts.written(draft, old, shown, document.rate_hz)

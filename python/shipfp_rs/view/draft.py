@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,8 +16,8 @@ from tomlkit.items import InlineTable, Table
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.roles import NAMES
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.support.toml import Section, template, validated
+from shipfp_rs.processing.trial import MOST_WINDOWS, Trial
+from shipfp_rs.support.toml import Section, parsed_toml, read_tables, template, validated
 
 ROLES = ("set_point", "torque", "rack", "train")
 TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
@@ -69,7 +68,7 @@ class Draft(Section):
     vessel: Short = "stan-tug-1205"
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
-    windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=2000)] = ()
+    windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
 
 
 def version_of(path: Path) -> str:
@@ -79,19 +78,20 @@ def version_of(path: Path) -> str:
 
 def read_draft(path: Path) -> Draft:
     """Return what the page can edit of a TRIAL.toml, which need not be complete."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: {error}") from error
+    content = read_tables(path)
     header, point = _table(content, "trial"), _table(content, "operating_point")
     channels = []
     for key, table in _table(content, "channels").items():
+        if not isinstance(table, Mapping):
+            raise InputError(f"{path}: channels.{key}: found {str(table)[:60]!r}, expected a table")
         role = key if key in ROLES[:3] else "train"
         known = {name: table[name] for name in DraftChannel.model_fields if name in table}
         channels.append({**known, "role": role} | ({"name": key} if role == "train" else {}))
+    marked = content.get("windows", [])
+    if not isinstance(marked, list) or not all(isinstance(window, Mapping) for window in marked):
+        raise InputError(f"{path}: windows: found {str(marked)[:60]!r}, expected tables [[windows]]")
     windows = [
-        {name: window[name] for name in DraftWindow.model_fields if name in window}
-        for window in content.get("windows", [])
+        {name: window[name] for name in DraftWindow.model_fields if name in window} for window in marked
     ]
     told = {name: header[name] for name in ("name", "vessel") if name in header}
     steady = {"steady_s": point["steady_s"]} if "steady_s" in point else {}
@@ -114,7 +114,7 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
     """
     try:
         document = tomlkit.parse(template("TRIAL") if old is None else old)
-    except TOMLKitError as error:
+    except (TOMLKitError, RecursionError) as error:
         raise InputError(f"TRIAL.toml: not TOML: {error}") from error
     header = _sub_table(document, "trial")
     _put(header, "name", draft.name)
@@ -135,7 +135,7 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
 
 def checked(text: str, source: str) -> Trial:
     """Return the trial of a text; `InputError` with the first thing that is wrong or missing."""
-    return validated(tomllib.loads(text), Trial, source)
+    return validated(parsed_toml(text, source), Trial, source)
 
 
 def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:

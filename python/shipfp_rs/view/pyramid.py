@@ -91,7 +91,7 @@ def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
     key = key_of(path, rate_hz)
     for place in places(path):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            found = _opened(place, key)
+            found = _opened(place, key) if place.is_file() else None
             if found is not None:
                 return found
     return None

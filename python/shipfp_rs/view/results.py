@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import json
+import itertools
+import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.files import MOST_BYTES
+from shipfp_rs.support.json_files import read_json
+from shipfp_rs.support.toml import MOST_CHARACTERS
+
 DEPTH = 3
 """Folders below the one that is looked at."""
 MOST = 500
+MOST_FOLDERS = 10_000
+"""Folders that are looked into at most, so that a page of a whole disk comes, too."""
 RUN_FILES = ("report.html", "fingerprint.json", "TRIAL.toml")
 SWEEP_FILES = ("summary.json",)
 TYPES = {
@@ -37,17 +47,18 @@ class Results:
     def listed(self) -> list[dict[str, Any]]:
         """Return what is there, newest first."""
         found = []
-        for folder in _folders(self.root, DEPTH):
-            told = _run(folder) or _sweep(folder)
-            if told is None:
-                continue
-            name = folder.relative_to(self.root).as_posix()
-            key = hashlib.sha256(name.encode()).hexdigest()[:16]
-            self._folders[key] = folder
-            files = {file.name: file for file in sorted(folder.iterdir()) if _handed_out(file)}
-            found.append(
-                {"id": key, "name": name if name != "." else folder.name, "files": list(files), **told}
-            )
+        for folder in itertools.islice(_folders(self.root, DEPTH), MOST_FOLDERS):
+            with contextlib.suppress(OSError):  # a folder that may not be read, or has gone meanwhile
+                told = _run(folder) or _sweep(folder)
+                if told is None:
+                    continue
+                name = folder.relative_to(self.root).as_posix()
+                key = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+                files = [file.name for file in sorted(folder.iterdir()) if _handed_out(file)]
+                self._folders[key] = folder
+                found.append(
+                    {"id": key, "name": name if name != "." else folder.name, "files": files, **told}
+                )
             if len(found) >= MOST:
                 break
         return sorted(found, key=lambda one: -one["changed"])
@@ -66,26 +77,29 @@ class Results:
 
 
 def _handed_out(file: Path) -> bool:
-    named = file.name in RUN_FILES + SWEEP_FILES or file.suffix == ".png"
-    return named and file.is_file() and not file.is_symlink()
+    if file.name not in RUN_FILES + SWEEP_FILES and file.suffix != ".png":
+        return False
+    status = file.lstat()
+    return stat.S_ISREG(status.st_mode) and status.st_size <= MOST_BYTES
 
 
 def _folders(root: Path, depth: int) -> Iterator[Path]:
     yield root
     if depth:
         try:
-            inner = sorted(entry for entry in root.iterdir() if entry.is_dir() and not entry.is_symlink())
+            with os.scandir(root) as entries:
+                inner = sorted(entry.path for entry in entries if entry.is_dir(follow_symlinks=False))
         except OSError:
             return
-        for entry in inner:
-            if not entry.name.startswith("."):
+        for path in inner:
+            if not (entry := Path(path)).name.startswith("."):
                 yield from _folders(entry, depth - 1)
 
 
 def _json(path: Path) -> dict[str, Any] | None:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_json(path, "results")
+    except InputError:
         return None
     return content if isinstance(content, dict) else None
 
@@ -94,17 +108,23 @@ def _run(folder: Path) -> dict[str, Any] | None:
     found = _json(folder / "fingerprint.json")
     if found is None:
         return None
-    verdict = found.get("usable") or next(iter(found.get("verdict") or [""]), "")
+    verdict = found.get("usable") or found.get("verdict")
+    first = next(iter(verdict), "") if isinstance(verdict, list) else verdict
     return {
         "kind": "run",
-        "about": f"{found.get('vessel') or 'drive train not named'}, {_text(found.get('structure'))}",
-        "verdict": str(verdict),
+        "about": f"{_short(found.get('vessel')) or 'drive train not named'}, {_text(found.get('structure'))}",
+        "verdict": _short(first),
         "changed": (folder / "fingerprint.json").stat().st_mtime,
     }
 
 
 def _text(structure: Any) -> str:
-    return str(structure.get("name", "")) if isinstance(structure, dict) else ""
+    return _short(structure.get("name")) if isinstance(structure, dict) else ""
+
+
+def _short(value: Any) -> str:
+    """What a file calls a name or a verdict, whatever it is."""
+    return "" if value is None else str(value)[:MOST_CHARACTERS]
 
 
 def _sweep(folder: Path) -> dict[str, Any] | None:
@@ -114,8 +134,10 @@ def _sweep(folder: Path) -> dict[str, Any] | None:
     draws = found["draws"]
     return {
         "kind": "sweep",
-        "about": str(found.get("name", "")),
-        "verdict": ", ".join(f"{draws[key]} {key}" for key in ("total", "done", "failed") if key in draws)
+        "about": _short(found.get("name")),
+        "verdict": ", ".join(
+            f"{_short(draws[key])} {key}" for key in ("total", "done", "failed") if key in draws
+        )
         + " draws",
         "changed": (folder / "summary.json").stat().st_mtime,
     }

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import contextlib
 import hmac
+import html
 import json
 import secrets
 import signal
 import socket
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.support.json_files import finite
+from shipfp_rs.support.json_files import finite, parsed_json
 from shipfp_rs.view.desk import Desk
 
 HOST = "127.0.0.1"
 LARGEST_BODY = 1 << 20
 IDLE_S = 60.0
+UNSHARED = 0o077
+"""Rights that others must not have."""
 TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -116,7 +121,7 @@ class _Handler(BaseHTTPRequestHandler):
                 str(refusal).encode(),
                 POLICY,
             )
-        except (InputError, ShipfpError, OSError) as error:
+        except (ShipfpError, OSError) as error:
             told = {"error": " ".join(str(error).split()) or type(error).__name__}
             status, kind, body, policy = HTTPStatus.BAD_REQUEST, "application/json", _json(told), POLICY
         except Exception as error:  # a page shows what went wrong; no traceback, no broken connection
@@ -152,7 +157,8 @@ class _Handler(BaseHTTPRequestHandler):
             raise Refused(HTTPStatus.FORBIDDEN, "refused: not the address of this server")
         if self.headers.get("Origin", self.server.origin) != self.server.origin:
             raise Refused(HTTPStatus.FORBIDDEN, "refused: another page's request")
-        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+        site = self.headers.get("Sec-Fetch-Site", "none")
+        if site not in ("none", "same-origin") and not self._is_opened():
             raise Refused(HTTPStatus.FORBIDDEN, "refused: another page's request")
         parts = urlsplit(self.path).path.split("/")[1:]
         for kind, token in (("page", self.server.token), ("results", self.server.results_token)):
@@ -161,6 +167,11 @@ class _Handler(BaseHTTPRequestHandler):
                     raise Refused(HTTPStatus.NOT_FOUND, "refused: no such page")
                 return [kind, *parts[1:]]
         raise Refused(HTTPStatus.FORBIDDEN, "refused: open the address that shipfp view printed")
+
+    def _is_opened(self) -> bool:
+        """Whether a page is opened in a tab, as by the file that hands it to a browser: that tells nobody anything."""
+        opens = (self.headers.get("Sec-Fetch-Mode"), self.headers.get("Sec-Fetch-Dest"))
+        return self.command == "GET" and opens == ("navigate", "document") and ".html" in self.path
 
     def _get(self, path: list[str]) -> tuple[str, bytes, str]:
         match path:
@@ -192,10 +203,7 @@ class _Handler(BaseHTTPRequestHandler):
             raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "refused: too long, or of unknown length")
         match path:
             case ["page", "api", name] if name in self.server.desk.told:
-                try:
-                    content = json.loads(self.rfile.read(int(length)))
-                except (ValueError, RecursionError):
-                    raise InputError("found no JSON, expected an object") from None
+                content = parsed_json(self.rfile.read(int(length)), "what was sent", "an object")
                 if not isinstance(content, dict):
                     raise InputError("found no JSON object, expected one")
                 return "application/json", _json(self.server.desk.told[name](content)), POLICY
@@ -203,7 +211,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _json(content: Any) -> bytes:
-    return json.dumps(finite(content), ensure_ascii=False, allow_nan=False).encode()
+    # In ASCII, since the name of a file need not be UTF-8.
+    return json.dumps(finite(content), allow_nan=False).encode()
 
 
 def _pages() -> dict[str, bytes]:
@@ -229,6 +238,29 @@ def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
     finally:
         server.close()
         thread.join()
+
+
+@contextlib.contextmanager
+def handed_over(address: str, beside: Path) -> Iterator[str]:
+    """Give the address of a private file that leads to a page: all users may read the arguments of a browser."""
+    with _private_folder(beside) as folder:
+        file = Path(folder) / "view.html"
+        file.write_text(
+            f'<meta http-equiv="refresh" content="0; url={html.escape(address)}">', encoding="utf-8"
+        )
+        yield file.as_uri()
+
+
+def _private_folder(beside: Path) -> tempfile.TemporaryDirectory[str]:
+    """A folder for this user alone; not the system's where it can be, since a browser in a sandbox can't read there."""
+    try:
+        made = tempfile.TemporaryDirectory(prefix=".shipfp-view-", dir=beside)
+    except OSError:
+        return tempfile.TemporaryDirectory()
+    if Path(made.name).stat().st_mode & UNSHARED:  # a disk that keeps no rights
+        made.cleanup()
+        return tempfile.TemporaryDirectory()
+    return made
 
 
 def end_asked_for() -> threading.Event:

@@ -24,6 +24,7 @@ from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
+OWN = "expected all within its own; have it written as one file"
 SINCE = re.compile(r"\s*([a-zµ]+)\s+since\s+(.+)")
 """Units of time in the Climate and Forecast conventions."""
 
@@ -42,6 +43,9 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: not an HDF5 file, or its first block is damaged")
     file = h5py.File(path, "r")
+    leads_out = file.visititems_links(_leads_out)
+    if leads_out is not None:
+        raise InputError(f"{path}: {leads_out!r} leads into another file, {OWN}")
     rows, skipped = _find_rows(file)
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
     times = {key: row for key, row in rows.items() if is_time(split_bracketed(posixpath.basename(key))[0])}
@@ -92,6 +96,7 @@ class _Row:
     column: int = 0
 
     def read(self, start: int, stop: int) -> Samples:
+        _require_own(self.dataset)
         axis = int(np.argmax(self.dataset.shape))
         place = tuple(slice(start, stop) if k == axis else self.column for k in range(self.dataset.ndim))
         try:
@@ -119,7 +124,10 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
     skipped: list[str] = []
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+        if not isinstance(item, h5py.Dataset):
+            return
+        _require_own(item)
+        if name.startswith("#"):
             return
         matlab = _text(item.attrs.get("MATLAB_class", ""))
         one_axis = item.ndim > 0 and item.size == max(item.shape) > 0 and "MATLAB_empty" not in item.attrs
@@ -155,6 +163,21 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
 
     file.visititems(visit)
     return rows, skipped
+
+
+def _leads_out(name: str, link: Any) -> str | None:
+    """Return the name of a link into another file: a stranger's log must not show what else stands on this disk."""
+    import h5py
+
+    return None if isinstance(link, h5py.HardLink | h5py.SoftLink) else name
+
+
+def _require_own(dataset: Any) -> None:
+    """Refuse a dataset whose samples stand in another file."""
+    if dataset.external or (
+        dataset.is_virtual and any(source.file_name != "." for source in dataset.virtual_sources())
+    ):
+        raise InputError(f"{dataset.file.filename}: {dataset.name!r} has its samples in another file, {OWN}")
 
 
 def _words(dataset: Any) -> dict[str, list[str]]:
@@ -248,4 +271,9 @@ def _instant(path: Path, value: Any) -> datetime:
 
 def _text(value: Any) -> str:
     value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    if not isinstance(value, bytes):
+        return str(value)
+    try:
+        return value.decode()
+    except UnicodeDecodeError:  # older loggers write the sign of degrees in Latin-1
+        return value.decode("latin-1")

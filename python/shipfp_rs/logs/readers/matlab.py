@@ -100,7 +100,16 @@ def _tree(path: Path) -> _Tree:
         if kind in ("opaque", "object", "function"):
             tree.opaque.append(name)
         elif name and not name.startswith("__"):
-            content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[name]
+            try:
+                with warnings.catch_warnings():
+                    # SciPy keeps the real part alone.
+                    warnings.simplefilter("error", np.exceptions.ComplexWarning)
+                    content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[
+                        name
+                    ]
+            except np.exceptions.ComplexWarning:
+                tree.skipped.append(f"{name} (complex)")
+                continue
             tree.add(name, content, logical=kind == "logical")
     return tree
 
@@ -210,8 +219,8 @@ def _row(name: str, unit: str, values: npt.NDArray[Any]) -> Row:
 
 def _word(value: Any) -> str:
     array = np.asarray(value)
-    while array.dtype == object and array.size == 1:
-        array = np.asarray(array.reshape(-1)[0])
+    while array.dtype == object and array.size == 1 and isinstance(array.flat[0], np.ndarray):
+        array = array.flat[0]
     return str(array.reshape(-1)[0]).strip() if array.dtype.kind in "US" and array.size == 1 else ""
 
 

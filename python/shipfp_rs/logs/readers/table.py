@@ -20,6 +20,7 @@ from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.text_time import looks_like_time
+from shipfp_rs.logs.readers.time_base import stated_rate
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Wish, find_time
 from shipfp_rs.logs.readers.time_numbers import Column
 from shipfp_rs.logs.readers.time_plan import TimePlan
@@ -93,7 +94,10 @@ def log_of_table(
             later = (own - zero).total_seconds() if own and zero else 0.0
             rate, begin, count = axis.rate_hz, axis.start_s + later, axis.samples
         else:
-            rate, begin = facts.get("rate_hz", rate_hz), facts.get("start_s", 0.0)
+            rate = (
+                facts.get("rate_hz", rate_hz) or _stated_rate(field.metadata) or _stated_rate(schema.metadata)
+            )
+            begin = facts.get("start_s", 0.0)
             count = min(facts["samples"], rows)
         if rate is None:
             raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
@@ -264,6 +268,15 @@ def _facts(path: Path, field: pa.Field) -> dict[str, Any]:
                 f"{path}: column {field.name!r} has {key} = {facts[key]!r}; is the file damaged?"
             )
     return facts
+
+
+def _stated_rate(metadata: dict[bytes, bytes] | None) -> float | None:
+    """Return the rate [Hz] that another program wrote beside a column or a table, such as sample_rate_hz."""
+    numbers = []
+    for key, value in (metadata or {}).items():
+        with contextlib.suppress(ValueError):  # words
+            numbers.append((key.decode(errors="replace"), float(value)))
+    return stated_rate(numbers)
 
 
 def _start_utc(path: Path, schema: pa.Schema) -> datetime | None:

@@ -140,7 +140,7 @@ def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
         known = float(number.reshape(-1)[0])
         if not 0.0 < known < np.inf:
             continue
-        if key in RATE_NAMES:
+        if key in RATE_NAMES or key.removesuffix("_hz") in RATE_NAMES:
             return known
         if key in INTERVAL_NAMES:
             return 1.0 / known
