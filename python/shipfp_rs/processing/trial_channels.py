@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.toml import FilePath, Name, Section, unexpected
+from shipfp_rs.support.toml import TO_BE_GIVEN, FilePath, Name, Section, unexpected
 from shipfp_rs.support.units import ELECTRIC, TO_NM, TO_REV, TO_RPM, TO_W, told
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -54,10 +54,6 @@ class Line(Section):
             return Calibration.from_table(readings, values, unit)
         assert self.scale is not None
         return Calibration(self.scale, self.offset, unit)
-
-
-TO_BE_GIVEN = "to be given"
-"""What stands in a file for a value that no log tells; a trial that holds it is refused by the name of its channel."""
 
 
 class Level(Section):

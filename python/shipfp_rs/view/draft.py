@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from tomlkit.items import InlineTable, Table
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.processing.roles import NAMES
+from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.support.toml import Section, template, validated
 
@@ -251,13 +250,8 @@ def new_draft(name: str) -> Draft:
 
 
 def guessed_roles(channels: Sequence[Channel]) -> dict[str, str]:
-    """Return the roles that names of channels tell, column to role."""
-    named = {}
-    for channel in channels:
-        if re.search(NAMES["set_point"], channel.name, re.IGNORECASE):
-            named[channel.name] = "set_point"
-        elif re.search(NAMES["torque"], channel.name, re.IGNORECASE):
-            named[channel.name] = "torque"
-        elif re.search(r"ptm|puls|tacho|pickup|reflect", channel.name, re.IGNORECASE):
-            named[channel.name] = "train"
-    return named
+    """Return the roles that names and units of channels tell, column to role."""
+    roles = named_roles(channels)
+    told = {roles.set_point: "set_point", roles.torque: "torque"}
+    told |= {name: "train" for name, one in roles.named.items() if one.is_open and "pulses" in one.tells}
+    return {name: role for name, role in told.items() if name is not None}
