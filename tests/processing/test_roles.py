@@ -70,3 +70,67 @@ def test_a_load_is_told_by_name_and_unit_together() -> None:
     log = Log.from_arrays(dict.fromkeys(names, np.arange(1.0, 9.0)), rate_hz=1.0, units=names)
     roles = guess_roles(log)
     assert (roles.load, roles.torque) == ("Generator power", "Torque")
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_what_no_log_tells_is_asked_for_by_the_name_of_its_channel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    time = np.arange(0.0, 60.0, 0.02)
+    asked = -5.0 + 0.1 * np.sin(np.where((time > 20) & (time < 50), 2 * np.pi * 0.3 * time, 0.0))
+    asked += DRAW.normal(0.0, 1e-3, len(time))
+    channels = {"U_soll": asked, "Drehmoment": 800.0 + asked, "Drehzahl": 1200.0 - 200.0 * (asked + 5.0)}
+    log = Log.from_arrays(
+        channels, rate_hz=50.0, units={"U_soll": "V", "Drehmoment": "Nm", "Drehzahl": "rpm"}
+    )
+    log.write(tmp_path / "log.parquet")
+    assert cli.main(["init", str(tmp_path), "--log", str(tmp_path / "log.parquet")]) == 0
+    assert "Give what is marked 'to be given' (1)" in " ".join(capsys.readouterr().out.split())
+    out = ["--out", str(tmp_path / "result")] if command == "run" else []
+    assert cli.main([command, str(tmp_path / "TRIAL.toml"), *out]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "set_point.calibration: found 'to be given', expected channel 'U_soll' from V to rpm: {" in line
+    assert not (tmp_path / "result").exists()
+
+
+@pytest.mark.parametrize(
+    ("names", "set_point", "torque", "speeds", "location"),
+    [
+        ({"MotorVelocitySet": "rpm", "feedback_deg_s": "", "Motor torque": "Nm"}, 0, 2, [1], "brake"),
+        ({"Moment_set": "Nm", "Sollgeschwindigkeit": "U/min", "Geschwindigkeit": "U/min", "DMS": "kNm"}, 1, 3, [2], "gauge"),
+        ({"speed_cmd": "rad/s", "encoder": "rad/s", "torque_sensor": "N m", "load_torque": "N m"}, 0, 2, [1], "gauge"),
+        ({"nSoll": "1/min", "nIst": "1/min", "MIst Motor": "Nm", "Pgen Last": "kW"}, 0, 2, [1], "brake"),
+        ({"Hastighet referanse": "o/min", "Hastighet målt": "o/min", "Dreiemoment aksel": "Nm"}, 0, 2, [1], "gauge"),
+        ({"Régime demandé": "tr/min", "Régime": "tr/min", "Couple moteur": "N.m", "Réseau": "kW"}, 0, 2, [1], "brake"),
+        ({"Wind": "m/s", "Speed over ground": "kn", "Engine speed": "rpm", "Speed demand": "rpm"}, 3, None, [2], "gauge"),
+    ],
+)  # fmt: skip
+def test_names_and_units_go_before_what_a_channel_does(
+    names: dict[str, str], set_point: int, torque: int | None, speeds: list[int], location: str
+) -> None:
+    called = list(names)
+    log = Log.from_arrays(dict.fromkeys(names, np.linspace(1.0, 2.0, 400)), rate_hz=50.0, units=names)
+    roles = guess_roles(log, lambda name: pytest.fail(f"{name} is looked at"))
+    assert roles.set_point == called[set_point]
+    assert roles.torque == (None if torque is None else called[torque])
+    assert [*roles.speeds] == [called[index] for index in speeds]
+    assert roles.location == location
+
+
+def test_a_load_s_motion_makes_windows_where_the_set_point_stands_still(tmp_path: Path) -> None:
+    time = np.arange(0.0, 120.0, 0.02)
+    load = 100.0 + np.where(
+        (time > 30.0) & (time < 100.0), 20.0 * np.sign(np.sin(2.0 * np.pi * time / 30.0)), 0.0
+    )
+    speed = 1500.0 - 0.1 * (load - 100.0) + DRAW.normal(0.0, 0.05, len(time))
+    channels = {
+        "Set point": np.full(len(time), 1500.0),
+        "Speed": speed,
+        "Generator power": load + DRAW.normal(0.0, 0.1, len(time)),
+    }
+    units = {"Set point": "rpm", "Speed": "rpm", "Generator power": "kW"}
+    Log.from_arrays(channels, rate_hz=50.0, units=units).write(tmp_path / "log.parquet")
+    assert cli.main(["init", str(tmp_path), "--log", str(tmp_path / "log.parquet")]) == 0
+    (window,) = Trial.load(tmp_path / "TRIAL.toml").windows
+    assert window.kind == "steps"
+    assert (window.start_s, window.stop_s) == (pytest.approx(30.0, abs=1.0), pytest.approx(100.0, abs=15.0))

@@ -56,6 +56,15 @@ class Line(Section):
         return Calibration(self.scale, self.offset, unit)
 
 
+def wanted_line(unit: str, to: str) -> str:
+    """Return what a calibration from one unit to another is to be, in words."""
+    reading = unit or "reading"
+    return (
+        f"from {reading} to {to}: {{ scale = {to} per {reading}, offset = {to} at 0 }}, or "
+        f"{{ table = [[{reading}, {to}], [{reading}, {to}]] }}"
+    )
+
+
 class Level(Section):
     """A channel of samples that a line calibrates; a unit of what it is needs no line."""
 
@@ -86,12 +95,10 @@ class Level(Section):
         factor, to = cls._factor(told(unit), content)
         if factor is not None:
             return {**content, "calibration": {"scale": factor}}
-        recorded = unit or "what is recorded"
         raise unexpected(
             "calibration",
             repr(content["calibration"]) if "calibration" in content else "nothing",
-            f"channel {column!r} from {recorded} to {to}: {{ scale = {to} per {recorded}, offset = {to} at 0 }}, or "
-            f"{{ table = [[{recorded}, {to}], [{recorded}, {to}]] }}",
+            f"channel {column!r} {wanted_line(unit, to)}",
         )
 
     @classmethod
@@ -207,6 +214,7 @@ class Tacho(Section):
         wanted = {
             "column": "the name of a channel of the log",
             "pulses_per_rev": "a whole number, the pulses in a turn",
+            "calibration": wanted_line("", str(content.get("unit"))),
         }
         wanted |= {"shaft": '"engine" or "propeller"'}
         for key, what in wanted.items():

@@ -13,6 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import Roles
+from shipfp_rs.processing.trial_channels import wanted_line
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
 from shipfp_rs.support.toml import TO_BE_GIVEN
@@ -143,11 +144,7 @@ def _level(key: str, channel: Channel, roles: Roles, factors: Mapping[str, float
 
 
 def _asked_line(unit: str, to: str) -> str:
-    recorded = unit or "what is recorded"
-    return (
-        f'calibration = "{TO_BE_GIVEN}"  # from {recorded} to {to}: '
-        f"{{ scale = {to} per {recorded}, offset = {to} at 0 }}, or {{ table = [[{recorded}, {to}], [{recorded}, {to}]] }}"
-    )
+    return f'calibration = "{TO_BE_GIVEN}"  # {_comment(wanted_line(unit, to))}'
 
 
 def _speed(name: str, roles: Roles) -> str:

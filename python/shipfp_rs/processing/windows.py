@@ -179,7 +179,8 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        quiet = float(np.quantile(spreads[known], 0.1))
+        # The spread of a block scatters by 1.17 / sqrt(its samples); of many the tenth part is 1.28 times that below it.
+        quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)
 
@@ -264,7 +265,9 @@ class _Trace:
         if ratio < SAME_FREQUENCY and np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1):
             mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
             return FoundWindow("", "sine", start_s, stop_s, level, (mean, mean))
-        if (band := _lines(samples, self.rate_hz)) is not None:
+        # A stair stands still most of the time.
+        swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
+        if swings and (band := _lines(samples, self.rate_hz)) is not None:
             return FoundWindow("", "multisine", start_s, stop_s, level, band)
         # The periods of a chirp change one way; what goes back and forth is something else.
         logs = np.log(halves)
