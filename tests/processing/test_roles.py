@@ -134,3 +134,30 @@ def test_a_load_s_motion_makes_windows_where_the_set_point_stands_still(tmp_path
     (window,) = Trial.load(tmp_path / "TRIAL.toml").windows
     assert window.kind == "steps"
     assert (window.start_s, window.stop_s) == (pytest.approx(30.0, abs=1.0), pytest.approx(100.0, abs=15.0))
+
+
+def rpm_log(**channels: tuple[float, str]) -> Log:
+    arrays = {name: np.full(2000, level) for name, (level, _) in channels.items()}
+    return Log.from_arrays(arrays, rate_hz=50.0, units={name: unit for name, (_, unit) in channels.items()})
+
+
+def test_a_known_speed_tells_the_pulses_in_a_turn() -> None:
+    log = rpm_log(n_set=(1200.0, "rpm"), pickup=(0.0, "V"), reflectors=(0.0, "V"))
+    roles = guess_roles(log, {"pickup": 160.0, "reflectors": 23.1}.get)
+    assert roles.pulses == {"pickup": 8}
+    assert set(roles.trains) == {"pickup", "reflectors"}
+
+
+def test_a_speed_behind_a_gear_is_left_out_or_wants_a_vessel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = guess_roles(rpm_log(n_set=(1200.0, "rpm"), n_engine=(1200.4, "rpm"), n_prop=(351.0, "rpm")))
+    assert both.speeds == {"n_engine": "engine"}
+    assert "not used, since no vessel file tells the gear" in both.reasons["n_prop"]
+    rpm_log(n_set=(1200.0, "rpm"), n_prop=(351.0, "rpm")).write(tmp_path / "log.parquet")
+    assert cli.main(["init", str(tmp_path), "--log", str(tmp_path / "log.parquet")]) == 0
+    path = tmp_path / "TRIAL.toml"
+    window = '\n[[windows]]\nname = "W1"\nstart_s = 1.0\nstop_s = 30.0\n'
+    path.write_text(path.read_text().replace("# No window was found", f"{window}# No window was found"))
+    assert cli.main(["check", str(path)]) == 2
+    assert "trial.vessel: found nothing beside channels.n_prop.shaft" in capsys.readouterr().err
