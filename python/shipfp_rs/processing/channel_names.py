@@ -20,13 +20,13 @@ LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i"
 WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 """Where a word of MotorVelocitySet ends."""
 TAIL = re.compile(
-    r"[ _(\[-]+(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|hz|k?nm|kw|u_?min|1_?min)[)\]]?$",
+    r"[ _(\[-]+(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|kw|u_?min|1_?min)[)\]]?$",
     re.IGNORECASE,
 )
 """A unit at the end of a name, where the log has no other place for it."""
 TAILS: Mapping[str, str] = {
     "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
-    "revs": "rev/s", "hz": "Hz", "nm": "Nm", "knm": "kNm", "kw": "kW", "rpm": "rpm", "umin": "rpm", "1min": "rpm",
+    "revs": "rev/s", "rps": "rev/s", "hz": "Hz", "nm": "Nm", "knm": "kNm", "kw": "kW", "rpm": "rpm", "umin": "rpm", "1min": "rpm",
 }  # fmt: skip
 
 
