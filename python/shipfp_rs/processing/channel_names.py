@@ -26,7 +26,8 @@ TAIL = re.compile(
 """A unit at the end of a name, where the log has no other place for it."""
 TAILS: Mapping[str, str] = {
     "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
-    "revs": "rev/s", "rps": "rev/s", "hz": "Hz", "nm": "Nm", "knm": "kNm", "kw": "kW", "rpm": "rpm", "umin": "rpm", "1min": "rpm",
+    "revs": "rev/s", "rps": "rev/s", "rpm": "rpm", "umin": "rpm", "1min": "rpm", "hz": "Hz",
+    "nm": "Nm", "knm": "kNm", "kw": "kW",
 }  # fmt: skip
 
 
