@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -149,12 +150,13 @@ class TestInit:
         log = Log.from_arrays(channels, rate_hz=500.0, units={"Sollwert": "V", torque: "mV"})
         log.write(tmp_path / "a log.parquet")
         assert cli.main(["init", str(tmp_path), "--log", str(tmp_path / "a log.parquet")]) == 0
-        found = Trial.load(tmp_path / "TRIAL.toml").channels
-        assert found.set_point.column == "Sollwert"
-        assert (found.torque and (found.torque.column, found.torque.unit)) == (
-            (torque, "mV") if measured else None
-        )
-        assert [tacho.column for tacho in found.tachos.values()] == ['Impuls "4"']
+        found = tomllib.loads((tmp_path / "TRIAL.toml").read_text())["channels"]
+        asked = {"unit": "V", "calibration": "to be given"}
+        assert found.pop("set_point") == {"column": "Sollwert", **asked}
+        if measured:
+            assert found.pop("torque") == {"column": torque, **asked, "unit": "mV", "location": "gauge"}
+        train = {"pulses_per_rev": "to be given", "shaft": "to be given"}
+        assert found == {'Impuls "4"': {"column": 'Impuls "4"', **train}}
         text = (tmp_path / "TRIAL.toml").read_text()
         assert re.search(r"(?m)^# Sollwert \[V\], [\d.]+ Hz: set point by its name$", text)
         assert f"# {torque} [mV]" in text
@@ -171,10 +173,11 @@ class TestInit:
         told = " ".join(capsys.readouterr().out.split())
         assert "no channel is a pulse train" in told
         assert "nothing but rest" in told
-        trial = Trial.load(tmp_path / "new" / "TRIAL.toml")
-        assert trial.trial.rate_hz == 100.0
-        assert trial.channels.set_point.calibration.scale == 1.0
-        assert (trial.channels.torque.unit, trial.channels.torque.calibration.scale) == ("kNm", 1000.0)
+        trial = tomllib.loads((tmp_path / "new" / "TRIAL.toml").read_text())
+        assert trial["trial"]["rate_hz"] == 100.0
+        assert trial["channels"]["set_point"] == {"column": "n_set", "unit": "rpm"}
+        assert trial["channels"]["torque"] == {"column": "Torque", "unit": "kNm", "location": "gauge"}
+        assert "windows" not in trial
 
     def test_it_never_overwrites(self, tmp_path, capsys) -> None:
         (tmp_path / "TRIAL.toml").write_text("mine")

@@ -60,11 +60,21 @@ def own_log(folder: Path) -> None:
 
 
 def fill_in(folder: Path) -> None:
-    """Say what a log can't: which train is where."""
+    """Say what a log in volts can't: which line calibrates a channel, and which train is where."""
     path = folder / "my-trial" / "TRIAL.toml"
-    text = path.read_text()
-    table = text[text.index('[channels."Shaft pulses"]') : text.index('[channels."Engine pulses"]')]
-    path.write_text(text.replace(table, re.sub("= 1 ", "= 4 ", table).replace('"engine"', '"propeller"')))
+    head, *tables = re.split(r"(?m)^(?=\[)", path.read_text())
+    answers = {
+        "[channels.set_point]": ["{ scale = -251.38, offset = -85.29 }"],
+        "[channels.torque]": ["{ scale = 1059.0 }"],
+        '[channels."Shaft pulses"]': ["4", '"propeller"'],
+        '[channels."Engine pulses"]': ["1", '"engine"'],
+        "[trial]": [],
+    }
+    for index, table in enumerate(tables):
+        for answer in answers.pop(table.splitlines()[0], []):
+            tables[index] = tables[index].replace('"to be given"', answer, 1)
+    assert not answers
+    path.write_text("".join([head, *tables]).replace("[trial]\n", '[trial]\nvessel = "stan-tug-1205"\n', 1))
 
 
 def logger_file(kind: str, name: str) -> Callable[[Path], None]:

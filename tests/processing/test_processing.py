@@ -241,6 +241,10 @@ def test_operating_point_is_the_steady_mean_unless_given(real: Simulated, tmp_pa
     edits = [('n_e_rpm = "auto"', "n_e_rpm = 1180.0"), ('M_Nm = "auto"', "M_Nm = 1700.0")]
     given = process(log, trial_of(truth, tmp_path, edits=edits))[0].operating_point
     assert dict(given) == {"n_set": 1180.0, "n_e": 1180.0, "M_g": 1700.0}
+    with pytest.raises(
+        InputError, match=r"operating_point\.n_e_rpm: found 1100, expected the 118\d\.\d rpm of steady_s"
+    ):
+        process(log, trial_of(truth, tmp_path, edits=[('n_e_rpm = "auto"', "n_e_rpm = 1100.0")]))
 
 
 @pytest.mark.parametrize(("location", "name"), [("brake", "M_b"), ("shaft", "M_s")])

@@ -1,5 +1,6 @@
 """Windows of a trial are found where the generator ran them, whatever the noise and the pauses."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -112,11 +113,11 @@ def test_init_writes_what_a_log_shows(tmp_path: Path, capsys):
     path = log.write(tmp_path / "run.parquet")
     assert cli.main(["init", str(tmp_path), "--log", str(path), "--set-point", "U"]) == 0
     assert "S1" in capsys.readouterr().out
-    trial = Trial.load(tmp_path / "TRIAL.toml")
-    assert [window.kind for window in trial.windows] == [kind for kind, _, _ in truth]
-    assert trial.channels.set_point.column == "U"
-    assert trial.trial.log == (str(path),)
-    start_s, stop_s = trial.operating_point.steady_s
+    trial = tomllib.loads((tmp_path / "TRIAL.toml").read_text())
+    assert [window["kind"] for window in trial["windows"]] == [kind for kind, _, _ in truth]
+    assert trial["channels"]["set_point"] == {"column": "U", "unit": "V", "calibration": "to be given"}
+    assert trial["trial"] == {"name": "run", "log": str(path)}
+    start_s, stop_s = trial["operating_point"]["steady_s"]
     recorded = log.read("U", start_s + 1.0, stop_s - 1.0)
     assert np.median(np.abs(EQUATION_6_7(recorded) - 1183.8)) < 2.0
 
@@ -128,6 +129,53 @@ def test_init_asks_for_the_set_point_where_no_name_tells(tmp_path: Path, capsys)
     told = " ".join(capsys.readouterr().out.split())
     assert "no set point found: name its channel in the file, or with --set-point" in told
     assert "# No set point was found" in (tmp_path / "TRIAL.toml").read_text()
+
+
+def excited(deviation: np.ndarray, rest_s: float = 20.0, rate: float = 50.0) -> Log:
+    rest = np.zeros(round(rest_s * rate))
+    rpm = 1200.0 + np.concatenate([rest, deviation, rest])
+    return Log.from_arrays({"U": rpm + np.random.default_rng(1).normal(0.0, 0.3, len(rpm))}, rate_hz=rate)
+
+
+@pytest.mark.parametrize("rest_s", [20.0, 0.0])
+@pytest.mark.parametrize(
+    ("lines", "period_s", "periods"),
+    [
+        (np.geomspace(0.03, 1.5, 12), 100.0, 1),
+        (np.geomspace(0.05, 1.5, 10), 40.0, 3),
+        (np.arange(1, 21) / 40.0, 40.0, 2),
+    ],
+    ids=["lines far apart, once", "lines far apart, thrice", "every line, twice"],
+)
+def test_a_multisine_is_called_so(lines, period_s, periods, rest_s):
+    asked = signals.multisine(lines, period_s, 20.0, periods=periods, rate_hz=50.0).samples
+    (found,) = [window for window in find_windows(excited(asked, rest_s), "U") if window.kind != "steady"]
+    assert (found.name, found.kind) == ("M1", "multisine")
+    assert found.frequency_hz == pytest.approx((lines[0], lines[-1]), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "excitation",
+    [
+        signals.chirp(0.03, 1.5, 100.0, 20.0, rate_hz=50.0),
+        signals.chirp(0.03, 1.5, 100.0, 20.0, law="logarithmic", rate_hz=50.0),
+        signals.band_limited_noise(0.02, 1.0, 100.0, 10.0, seed=1, rate_hz=50.0),
+        signals.prbs(7, 1.0, 20.0, rate_hz=50.0),
+        signals.prbs(5, 1.0, 20.0, periods=4, rate_hz=50.0),
+        signals.sine_sequence([0.05, 0.1, 0.2, 0.5], 4, 20.0, rate_hz=50.0),
+    ],
+    ids=lambda excitation: excitation.name,
+)
+def test_what_is_no_multisine_is_not_called_so(excitation):
+    found = find_windows(excited(excitation.samples), "U")
+    assert "multisine" not in {window.kind for window in found}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_stair_of_chance_is_no_multisine(seed):
+    heights = np.random.default_rng(seed).uniform(-20.0, 20.0, 14)
+    found = find_windows(excited(np.convolve(np.repeat(heights, 450), np.ones(10) / 10, mode="same")), "U")
+    assert "multisine" not in {window.kind for window in found}
 
 
 def test_two_series_of_steps_are_two_windows():

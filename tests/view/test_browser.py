@@ -303,14 +303,12 @@ def test_two_points_calibrate_at_once(visits):
 
 
 def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, tmp_path):
-    """Three menus, one drag, run, report; and the file that was written says the same on the command line."""
+    """One button for the roles, one drag, run, report; and the file that was written says the same on the command line."""
     write_csv(tmp_path / "my.csv")
     with begun_server(tmp_path / "my.csv") as (_, origin, token):
         visit = Visit(browser, f"{origin}/{token}/look.html?doc=0")
         page = visit.page
-        page.get_by_label("role of n_set").select_option("set_point")
-        page.get_by_label("role of shaft torque").select_option("torque")
-        page.get_by_label("role of PTM_e").select_option("train")
+        page.get_by_role("button", name="take the roles that names and units tell").click()
         page.get_by_role("tab", name="Trial").click()
         page.get_by_label("end of steady").wait_for()  # found in the set point
         page.get_by_role("button", name="mark a window").click()

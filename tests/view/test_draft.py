@@ -7,7 +7,7 @@ import pytest
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.view.draft import Draft, checked, guessed_roles, read_draft, written
+from shipfp_rs.view.draft import Draft, checked, guessed, read_draft, written
 
 DRAFT = {
     "name": "My trial",
@@ -130,7 +130,7 @@ def test_a_window_more_or_less_leaves_the_others_comments(tmp_path):
         ({"steady_s": None}, "steady_s"),
         ({"windows": []}, "windows"),
         ({"channels": [*DRAFT["channels"], {**DRAFT["channels"][0], "column": "m"}]}, "found two channels, 'n' and 'm'"),
-        ({"channels": [{**DRAFT["channels"][0], "calibration": {}}, *DRAFT["channels"][1:]]}, "'n': no calibration"),
+        ({"channels": [{**DRAFT["channels"][0], "unit": "V", "calibration": {}}, *DRAFT["channels"][1:]]}, "'n' from V to"),
     ],
 )  # fmt: skip
 def test_what_is_missing_is_told_in_a_line(changes, told):
@@ -147,7 +147,34 @@ def test_names_of_channels_may_be_anything(tmp_path):
     assert checked(text, "TRIAL.toml").channels.tachos[name].column == name
 
 
-def test_roles_are_guessed_from_names():
-    names = ["U_setpoint", "U_torque", "PTM_4", "time"]
-    found = guessed_roles([Channel(name, "V", 1.0, 1) for name in names])
-    assert found == {"U_setpoint": "set_point", "U_torque": "torque", "PTM_4": "train"}
+def test_roles_are_guessed_from_names_and_units():
+    units = {"U_setpoint": "V", "Motor torque": "Nm", "PTM_4": "V", "encoder": "deg/s", "time": ""}
+    found = guessed([Channel(name, unit, 1.0, 1) for name, unit in units.items()])
+    assert {one.column: one.role for one in found} == {
+        "U_setpoint": "set_point",
+        "Motor torque": "torque",
+        "PTM_4": "train",
+        "encoder": "speed",
+    }
+    assert found[1].calibration.scale == 1.0
+    assert found[1].location == "brake"
+    assert found[0].calibration.scale is None
+
+
+def test_a_speed_is_a_role_and_what_the_page_does_not_edit_stays(tmp_path):
+    speed = {"column": "n_e", "role": "speed", "unit": "1/min"}
+    text = written(draft(channels=[*DRAFT["channels"][:2], speed]), None, "my.csv")
+    assert checked(text, "TRIAL.toml").channels.tachos["n_e"].kind == "speed"
+    load = '[channels.load]\ncolumn = "P"\nunit = "kW"\nquantity = "power"\n'
+    encoder = '[channels.disc]\ncolumn = "angle"\nunit = "deg"\nshaft = "engine"\n'
+    path = tmp_path / "TRIAL.toml"
+    path.write_text(text + load + encoder)
+    again = written(read_draft(path), path.read_text(), "my.csv")
+    assert again == path.read_text()
+
+
+def test_what_is_to_be_given_is_read_as_not_given(tmp_path):
+    path = tmp_path / "TRIAL.toml"
+    path.write_text('[channels.set_point]\ncolumn = "U"\nunit = "V"\ncalibration = "to be given"\n')
+    (channel,) = read_draft(path).channels
+    assert (channel.column, channel.calibration.scale) == ("U", None)

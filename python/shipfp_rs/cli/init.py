@@ -32,8 +32,8 @@ def init(
     vessel: Annotated[bool, typer.Option("--vessel", help="Write a commented vessel file instead.")] = False,
     sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
-    """Write a commented TRIAL.toml to fill in; with --log that log's channels, excitations and steady stretch are in it."""
-    from shipfp_rs.support.toml import template
+    """Write a commented TRIAL.toml; with --log all that the log tells is in it, and what it does not tell is marked."""
+    from shipfp_rs.support.toml import TO_BE_GIVEN, template
 
     given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}
     if log is None and (idle := [option for option, value in given.items() if value is not None]):
@@ -41,59 +41,63 @@ def init(
     if sweep:
         if log is not None:
             raise InputError("--sweep: expected it without --log; a sweep has no log")
-        _write(folder / "SWEEP.toml", template("SWEEP"), "sweep", "ship, factors and noise")
+        path = folder / "SWEEP.toml"
+        _write(path, template("SWEEP"), f"Fill in ship, factors and noise, then: shipfp sweep {path}")
         return
     if vessel:
-        _write(folder / "vessel.toml", template("VESSEL"), "", "the gear ratio, and what else is known")
+        path = folder / "vessel.toml"
+        told = (
+            f"Fill in the gear ratio, and what else is known; name it in TRIAL.toml: vessel = {path.name!r}"
+        )
+        _write(path, template("VESSEL"), told)
         return
     path = _new(folder / "TRIAL.toml")
-    text = template("TRIAL")
+    text, what = template("TRIAL"), "Fill in ship, calibrations and pulses"
     if log is not None:
         text = _of_log(text, log, set_point, rate_hz, time, names)
-    _write(path, text, "run", "ship, calibrations and pulses")
+        left = text.count(f'= "{TO_BE_GIVEN}"')
+        what = f"Give what is marked {TO_BE_GIVEN!r} ({left})" if left else "Look it through"
+    _write(path, text, f"{what}, then: shipfp run {path}")
 
 
 def _of_log(
     text: str, path: Path, set_point: str | None, rate_hz: float | None, time: str | None, names: Path | None
 ) -> str:
-    """Fill in what a log tells; whatever it does not tell stays an example, and is said."""
+    """Write what a log tells; what it does not tell is marked, and said."""
     from shipfp_rs.inspection.pulse_channels import pulse_rate
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.roles import guess_roles
-    from shipfp_rs.processing.trial_template import filled_in
-    from shipfp_rs.processing.windows import FoundWindow, find_windows
+    from shipfp_rs.processing.trial_template import drafted, moved
+    from shipfp_rs.processing.windows import FoundWindow
 
     log = Log.open(path, rate_hz=rate_hz, time=time, names=names)
     if set_point is not None:
         log.channel(set_point)
+    found: list[FoundWindow] = []
+    mover = None
     with progress() as notify:
-        notify("looking for pulse trains, the set point and windows")
-        rates = {name: pulse_rate(Rows(log, name)) for name in log.channels if name != set_point}
-        trains = {name: rate for name, rate in rates.items() if rate is not None}
-        roles = guess_roles(log, trains, set_point)
-        found: list[FoundWindow] = []
-        told = "no set point found: name its channel in the file, or with --set-point"
-        if roles.set_point is not None:
-            try:
-                found = find_windows(log, roles.set_point)
-                kinds = ", ".join(
-                    f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found
-                )
-                told = f"{path}, {roles.set_point}: {kinds}"
-            except InputError as error:
-                told = f"no windows found: {error}"
+        notify("looking for the set point, pulse trains and windows")
+        roles = guess_roles(log, lambda name: pulse_rate(Rows(log, name)), set_point)
+        try:
+            mover, found = moved(log, roles)
+            kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
+            told = f"{path}, {mover}: {kinds}"
+            if all(window.kind == "steady" for window in found):
+                told += "; nothing but rest"
+        except InputError as error:
+            told = f"no windows found: {error}"
     print_text(*log.notes, told)
-    if trains:
-        pulses = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in trains.items())
-        print_text(f"pulse trains: {pulses}; say in the file where each is and how many it gives a turn")
+    if roles.trains:
+        pulses = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in roles.trains.items())
+        print_text(f"pulse trains: {pulses}")
     elif roles.speeds:
         print_text(f"no channel is a pulse train; the speed is {', '.join(roles.speeds)}, as recorded")
     else:
         print_text("no channel is a pulse train or a speed by its unit; give one in the file")
-    if found and all(window.kind == "steady" for window in found):
-        print_text("nothing but rest: the windows in the file are examples")
-    return filled_in(text, log, path.resolve(), roles, trains, found, rate_hz, time, names)
+    return drafted(
+        text, log, path.resolve(), roles, found, mover=mover, rate_hz=rate_hz, time=time, names=names
+    )
 
 
 def _new(path: Path) -> Path:
@@ -102,11 +106,8 @@ def _new(path: Path) -> Path:
     return path
 
 
-def _write(path: Path, text: str, command: str, what: str) -> None:
+def _write(path: Path, text: str, told: str) -> None:
     from shipfp_rs.support.files import write_text_atomically
 
     write_text_atomically(_new(path), text)
-    then = (
-        f", then: shipfp {command} {path}" if command else f"; name it in TRIAL.toml: vessel = {path.name!r}"
-    )
-    print_text(f"wrote {path}", f"Fill in {what}{then}")
+    print_text(f"wrote {path}", told)

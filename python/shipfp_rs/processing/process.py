@@ -202,6 +202,9 @@ class _Recording:
                     f"{STEADY_STRETCH}: the set point varies by {spread:.1%} there, expected a constant one"
                 )
         if given.n_e_rpm is not None:
+            if abs(given.n_e_rpm / point.get("n_e", given.n_e_rpm) - 1.0) > STEADY:
+                known = f"{point['n_e']:.5g} rpm of steady_s; leave one of the two out"
+                raise InputError(f"operating_point.n_e_rpm: found {given.n_e_rpm:g}, expected the {known}")
             point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
         for signal, sensor in self.trial.channels.levels.items():
             if isinstance(sensor, Load):

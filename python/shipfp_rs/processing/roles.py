@@ -1,139 +1,193 @@
-"""What the channels of a log are: set point, torque, speed, actuator, load, pulse trains, by name and by what they do."""
+"""What the channels of a log are: by name and unit, and by what they do where name and unit leave it open."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.channel_names import Named, named
 from shipfp_rs.processing.coarse import block_means, bridged
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W
+from shipfp_rs.support.units import TO_RPM
 
-NAMES: Mapping[str, str] = {
-    "set_point": r"set[ _-]?point|n[ _-]?set|setp|soll|sollwert|f[üu]hrungsgr|gewenst|wenswaarde|consigne|b[øo]rv[æa]rde|"
-    r"referansetall|setpunt|consigna|riferimento|zadana|asetusarvo|ayar|задан|requested|desired|demand|command|"
-    r"speed ?ref|lever|hendel",
-    "load": r"load|last|generator|alternator|belasting|dynamo|grid|netz",
-    "torque": r"torq|moment|koppel|couple|torsion|strain|dehnung|rek$|coppia|par[ _]motor|vridmoment|"
-    r"dreiemoment|drejningsmoment|"
-    r"wej?wn|v[äa][äa]nt[öo]|tork|крутящ",
-    "actuator": r"rack|fuel|kraftstoff|f[üu]llung|brandstof|carburant|br[æa]n[ds]el|combustible|carburante|paliwo|"
-    r"polttoaine|yak[ıi]t|"
-    r"топлив|throttle|gas(?:hendel|pedal)|drossel|current|strom$|stroom$|courant",
-    "speed": r"speed|drehzahl|toeren|toerental|r[ée]gime|vitesse|omdrejning|turtall|varvtal|velocidad|velocit[àa]|giri|"
-    r"obroty|kierros|devir|оборот|rpm|tacho|n[ _]?(?:e|eng|engine|motor|s|shaft)$",
-}
-"""Parts of names in the languages of yards and loggers, without regard to case; the first that fits counts."""
-LOAD_UNITS = TO_W.keys() | TO_NM.keys()
-"""Units of a load. The load on an engine's bus, in per cent, is not that of a shaft."""
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
+SAME_SHAFT = 0.1
+"""A speed is that of the set point's shaft where their medians differ by less, relative."""
+WHOLE = 0.02
+"""Pulses in a turn are a whole number to within this share, or the train is another shaft's."""
+
+Shaft = Literal["engine", "propeller"]
 
 
 @dataclass
 class Roles:
     """Channels by role, and why, one line each."""
 
+    named: Mapping[str, Named]
     set_point: str | None = None
     torque: str | None = None
+    location: Literal["gauge", "brake"] = "gauge"
+    """Of the torque."""
+    located_by: str = (
+        'a guess: between the inertias; "brake" before all inertia, of the engine or motor itself'
+    )
     actuator: str | None = None
     load: str | None = None
     """Channel of the load that the machine drives, as power or torque."""
-    speeds: list[str] = field(default_factory=list)
+    speeds: dict[str, Shaft] = field(default_factory=dict)
+    """Channels of speed, encoders among them, and their shafts."""
+    trains: dict[str, float] = field(default_factory=dict)
+    """Pulse trains, and pulses per second."""
+    pulses: dict[str, int] = field(default_factory=dict)
+    """Pulses in a turn of the engine, of trains where another channel tells the speed."""
     reasons: dict[str, str] = field(default_factory=dict)
 
 
-def set_point_of(log: Log) -> str:
-    """Return the one channel whose name says that it is a set point; `InputError` where there is none or several."""
-    named = [name for name in log.channels if re.search(NAMES["set_point"], name, re.IGNORECASE)]
-    if len(named) != 1:
-        raise InputError(
-            f"{log.name}: {'several channels are' if named else 'no channel is'} called a set point, found "
-            f"{', '.join(named or log.channels)}; name it with --set-point"
-        )
-    return named[0]
-
-
-def guess_roles(log: Log, trains: Mapping[str, float], set_point: str | None = None) -> Roles:
+def guess_roles(
+    log: Log, pulse_rate: Callable[[str], float | None] = lambda _: None, set_point: str | None = None
+) -> Roles:
     """Guess what each channel is.
 
     Parameters
     ----------
     log
         The recording.
-    trains
-        Its pulse trains, with pulses per second.
+    pulse_rate
+        Name of a channel to its pulses per second; None for one that is no pulse train.
     set_point
         Its set point, where the user says.
     """
-    roles = Roles()
-    named: dict[str, list[str]] = {role: [] for role in NAMES}
-    for name, channel in log.channels.items():
-        if name in trains:
-            roles.reasons[name] = f"pulse train, {trains[name]:.4g} pulses a second"
-            continue
-        role = next(
-            (
-                role
-                for role, words in NAMES.items()
-                if re.search(words, name, re.IGNORECASE) and (role != "load" or channel.unit in LOAD_UNITS)
-            ),
-            None,
-        )
-        if role is None:
-            role = (
-                "torque"
-                if channel.unit in TO_NM
-                else "speed"
-                if channel.unit in TO_RPM and channel.unit != "Hz"
-                else None
-            )
-            why = f"its unit {channel.unit!r}"
-        else:
-            why = "its name"
-        if role is not None:
-            named[role].append(name)
-            roles.reasons[name] = f"{role.replace('_', ' ')} by {why}"
-        else:
-            roles.reasons[name] = "not known by name or unit"
-    if set_point is not None:
-        roles.set_point = set_point
-        roles.reasons[set_point] = "set point as told"
-    else:
-        roles.set_point = _only(named["set_point"], "set point", roles) or _leader(log, trains, named, roles)
-    for role in ("torque", "actuator", "load"):
-        chosen = _only([name for name in named[role] if name != roles.set_point], role, roles)
-        setattr(roles, role, chosen)
-    roles.speeds = [
-        name for name in named["speed"] if name != roles.set_point and log.channels[name].unit in TO_RPM
+    roles = named_roles(list(log.channels.values()), set_point)
+    open_ = [
+        name
+        for name, told in roles.named.items()
+        if told.is_open
+        and name not in (roles.set_point, roles.torque)
+        and not (told.quantity == "torque" or "wanted" in told.tells)
     ]
+    rates = {name: pulse_rate(name) for name in open_}
+    roles.trains = {name: rate for name, rate in rates.items() if rate is not None}
+    for name, rate in roles.trains.items():
+        roles.reasons[name] = f"pulse train, {rate:.4g} pulses a second"
+    roles.speeds = {name: shaft for name, shaft in roles.speeds.items() if name not in roles.trains}
+    if roles.set_point is None:
+        _by_what_it_does(log, roles)
+    _find_shafts(log, roles)
     return roles
 
 
-def _only(names: list[str], role: str, roles: Roles) -> str | None:
-    if len(names) > 1:
-        for name in names:
-            roles.reasons[name] = f"one of {len(names)} that may be the {role}: {', '.join(names)}; choose"
-    return names[0] if len(names) == 1 else None
+def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Roles:
+    """Return what names and units alone tell of channels."""
+    roles = Roles({channel.name: named(channel) for channel in channels})
+    wanted = set_points(roles.named)
+    if set_point is not None:
+        roles.set_point = set_point
+        roles.reasons[set_point] = "set point as told"
+    elif len(wanted) == 1:
+        roles.set_point = wanted[0]
+        roles.reasons[wanted[0]] = "set point by its name" + _and_unit(roles.named[wanted[0]])
+    found: dict[str, list[str]] = {"torque": [], "load": [], "actuator": []}
+    for name, told in roles.named.items():
+        if name in roles.reasons:
+            continue
+        role = _role(told)
+        if role == "speed":
+            roles.speeds[name] = "engine"
+        elif role in found:
+            found[role].append(name)
+        what = role.replace("_", " ")
+        roles.reasons[name] = f"{what} by {_why(role, told)}" if role else "not known by name or unit"
+    for name in wanted if roles.set_point is None else ():
+        roles.reasons[name] = f"one of {len(wanted)} that may be the set point: {', '.join(wanted)}; choose"
+    for role, names in found.items():
+        # What says that it was measured goes before what does not.
+        ordered = sorted(names, key=lambda name: "measured" not in roles.named[name].tells)
+        setattr(roles, role, ordered[0] if ordered else None)
+        for other in ordered[1:]:
+            roles.reasons[other] += f"; not used beside {ordered[0]}"
+    if roles.torque is not None:
+        _locate(roles, roles.torque)
+    return roles
 
 
-def _leader(
-    log: Log, trains: Mapping[str, float], named: Mapping[str, list[str]], roles: Roles
-) -> str | None:
-    """Return the channel whose changes come before those of all others that follow it."""
-    if named["set_point"]:
-        return None
-    found = {name: _coarse(log, name) for name in log.channels if name not in trains}
+def set_points(told: Mapping[str, Named]) -> list[str]:
+    """Return the channels whose names say that they are a set point of speed; those with a unit of speed before others."""
+    wanted = {
+        name: one
+        for name, one in told.items()
+        if "wanted" in one.tells
+        and "measured" not in one.tells
+        and (one.quantity == "speed" or (one.quantity is None and one.is_open) or one.unit == "%")
+    }
+    sure = [name for name, one in wanted.items() if one.quantity == "speed" and not one.is_open]
+    return sure or [name for name, one in wanted.items() if one.quantity == "speed"] or list(wanted)
+
+
+def set_point_of(log: Log) -> str:
+    """Return the one channel whose name says that it is a set point; `InputError` where there is none or several."""
+    found = set_points({name: named(channel) for name, channel in log.channels.items()})
+    if len(found) != 1:
+        raise InputError(
+            f"{log.name}: {'several channels are' if found else 'no channel is'} called a set point, found "
+            f"{', '.join(found or log.channels)}; name it with --set-point"
+        )
+    return found[0]
+
+
+def _role(told: Named) -> str:
+    """Return the role that name and unit tell; empty where they tell none."""
+    wanted = "wanted" in told.tells and "measured" not in told.tells
+    if told.quantity in ("torque", "power") and not told.is_open and "load" in told.tells and not wanted:
+        return "load"
+    if told.quantity == "torque":
+        return "" if wanted else "torque"
+    if told.quantity == "speed" or (told.quantity == "angle" and "measured" in told.tells):
+        return "" if wanted else "speed"
+    if told.quantity is None and "pulses" in told.tells:
+        return "pulse_train"
+    return "actuator" if "actuator" in told.tells and told.quantity != "power" else ""
+
+
+def _why(role: str, told: Named) -> str:
+    return told.by if role == "speed" or role not in told.tells else "its name" + _and_unit(told)
+
+
+def _and_unit(told: Named) -> str:
+    return "" if told.quantity in (None, "other") or told.is_open else f" and its unit {told.unit!r}"
+
+
+def _locate(roles: Roles, torque: str) -> None:
+    """Say where the torque was measured."""
+    tells = roles.named[torque].tells
+    if "brake" in tells and "gauge" not in tells:
+        roles.location, roles.located_by = "brake", "of the engine or motor, by its name"
+    elif "gauge" in tells:
+        roles.located_by = "of the shaft, by its name"
+
+
+def _by_what_it_does(log: Log, roles: Roles) -> None:
+    """Find the set point among channels that may be one by name and unit: the one whose changes come before the others'."""
+    wanted = set_points(roles.named)
+    may_be = wanted or [
+        name
+        for name, told in roles.named.items()
+        if name not in roles.trains
+        and "measured" not in told.tells
+        and (told.quantity == "speed" or (told.quantity is None and told.is_open))
+    ]
+    found = {name: _coarse(log, name) for name in log.channels if name not in roles.trains}
     coarse = {name: values for name, values in found.items() if values is not None}
     count = min((len(values) for values in coarse.values()), default=0)
     if len(coarse) < 2 or count < 10 * LAG_RATE_HZ:
-        return None
+        return
     steps = {name: np.diff(values[:count]) for name, values in coarse.items()}
     leads = dict.fromkeys(steps, 0)
     for one in steps:
@@ -142,11 +196,13 @@ def _leader(
                 first, second = (one, two) if lag > 0 else (two, one)
                 leads[first] += 1
                 leads[second] -= 10
-    best = max(leads, key=leads.__getitem__)
-    if leads[best] < 1:
-        return None
-    roles.reasons[best] = f"set point by what it does: {leads[best]} other channels follow its changes"
-    return best
+    best = max((name for name in may_be if name in leads), key=leads.__getitem__, default=None)
+    if best is None or leads[best] < 1:
+        return
+    roles.set_point = best
+    roles.speeds.pop(best, None)
+    follow = "1 other channel follows" if leads[best] == 1 else f"{leads[best]} other channels follow"
+    roles.reasons[best] = f"set point by what it does: {follow} its changes"
 
 
 def _lag(one: Array, two: Array) -> int | None:
@@ -171,3 +227,38 @@ def _coarse(log: Log, name: str) -> Array | None:
         return None
     values = block_means(log, name, block)
     return bridged(values) if np.isfinite(values).sum() >= 2 else None
+
+
+def _find_shafts(log: Log, roles: Roles) -> None:
+    """Say which speeds are the set point's shaft's, and how many pulses of a train go into its turn."""
+    asked = None if roles.set_point is None else _typical_rpm(log, roles, roles.set_point)
+    told = {name: _typical_rpm(log, roles, name) for name in roles.speeds}
+    known = {name: rpm for name, rpm in told.items() if rpm is not None}
+    engine = asked if asked is not None else max(known.values(), default=None)
+    if engine is None or engine == 0.0:
+        return
+    same = [name for name, rpm in known.items() if abs(rpm / engine - 1.0) < SAME_SHAFT]
+    for name, rpm in known.items():
+        if name in same or rpm == 0.0:
+            continue
+        gear = f"{engine / rpm:.3g} turns of the engine to one of it"
+        if same:
+            del roles.speeds[name]
+            roles.reasons[name] += f"; {gear}: not used, since no vessel file tells the gear"
+        else:
+            roles.speeds[name] = "propeller"
+            roles.reasons[name] += f"; {gear}"
+    for name, pulses_hz in roles.trains.items():
+        count = pulses_hz / (known[same[0]] if same else engine) * 60.0
+        if count > 0.5 and abs(count / round(count) - 1.0) < WHOLE:
+            roles.pulses[name] = round(count)
+
+
+def _typical_rpm(log: Log, roles: Roles, name: str) -> float | None:
+    """Median of a channel in a unit of speed [rpm], without its sign."""
+    factor = TO_RPM.get(roles.named[name].unit)
+    channel = log.channel(name)
+    if factor is None or channel.samples < 2:
+        return None
+    values = block_means(log, name, max(min(round(channel.rate_hz), channel.samples // 2), 1))
+    return abs(float(np.nanmedian(values))) * factor if np.isfinite(values).any() else None

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.toml import FilePath, Name, Section, unexpected
+from shipfp_rs.support.toml import TO_BE_GIVEN, FilePath, Name, Section, unexpected
 from shipfp_rs.support.units import ELECTRIC, TO_NM, TO_REV, TO_RPM, TO_W, told
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -56,8 +56,13 @@ class Line(Section):
         return Calibration(self.scale, self.offset, unit)
 
 
-TO_BE_GIVEN = "to be given"
-"""What stands in a file for a value that no log tells; a trial that holds it is refused by the name of its channel."""
+def wanted_line(unit: str, to: str) -> str:
+    """Return what a calibration from one unit to another is to be, in words."""
+    reading = unit or "reading"
+    return (
+        f"from {reading} to {to}: {{ scale = {to} per {reading}, offset = {to} at 0 }}, or "
+        f"{{ table = [[{reading}, {to}], [{reading}, {to}]] }}"
+    )
 
 
 class Level(Section):
@@ -90,12 +95,10 @@ class Level(Section):
         factor, to = cls._factor(told(unit), content)
         if factor is not None:
             return {**content, "calibration": {"scale": factor}}
-        recorded = unit or "what is recorded"
         raise unexpected(
             "calibration",
             repr(content["calibration"]) if "calibration" in content else "nothing",
-            f"channel {column!r} from {recorded} to {to}: {{ scale = {to} per {recorded}, offset = {to} at 0 }}, or "
-            f"{{ table = [[{recorded}, {to}], [{recorded}, {to}]] }}",
+            f"channel {column!r} {wanted_line(unit, to)}",
         )
 
     @classmethod
@@ -211,6 +214,7 @@ class Tacho(Section):
         wanted = {
             "column": "the name of a channel of the log",
             "pulses_per_rev": "a whole number, the pulses in a turn",
+            "calibration": wanted_line("", str(content.get("unit"))),
         }
         wanted |= {"shaft": '"engine" or "propeller"'}
         for key, what in wanted.items():

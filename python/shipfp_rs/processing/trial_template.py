@@ -1,17 +1,28 @@
-"""Windows found in a log, written into a TRIAL.toml."""
+"""A TRIAL.toml with all that a log tells, each guess with its reason; what it does not tell is marked as to be given."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+import tomlkit
+
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import Roles
-from shipfp_rs.processing.windows import FoundWindow, longest_rest
-from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W
+from shipfp_rs.processing.trial_channels import wanted_line
+from shipfp_rs.processing.trial_tables import Processing
+from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.support.toml import TO_BE_GIVEN
+from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
+
+KEPT = ("processing", "processing.torque_spikes", "processing.set_point_jumps", "processing.faults")
+"""Tables of the template that are settings, and claim nothing of a log."""
+LEAST_LOAD = 0.1
+"""A rest of a load counts as loaded from this share of its largest level on."""
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
@@ -31,18 +42,37 @@ def windows_toml(windows: Sequence[FoundWindow]) -> str:
     return "\n".join(lines)
 
 
-def filled_in(
+def moved(log: Log, roles: Roles) -> tuple[str, list[FoundWindow]]:
+    """Return the channel whose motion makes a log's windows, and these: the set point's, or the load's where that rests.
+
+    Raises
+    ------
+    InputError
+        Where the log has neither set point nor load, or it is too short.
+    """
+    if roles.set_point is None:
+        raise InputError("no set point found: name its channel in the file, or with --set-point")
+    found = find_windows(log, roles.set_point)
+    if roles.load is not None and all(window.kind == "steady" for window in found):
+        by_load = find_windows(log, roles.load)
+        if any(window.kind != "steady" for window in by_load):
+            return roles.load, by_load
+    return roles.set_point, found
+
+
+def drafted(
     template: str,
     log: Log,
     path: Path,
     roles: Roles,
-    trains: Mapping[str, float],
     windows: Sequence[FoundWindow],
+    *,
+    mover: str | None = None,
     rate_hz: float | None = None,
     time: str | None = None,
     names: Path | None = None,
 ) -> str:
-    """Return the template of a TRIAL.toml with what a log tells: its channels, steady stretch and windows.
+    """Return the text of a TRIAL.toml for a log.
 
     Parameters
     ----------
@@ -52,102 +82,158 @@ def filled_in(
         The log and where it lies.
     roles
         What its channels are taken for, and why.
-    trains
-        Channels that are pulse trains, with pulses per second.
-    windows
-        What was found in the set point.
+    windows, mover
+        What was found, and the channel that moves there.
     rate_hz, time, names
         As it was opened.
     """
-    tables = {_header(table): table for table in template.split("\n\n")}
-    tables["trial"] = _with(tables["trial"], "log", json.dumps(str(path)))
-    if rate_hz is not None:
-        tables["trial"] = re.sub(
-            "^# rate_hz = .*", f"rate_hz = {rate_hz!r}", tables["trial"], flags=re.MULTILINE
+    kept = {_header(table): table for table in template.split("\n\n")}
+    kept["processing"] = _at_most(kept["processing"], _slowest(log, roles))
+    given = {
+        "rate_hz": rate_hz,
+        "time_column": time,
+        "names": None if names is None else str(names.resolve()),
+    }
+    header = {"name": path.stem[:200], "log": str(path), **given}
+    trial = "[trial]\n" + _keys({key: value for key, value in header.items() if value is not None})
+    if "propeller" in roles.speeds.values():
+        trial += (
+            "\n# vessel = the path of a vessel file with the gear ratio: the speed is that of the other shaft"
         )
-    for key, value in (("time_column", time), ("names", None if names is None else str(names.resolve()))):
-        if value is not None:
-            line = f"{key} = {json.dumps(value)}"
-            tables["trial"] = re.sub(f"^# {key} = .*", lambda _: line, tables["trial"], flags=re.MULTILINE)  # noqa: B023
-    there = (
-        f"# {one.name}{f' [{one.unit}]' if one.unit else ''}, {one.rate_hz:g} Hz: {roles.reasons.get(one.name, '')}"
-        for one in log.channels.values()
-    )
-    about = "# The log's channels, and what each is taken for:\n" + "\n".join(there) + "\n"
+    tables = [
+        "# A trial: one ship, its raw log, and what to find in it. Run it with `shipfp run TRIAL.toml`.",
+        trial,
+        _about(log, roles),
+        *_channels(log, roles),
+        _operating_point(log, roles, windows, mover),
+        *(kept[key] for key in KEPT),
+        windows_toml(windows).rstrip()
+        or "# No window was found: add tables [[windows]] with name, start_s and stop_s.",
+        *(table for header, table in kept.items() if header in ("identify", "report")),
+    ]
+    return "\n\n".join(tables)
+
+
+def _channels(log: Log, roles: Roles) -> list[str]:
+    """Return the tables of channels."""
     if roles.set_point is None:
-        about += "# No set point was found: name its channel below.\n"
-        tables["channels.set_point"] = about + tables["channels.set_point"]
+        tables = [f'[channels.set_point]\ncolumn = "{TO_BE_GIVEN}"\nunit = ""']
     else:
-        channel = log.channel(roles.set_point)
-        tables["channels.set_point"] = about + _of(channel, tables["channels.set_point"], TO_RPM)
+        tables = [_level("set_point", log.channel(roles.set_point), roles, TO_RPM, "rpm")]
     if roles.torque is not None:
-        tables["channels.torque"] = _of(log.channel(roles.torque), tables["channels.torque"], TO_NM)
-    else:
-        tables["channels.torque"] = re.sub("^", "# ", tables["channels.torque"], flags=re.MULTILINE)
+        torque = _level("torque", log.channel(roles.torque), roles, TO_NM, "Nm")
+        tables.append(f'{torque}\nlocation = "{roles.location}"  # {roles.located_by}')
     if roles.load is not None:
-        tables["channels.load"] = _load(log.channel(roles.load), tables["channels.load"])
-    if not trains and roles.speeds:
-        del tables["channels.PTM_e"]
-        tables["channels.PTM_4"] = "\n\n".join(_speed(log.channel(name)) for name in roles.speeds)
-    if trains:
-        del tables["channels.PTM_e"]
-        tables["channels.PTM_4"] = "\n\n".join(_train(*train) for train in trains.items())
-    rest = longest_rest(windows) if windows else None
+        power = roles.named[roles.load].unit in TO_W
+        units, to, what = (TO_W, "W", "power") if power else (TO_NM, "Nm", "torque")
+        tables.append(f'{_level("load", log.channel(roles.load), roles, units, to)}\nquantity = "{what}"')
+    told = {name for name in roles.speeds if roles.named[name].unit in {*TO_RPM, *TO_REV}}
+    # What needs an answer is left out where another channel tells the speed without one.
+    tables += [_speed(name, roles) for name in roles.speeds if name in told or not (told or roles.pulses)]
+    tables += [_train(name, roles) for name in roles.trains if name in roles.pulses or not told]
+    if not roles.speeds and not roles.trains:
+        tables.append(f'[channels.speed]\ncolumn = "{TO_BE_GIVEN}"\nunit = "rpm"')
+    return tables
+
+
+def _level(key: str, channel: Channel, roles: Roles, factors: Mapping[str, float], to: str) -> str:
+    """Return the table of a calibrated channel; one of a known unit needs no calibration."""
+    unit = roles.named[channel.name].unit
+    table = f"[channels.{key}]\n" + _keys({"column": channel.name, "unit": unit})
+    return table if unit in factors else f"{table}\n{_asked_line(unit, to)}"
+
+
+def _asked_line(unit: str, to: str) -> str:
+    return f'calibration = "{TO_BE_GIVEN}"  # {_comment(wanted_line(unit, to))}'
+
+
+def _speed(name: str, roles: Roles) -> str:
+    """Return the table of a recorded speed, or of an encoder's angle."""
+    unit = roles.named[name].unit
+    known = unit in TO_RPM or unit in TO_REV
+    keys = {"column": name, "unit": unit if known else "rpm", "shaft": roles.speeds[name]}
+    table = f"[channels.{_key(name)}]\n{_keys(keys)}"
+    return table if known else f"{table}\n{_asked_line(unit, 'rpm')}"
+
+
+def _train(name: str, roles: Roles) -> str:
+    """Return the table of a pulse train; the log tells where it is only where another channel tells the speed."""
+    count = roles.pulses.get(name)
+    keys = {
+        "column": name,
+        "pulses_per_rev": count or TO_BE_GIVEN,
+        "shaft": "engine" if count else TO_BE_GIVEN,
+    }
+    return f"[channels.{_key(name)}]\n{_keys(keys)}"
+
+
+def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mover: str | None) -> str:
+    """Return the table of the operating point: the steady stretch, or means over the windows where nothing rests."""
+    if mover is not None and mover == roles.load:
+        largest = max(abs(window.level) for window in windows)
+        loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
+        windows = loaded if longest_rest(loaded) is not None else windows
+    rest = longest_rest(windows)
     if rest is not None:
-        stretch = f"[{rest.start_s:.1f}, {rest.stop_s:.1f}]"
-        tables["operating_point"] = _with(tables["operating_point"], "steady_s", stretch)
-    tables["windows"] = windows_toml(windows).rstrip() or tables["windows"]
-    return "\n\n".join(tables.values())
+        return f"[operating_point]               # means over a rest\nsteady_s = [{rest.start_s:.1f}, {rest.stop_s:.1f}]"
+    means = {
+        "n_e_rpm": _mean(log, roles, next(iter(roles.speeds), roles.set_point), windows, TO_RPM),
+        "M_Nm": _mean(log, roles, roles.torque, windows, TO_NM),
+    }
+    known = _keys({key: float(f"{value:.6g}") for key, value in means.items() if value is not None})
+    lines = known or "# steady_s = [start, stop] of a stretch with a constant set point"
+    return f"[operating_point]               # nothing rests in the log: means over its windows\n{lines}"
+
+
+def _mean(
+    log: Log, roles: Roles, name: str | None, windows: Sequence[FoundWindow], factors: Mapping[str, float]
+) -> float | None:
+    factor = None if name is None else factors.get(roles.named[name].unit)
+    if name is None or factor is None or not windows:
+        return None
+    pieces = [
+        np.asarray(log.read(name, window.start_s, window.stop_s), dtype=np.float64) for window in windows
+    ]
+    return factor * float(np.nanmean(np.concatenate(pieces)))
+
+
+def _slowest(log: Log, roles: Roles) -> float:
+    used = [roles.set_point, roles.torque, roles.load]
+    return min((log.channel(name).rate_hz for name in used if name is not None), default=np.inf)
+
+
+def _at_most(table: str, rate_hz: float) -> str:
+    """Return the table of processing with a common rate that every channel has."""
+    usual = Processing().rate_hz
+    return table if rate_hz >= usual else table.replace(f"rate_hz = {usual}", f"rate_hz = {rate_hz:.9g}", 1)
+
+
+def _about(log: Log, roles: Roles) -> str:
+    lines = [
+        _comment(
+            f"# {one.name}{f' [{one.unit}]' if one.unit else ''}, {one.rate_hz:g} Hz: {roles.reasons.get(one.name, '')}"
+        )
+        for one in log.channels.values()
+    ]
+    if roles.set_point is None:
+        lines.append("# No set point was found: name its channel below.")
+    return "\n".join(["# The log's channels, and what each is taken for:", *lines])
+
+
+def _comment(text: str) -> str:
+    return re.sub(r"[\x00-\x1f\x7f\ud800-\udfff]", "?", text)
+
+
+def _keys(keys: Mapping[str, object]) -> str:
+    return "\n".join(f"{key} = {tomlkit.item(value).as_string()}" for key, value in keys.items())
+
+
+def _key(name: str) -> str:
+    """Return a channel's name as the key of its table, another one where that of a role is the same."""
+    taken = ("set_point", "torque", "rack", "actuator", "load")
+    return tomlkit.item(f"{name} of a shaft" if name in taken else name).as_string()
 
 
 def _header(table: str) -> str:
     found = re.search(r"^(?:# )?\[+([\w.]+)", table, re.MULTILINE)
     return found[1] if found else ""
-
-
-def _with(table: str, key: str, value: str) -> str:
-    """Return a table with another value of one key, the comment behind it where it was if there is room."""
-
-    def line(old: re.Match[str]) -> str:
-        new = f"{key} = {value}"
-        return new.ljust(max(len(old[0]), len(new) + 1)) if old[1] else new
-
-    return re.sub(
-        rf"^{key} = (?:\"[^\"]*\"|\[[^\]]*\]|\{{[^}}]*\}}|\S+)( *)", line, table, count=1, flags=re.MULTILINE
-    )
-
-
-def _of(channel: Channel, table: str, factors: Mapping[str, float]) -> str:
-    """Return a table for a channel; one of a known unit needs no calibration but that unit's factor."""
-    table = _with(table, "column", json.dumps(channel.name))
-    if channel.unit:
-        table = _with(table, "unit", json.dumps(channel.unit))
-    factor = factors.get(channel.unit.replace(" ", ""))
-    return table if factor is None else _with(table, "calibration", f"{{ scale = {factor} }}")
-
-
-def _load(channel: Channel, table: str) -> str:
-    """Return the table of a load, which the template has as a comment."""
-    told = re.sub("^# ", "", table, flags=re.MULTILINE)
-    power = channel.unit in TO_W
-    return _with(_of(channel, told, TO_W if power else TO_NM), "quantity", '"power"' if power else '"torque"')
-
-
-def _speed(channel: Channel) -> str:
-    """Return the table of a speed that is recorded as such."""
-    return (
-        f"[channels.{json.dumps(channel.name)}]            # recorded as a speed\n"
-        f"column = {json.dumps(channel.name)}\n"
-        f"unit = {json.dumps(channel.unit)}\n"
-        'shaft = "engine"                # or "propeller"'
-    )
-
-
-def _train(name: str, pulses_hz: float) -> str:
-    """Return the table of a pulse train, of which the log does not tell where it is."""
-    return (
-        f"[channels.{json.dumps(name)}]\n"
-        f"column = {json.dumps(name)}\n"
-        f"pulses_per_rev = 1              # {pulses_hz:.4g} pulses a second in its first two minutes\n"
-        'shaft = "engine"                # or "propeller"'
-    )

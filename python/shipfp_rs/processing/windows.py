@@ -18,7 +18,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 
-Kind = Literal["steady", "sine", "chirp", "steps", "other"]
+Kind = Literal["steady", "sine", "multisine", "chirp", "steps", "other"]
 
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
@@ -45,7 +45,19 @@ LONGEST_S = 4.0 * 3600.0
 SAME_FREQUENCY = 1.15
 """The excitation has one frequency where the ratio of its last periods to its first is below this."""
 
-_LETTERS = {"steady": "R", "sine": "S", "chirp": "C", "steps": "St", "other": "X"}
+IN_BAND = 0.95
+"""Share of an excitation's power in its band."""
+LINE_BINS, BETWEEN_LINES = 16, 0.2
+"""In parts of so many bins the median of a multisine's power is below this share of the mean, since nothing is between its
+lines; of what runs through its frequencies the two are alike, and by chance, too, the median is 0.7 of the mean."""
+SAME_LINES = 0.8
+"""Least correlation of the amplitudes of a window's halves: a multisine has all lines all the time."""
+REPEATS = 0.95
+"""Correlation with itself a period later from which an excitation is periodic."""
+AT_LEVELS = 0.6
+"""Share of samples near the extremes from which an excitation jumps between two levels."""
+
+_LETTERS = {"steady": "R", "sine": "S", "multisine": "M", "chirp": "C", "steps": "St", "other": "X"}
 
 
 @dataclass(frozen=True)
@@ -55,7 +67,7 @@ class FoundWindow:
     Parameters
     ----------
     name
-        Kind's letter and a count: R rest, S sine, C chirp, St steps, X anything else.
+        Kind's letter and a count: R rest, S sine, M multisine, C chirp, St steps, X anything else.
     kind
         What the set point does.
     start_s, stop_s
@@ -63,7 +75,8 @@ class FoundWindow:
     level
         Mean of the set point, as recorded.
     frequency_hz
-        From the first to the last [Hz]; equal for a sine, None for rests and steps.
+        From the first to the last [Hz], of a multisine from the lowest to the highest; equal for a sine, None for rests and
+        steps.
     """
 
     name: str
@@ -75,11 +88,12 @@ class FoundWindow:
 
 
 def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
-    """Find rests, sines, chirps and steps of a set point.
+    """Find rests, sines, multisines, chirps and steps of a set point, or of a load.
 
     The set point rests where the medians of half seconds stay at one level to within their noise. What lies between two
-    rests is a step where the level changes at once, else one excitation; the times between its crossings of the mean
-    tell a sine from a chirp. Excitations that follow one another without a rest are found as one.
+    rests is a step where the level changes at once, else one excitation; lines in its spectrum, or a period, tell a
+    multisine, the times between its crossings of the mean a sine from a chirp. Excitations that follow one another
+    without a rest are found as one.
 
     Parameters
     ----------
@@ -130,7 +144,7 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
-    centres = [window.level for window in windows if window.kind in ("sine", "chirp")]
+    centres = [window.level for window in windows if window.kind in ("sine", "multisine", "chirp")]
     if not centres:
         return max(rests, key=lambda rest: rest.stop_s - rest.start_s)
     centre = float(np.median(centres))
@@ -165,7 +179,8 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        quiet = float(np.quantile(spreads[known], 0.1))
+        # The spread of a block scatters by 1.17 / sqrt(its samples); of many the tenth part is 1.28 times that below it.
+        quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)
 
@@ -250,11 +265,63 @@ class _Trace:
         if ratio < SAME_FREQUENCY and np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1):
             mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
             return FoundWindow("", "sine", start_s, stop_s, level, (mean, mean))
+        # A stair stands still most of the time.
+        swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
+        if swings and (band := _lines(samples, self.rate_hz)) is not None:
+            return FoundWindow("", "multisine", start_s, stop_s, level, band)
         # The periods of a chirp change one way; what goes back and forth is something else.
         logs = np.log(halves)
         order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
         kind: Kind = "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other"
         return FoundWindow("", kind, start_s, stop_s, level, frequencies)
+
+
+def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
+    """Return the lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
+    deviation = samples - samples.mean()
+    extremes = np.quantile(deviation, [0.02, 0.98])
+    near = np.abs(deviation[:, None] - extremes).min(axis=1) < 0.1 * float(np.ptp(extremes))
+    if near.mean() > AT_LEVELS:
+        return None
+    power = np.abs(np.fft.rfft(deviation * np.hanning(len(samples)))) ** 2
+    power[:1] = 0.0
+    if not power.sum() > 0.0:
+        return None
+    held = np.cumsum(power) / power.sum()
+    low, high = (
+        int(np.searchsorted(held, share)) for share in (0.5 * (1.0 - IN_BAND), 0.5 * (1.0 + IN_BAND))
+    )
+    blocks = power[low : low + (high - low) // LINE_BINS * LINE_BINS].reshape(-1, LINE_BINS)
+    between = (
+        np.median(np.median(blocks, axis=1) / np.maximum(blocks.mean(axis=1), 1e-300))
+        if len(blocks) > 1
+        else 1.0
+    )
+    if _repeats(deviation) or (between < BETWEEN_LINES and _stays(deviation, low // 2, high // 2 + 1)):
+        return low * rate_hz / len(samples), high * rate_hz / len(samples)
+    return None
+
+
+def _stays(deviation: Array, low: int, high: int) -> bool:
+    """Whether both halves of a signal have the same amplitudes in a band of bins of a half."""
+    half = len(deviation) // 2
+    halves = (deviation[:half], deviation[half : 2 * half])
+    early, late = (np.abs(np.fft.rfft(part * np.hanning(half)))[low:high] for part in halves)
+    with np.errstate(all="ignore"):
+        return bool(np.corrcoef(early, late)[0, 1] > SAME_LINES)
+
+
+def _repeats(deviation: Array) -> bool:
+    """Whether a signal comes again after a period."""
+    count = len(deviation)
+    spectrum = np.fft.rfft(deviation, 2 * count)
+    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count]
+    energy = np.concatenate([[0.0], np.cumsum(deviation**2)])
+    lags = np.arange(count // 2)
+    scale = np.sqrt(energy[count - lags] * (energy[-1] - energy[lags]))
+    alike = products[lags] / np.maximum(scale, 1e-300)
+    apart = np.flatnonzero(alike < 0.0)
+    return bool(apart.size and alike[apart[0] :].max() > REPEATS)
 
 
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:

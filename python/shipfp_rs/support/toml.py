@@ -24,6 +24,8 @@ LARGEST, SMALLEST = 1e15, 1e-15
 MOST_CHARACTERS = 2000
 """Most characters of a text, such as a path or a description."""
 
+TO_BE_GIVEN = "to be given"
+"""What stands in a file for a value that only its user knows; what reads the file refuses it."""
 SEVERAL_LINES = "description"
 """Key whose text may have lines and tabs."""
 

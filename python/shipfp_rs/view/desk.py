@@ -171,7 +171,7 @@ class Desk:
             "vessels": self._vessels(),
             "to_rpm": dict(TO_RPM),
             "to_nm": dict(TO_NM),
-            "guess": drafts.guessed_roles(channels),
+            "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
             "logs": [
                 {"name": other.path.name, "doc": number}
                 for number, other in enumerate(self._open)

@@ -15,11 +15,14 @@ from tomlkit.items import InlineTable, Table
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.processing.roles import NAMES
+from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import MOST_WINDOWS, Trial
-from shipfp_rs.support.toml import Section, parsed_toml, read_tables, template, validated
+from shipfp_rs.support.toml import TO_BE_GIVEN, Section, parsed_toml, read_tables, template, validated
+from shipfp_rs.support.units import TO_NM, TO_RPM, told
 
-ROLES = ("set_point", "torque", "rack", "train")
+LEVELS = ("set_point", "torque", "rack")
+"""Roles that are keys of their tables; a train's and a speed's table has a name of its own."""
+SHOWN = {"train": "pulse train", "speed": "speed"}
 TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
 
 Short = Annotated[str, StringConstraints(max_length=200)]
@@ -40,12 +43,12 @@ class DraftChannel(Section):
     """What a channel is."""
 
     column: Short
-    role: Literal["set_point", "torque", "rack", "train"]
+    role: Literal["set_point", "torque", "rack", "speed", "train"]
     unit: Short = ""
     calibration: DraftCalibration = DraftCalibration()
     location: Literal["gauge", "brake", "shaft"] = "gauge"
     name: Short = ""
-    """Of a pulse train's table; its column's where it is empty."""
+    """Of a pulse train's or a speed's table; its column's where it is empty."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
     shaft: Literal["engine", "propeller"] = "engine"
     threshold: Number | None = None
@@ -65,7 +68,7 @@ class Draft(Section):
     """What the page edits of a trial."""
 
     name: Short = "Trial"
-    vessel: Short = "stan-tug-1205"
+    vessel: Short = "direct-drive"
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
     windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
@@ -84,9 +87,14 @@ def read_draft(path: Path) -> Draft:
     for key, table in _table(content, "channels").items():
         if not isinstance(table, Mapping):
             raise InputError(f"{path}: channels.{key}: found {str(table)[:60]!r}, expected a table")
-        role = key if key in ROLES[:3] else "train"
-        known = {name: table[name] for name in DraftChannel.model_fields if name in table}
-        channels.append({**known, "role": role} | ({"name": key} if role == "train" else {}))
+        if (role := _role(key, table)) is None:
+            continue
+        known = {
+            name: table[name]
+            for name in DraftChannel.model_fields
+            if table.get(name, TO_BE_GIVEN) != TO_BE_GIVEN
+        }
+        channels.append({"column": "", **known, "role": role} | ({} if role in LEVELS else {"name": key}))
     marked = content.get("windows", [])
     if not isinstance(marked, list) or not all(isinstance(window, Mapping) for window in marked):
         raise InputError(f"{path}: windows: found {str(marked)[:60]!r}, expected tables [[windows]]")
@@ -138,6 +146,17 @@ def checked(text: str, source: str) -> Trial:
     return validated(parsed_toml(text, source), Trial, source)
 
 
+def _role(key: str, table: Mapping[str, Any]) -> str | None:
+    """Return what a channel's table is on the page; None for one that the page leaves as it is, such as a load."""
+    if key in ("load", "actuator"):
+        return None
+    if key in LEVELS:
+        return key
+    if "pulses_per_rev" in table and "file" not in table:
+        return "train"
+    return "speed" if told(str(table.get("unit", ""))) in TO_RPM else None
+
+
 def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     found = content.get(key, {})
     if not isinstance(found, Mapping):
@@ -161,16 +180,16 @@ def _put(table: Any, key: str, value: Any) -> None:
 def _put_channels(tables: Any, channels: Sequence[DraftChannel]) -> None:
     wanted: dict[str, DraftChannel] = {}
     for channel in channels:
-        key = (channel.name or channel.column) if channel.role == "train" else channel.role
+        key = channel.role if channel.role in LEVELS else channel.name or channel.column
         if key in wanted:
-            what = key.replace("_", " ") if channel.role != "train" else f"pulse train {key!r}"
+            what = key.replace("_", " ") if channel.role in LEVELS else f"{SHOWN[channel.role]} {key!r}"
             raise InputError(
                 f"{what}: found two channels, {wanted[key].column!r} and {channel.column!r}; choose one"
             )
-        if channel.role == "train" and key in ROLES[:3]:
-            raise InputError(f"pulse train {key!r}: the name is taken; choose another one")
+        if channel.role not in LEVELS and key in (*LEVELS, "load", "actuator"):
+            raise InputError(f"{SHOWN[channel.role]} {key!r}: the name is taken; choose another one")
         wanted[key] = channel
-    for key in [key for key in tables if key not in wanted]:
+    for key in [key for key in tables if key not in wanted and _role(key, tables[key]) is not None]:
         tables.remove(key)
     for key, channel in wanted.items():
         is_new = key not in tables
@@ -192,9 +211,13 @@ def _put_channel(table: Table, channel: DraftChannel) -> None:
             table.remove("threshold")
         return
     _put(table, "unit", channel.unit)
-    line = _line(channel)
-    old = table.get("calibration")
-    if old is None or _plain_line(old.unwrap()) != _plain_line(line.unwrap()):
+    if channel.role == "speed":
+        _put(table, "shaft", channel.shaft)
+        return
+    line, old = _line(channel.calibration), table.get("calibration")
+    if line is None:
+        table.pop("calibration", None)
+    elif not isinstance(old, InlineTable | Table) or _plain_line(old.unwrap()) != _plain_line(line.unwrap()):
         table["calibration"] = line
     if channel.role == "torque":
         _put(table, "location", channel.location)
@@ -204,18 +227,16 @@ def _plain_line(line: Mapping[str, Any]) -> Any:
     return line.get("scale"), line.get("offset", 0.0), [[*row] for row in line.get("table") or ()]
 
 
-def _line(channel: DraftChannel) -> InlineTable:
+def _line(calibration: DraftCalibration) -> InlineTable | None:
+    """Return a calibration as it is written; None where neither scale nor table is given."""
     line = tomlkit.inline_table()
-    calibration = channel.calibration
     if calibration.table is not None:
         line["table"] = [list(row) for row in calibration.table]
-        return line
-    if calibration.scale is None:
-        raise InputError(
-            f"channel {channel.column!r}: no calibration; give its scale, or two readings and what they stand for"
-        )
-    line["scale"] = calibration.scale
-    line["offset"] = calibration.offset
+    elif calibration.scale is not None:
+        line["scale"] = calibration.scale
+        line["offset"] = calibration.offset
+    else:
+        return None
     return line
 
 
@@ -250,14 +271,25 @@ def new_draft(name: str) -> Draft:
     return Draft(name=name)
 
 
-def guessed_roles(channels: Sequence[Channel]) -> dict[str, str]:
-    """Return the roles that names of channels tell, column to role."""
-    named = {}
-    for channel in channels:
-        if re.search(NAMES["set_point"], channel.name, re.IGNORECASE):
-            named[channel.name] = "set_point"
-        elif re.search(NAMES["torque"], channel.name, re.IGNORECASE):
-            named[channel.name] = "torque"
-        elif re.search(r"ptm|puls|tacho|pickup|reflect", channel.name, re.IGNORECASE):
-            named[channel.name] = "train"
-    return named
+def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
+    """Return what names and units tell of channels; what stays open has no role."""
+    roles = named_roles(channels)
+    found = []
+    for name, one in roles.named.items():
+        if name == roles.set_point:
+            found.append(_level(name, "set_point", one.unit, TO_RPM))
+        elif name == roles.torque:
+            torque = _level(name, "torque", one.unit, TO_NM)
+            found.append(torque.model_copy(update={"location": roles.location}))
+        elif name in roles.speeds and one.unit in TO_RPM:
+            found.append(DraftChannel(column=name, role="speed", unit=one.unit))
+        elif one.is_open and "pulses" in one.tells:
+            found.append(DraftChannel(column=name, role="train"))
+    return found
+
+
+def _level(
+    column: str, role: Literal["set_point", "torque"], unit: str, factors: Mapping[str, float]
+) -> DraftChannel:
+    calibration = DraftCalibration(scale=factors.get(unit))
+    return DraftChannel(column=column, role=role, unit=unit, calibration=calibration)

@@ -43,6 +43,12 @@ export class Draft extends EventTarget {
     if (role === "set_point") this.findWindows();
   }
 
+  take(channels) {
+    this.state.channels = channels;
+    this.change();
+    if (this.setPoint) this.findWindows();
+  }
+
   change() {
     this.changed = true;
     this.show();
@@ -68,7 +74,7 @@ export class Draft extends EventTarget {
   // Rows in the values that calibrations give, windows as bands, roles on the labels.
   show() {
     if (!this.state) return;
-    const { view } = this, roles = { set_point: "set point", torque: "torque", rack: "fuel rack", train: "pulse train" };
+    const { view } = this, roles = { set_point: "set point", torque: "torque", rack: "fuel rack", speed: "speed", train: "pulse train" };
     for (const row of view.rows) {
       if (row.layer !== "raw") continue;
       const channel = this.channel(row.series[0].name);
@@ -169,7 +175,7 @@ const round = (seconds) => Math.round(seconds * 1000) / 1000;
 
 // The straight line of a calibration: as given, or by least squares through its table; nothing where it is not complete.
 export const lineOf = ({ role, calibration }) => {
-  if (role === "train") return null;
+  if (role === "train" || role === "speed") return null;
   const unit = { set_point: "rpm", torque: "Nm", rack: "" }[role];
   if (!calibration.table) return calibration.scale ? { scale: calibration.scale, offset: calibration.offset, unit } : null;
   const rows = calibration.table;

@@ -4,7 +4,7 @@ import { lineOf } from "./draft.js";
 import { ask, button, field, hertz, make, menu, short, tell, until } from "./tools.js";
 import { verdictBox } from "./results.js";
 
-const ROLES = [["", "—"], ["set_point", "set point"], ["torque", "torque"], ["rack", "fuel rack"], ["train", "pulse train"]];
+const ROLES = [["", "—"], ["set_point", "set point"], ["torque", "torque"], ["rack", "fuel rack"], ["speed", "speed"], ["train", "pulse train"]];
 const PLACES = [["gauge", "strain gauge between the inertias"], ["brake", "engine's brake torque"], ["shaft", "shaft behind the gearbox"]];
 const KINDS = [["", "any kind"], ["chirp", "chirp"], ["sine", "sine"], ["steps", "steps"], ["multisine", "multisine"], ["noise", "noise"]];
 const number = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text.replace(",", "."))) ? Number(text.replace(",", ".")) : null);
@@ -23,18 +23,12 @@ export class ChannelsPanel {
     const focused = document.activeElement?.dataset?.key, scrolled = box.scrollTop;
     box.replaceChildren();
     make(box, "p", { class: "soft" }, "Say what each channel is. What needs no role stays without one.");
-    if (draft.state && !draft.state.channels.length && Object.keys(draft.guess).length) {
-      button(box, "take the roles that the names tell", () => {
-        for (const [column, role] of Object.entries(draft.guess)) draft.setRole(column, role, this.unitOf(column));
-      });
+    if (draft.state && !draft.state.channels.length && draft.guess.length) {
+      button(box, "take the roles that names and units tell", () => draft.take(draft.guess));
     }
     view.rows.forEach((row, index) => this.card(row, index));
     box.scrollTop = scrolled;
     if (focused) box.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
-  }
-
-  unitOf(column) {
-    return this.view.series.find((series) => series.layer === "raw" && series.name === column)?.unit ?? "";
   }
 
   card(row, index) {
@@ -68,9 +62,12 @@ export class ChannelsPanel {
   details(card, channel, series) {
     const { draft } = this, name = channel.column;
     const line = make(card, "div", { class: "line" });
-    if (channel.role === "train") {
+    const isTrain = channel.role === "train";
+    if (isTrain) {
       make(line, "span", { class: "soft" }, "pulses a turn");
       field(line, `pulses a turn of ${name}`, channel.pulses_per_rev, (text) => { channel.pulses_per_rev = Math.max(1, Math.round(number(text) ?? 1)); draft.change(); }, { type: "number", min: 1, step: 1 });
+    }
+    if (isTrain || channel.role === "speed") {
       make(line, "span", { class: "soft" }, "of the");
       menu(line, `shaft of ${name}`, [["engine", "engine"], ["propeller", "propeller shaft"]], channel.shaft, (value) => { channel.shaft = value; draft.change(); });
       return;

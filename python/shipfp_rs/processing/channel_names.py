@@ -1,0 +1,114 @@
+"""What the name and the unit of a channel tell: of what quantity it is, and whether it was asked for or measured."""
+
+from __future__ import annotations
+
+import functools
+import re
+import tomllib
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.support.units import ELECTRIC, TO_NM, TO_REV, TO_RPM, TO_W, told
+
+LEAST_PART = 4
+"""Letters from which a word counts as a part of a longer one."""
+LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i", "đ": "d"})
+"""Letters that have no accent that could be taken off."""
+WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""Where a word of MotorVelocitySet ends."""
+TAIL = re.compile(
+    r"[ _(\[-]+(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|kw|u_?min|1_?min)[)\]]?$",
+    re.IGNORECASE,
+)
+"""A unit at the end of a name, where the log has no other place for it."""
+TAILS: Mapping[str, str] = {
+    "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
+    "revs": "rev/s", "rps": "rev/s", "rpm": "rpm", "umin": "rpm", "1min": "rpm", "hz": "Hz",
+    "nm": "Nm", "knm": "kNm", "kw": "kW",
+}  # fmt: skip
+
+
+@functools.cache
+def words() -> Mapping[str, frozenset[str]]:
+    """Return the words of all languages by what they tell."""
+    text = (resources.files("shipfp_rs") / "data" / "channel_words.toml").read_text(encoding="utf-8")
+    return {
+        what: frozenset(word for language in languages.values() for word in language)
+        for what, languages in tomllib.loads(text).items()
+    }
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a channel's name and unit tell.
+
+    Parameters
+    ----------
+    unit
+        The channel's, or that at the end of its name; empty where neither tells one.
+    quantity
+        "speed", "torque", "power", "angle" or "other"; None where unit and name leave it open.
+    tells
+        What the words of its name tell, of the table's heads.
+    by
+        "its unit 'rpm'" or "its name".
+    """
+
+    unit: str
+    quantity: str | None
+    tells: frozenset[str]
+    by: str
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the unit leaves open what was recorded."""
+        return self.unit in ELECTRIC
+
+
+def named(channel: Channel) -> Named:
+    """Return what the name and unit of a channel tell.
+
+    Examples
+    --------
+    >>> found = named(Channel("MotorVelocitySet", "1/min", 100.0, 1))
+    >>> found.quantity, "wanted" in found.tells
+    ('speed', True)
+    >>> named(Channel("feedback_deg_s", "", 100.0, 1)).unit
+    'deg/s'
+    """
+    name, unit = WORD_ENDS.sub(" ", channel.name), told(channel.unit)
+    if not unit and (tail := TAIL.search(name)):
+        unit = TAILS[re.sub("[_/]", "", tail[1].lower())]
+        name = name[: tail.start()]
+    tells = _told_by(name)
+    quantity = _of_unit(unit, tells)
+    by = f"its unit {unit!r}"
+    if quantity is None:
+        by = "its name"
+        quantity = next((what for what in ("torque", "speed") if what in tells), None)
+    return Named(unit, quantity, tells, by)
+
+
+def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
+    """Return the quantity of a unit; a frequency is a speed only where the name says speed."""
+    if unit == "Hz":
+        return "speed" if tells & {"speed", "wanted"} else "other"
+    for quantity, units in (("speed", TO_RPM), ("torque", TO_NM), ("power", TO_W), ("angle", TO_REV)):
+        if unit in units:
+            return quantity
+    return None if unit in ELECTRIC else "other"
+
+
+def _told_by(name: str) -> frozenset[str]:
+    plain = unicodedata.normalize("NFKD", name.casefold().translate(LETTERS))
+    plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
+    alone = re.findall(r"[^\W\d_]+", plain)
+    together = "".join(alone)
+    return frozenset(
+        what
+        for what, known in words().items()
+        if any(word in alone or (len(word) >= LEAST_PART and word in together) for word in known)
+    )

@@ -1,0 +1,254 @@
+"""Logs as people have them: a format, channel names of a language, units, a drive, and what was done with it.
+
+A row of `ROWS` is a log. A new kind of trial adds rows here, and, where it needs them, a drive or a format.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.support.units import TO_NM, TO_RPM, told
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
+from tests.logger_files import START
+
+Columns = Mapping[tuple[str, str], np.ndarray]
+"""Name and unit to samples."""
+
+FINER = 10
+"""Steps of the simulation to a sample of the log: no logger's clock is that of the steps."""
+NOISE = {"n_e": 0.01, "M_g": 0.02, "M_b": 0.02}
+"""Standard deviations over those of the clean signals."""
+
+
+def _text(path: Path, rate_hz: float, columns: Columns, *, comma: bool, units_below: bool) -> None:
+    time = np.arange(len(next(iter(columns.values())))) / rate_hz
+    table = {("Zeit" if comma else "Time", "s"): time, **columns}
+    heads = [[name for name, _ in table], [unit for _, unit in table]]
+    if not units_below:
+        heads = [[f"{name} [{unit}]" for name, unit in table]]
+    rows = [*heads, *([f"{value:.7g}" for value in row] for row in zip(*table.values(), strict=True))]
+    lines = [(";" if comma else ",").join(row) for row in rows]
+    body = [line.replace(".", ",") if comma else line for line in lines[len(heads) :]]
+    path.write_text("\n".join([*lines[: len(heads)], *body]) + "\n", encoding="utf-8")
+
+
+def csv_with_commas(path: Path, rate_hz: float, columns: Columns) -> None:
+    _text(path, rate_hz, columns, comma=True, units_below=False)
+
+
+def csv_with_units(path: Path, rate_hz: float, columns: Columns) -> None:
+    _text(path, rate_hz, columns, comma=False, units_below=False)
+
+
+def csv_with_a_line_of_units(path: Path, rate_hz: float, columns: Columns) -> None:
+    _text(path, rate_hz, columns, comma=False, units_below=True)
+
+
+def parquet(path: Path, rate_hz: float, columns: Columns) -> None:
+    time = np.arange(len(next(iter(columns.values())))) / rate_hz
+    table = {f"{name} [{unit}]" if unit else name: values for (name, unit), values in columns.items()}
+    pa.parquet.write_table(pa.table({"time": time, **table}), path)
+
+
+def matlab(path: Path, rate_hz: float, columns: Columns) -> None:
+    from scipy.io import savemat
+
+    savemat(
+        path, {**{name: values for (name, _), values in columns.items()}, "fs": rate_hz}, oned_as="column"
+    )
+
+
+def tdms(path: Path, rate_hz: float, columns: Columns) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    facts = {"wf_increment": 1.0 / rate_hz, "wf_start_time": np.datetime64(START.replace(tzinfo=None))}
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("trial", name, values, {**facts, "unit_string": unit})
+                for (name, unit), values in columns.items()
+            ]
+        )
+
+
+def mdf(path: Path, rate_hz: float, columns: Columns) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        file.header.start_time = START
+        time = np.arange(len(next(iter(columns.values())))) / rate_hz
+        file.append([asammdf.Signal(v, time, name=name, unit=unit) for (name, unit), v in columns.items()])
+        file.save(path, overwrite=True)
+
+
+def hdf5(path: Path, rate_hz: float, columns: Columns) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file.attrs["rate_hz"] = rate_hz
+        for (name, unit), values in columns.items():
+            file.create_dataset(name, data=values).attrs["unit"] = unit
+
+
+SUFFIXES: Mapping[Callable[[Path, float, Columns], None], str] = {
+    csv_with_commas: ".csv",
+    csv_with_units: ".csv",
+    csv_with_a_line_of_units: ".csv",
+    parquet: ".parquet",
+    matlab: ".mat",
+    tdms: ".tdms",
+    mdf: ".mf4",
+    hdf5: ".h5",
+}
+
+
+def tug() -> Vessel:
+    return Vessel.load("stan-tug-1205")
+
+
+def launch() -> Vessel:
+    return Vessel.load("stan-launch-804")
+
+
+def lab_drive() -> Vessel:
+    """A motor of 12 Nm at 900 rpm and a fan on its shaft."""
+    return _direct(n_e_rpm=900.0, M_b_Nm=12.0, inertia=0.09, exponent=2.0, g=-0.1, K_p=4.0, K_i=6.0)
+
+
+def genset() -> Vessel:
+    """A diesel of 800 Nm at 1500 rpm, and an alternator whose load hardly goes with the speed."""
+    return _direct(n_e_rpm=1500.0, M_b_Nm=800.0, inertia=4.0, exponent=0.5, g=-0.4, K_p=6.0, K_i=8.0)
+
+
+def _direct(*, n_e_rpm: float, M_b_Nm: float, inertia: float, exponent: float, **loop: float) -> Vessel:
+    """A drive without a gearbox; what is not given here is the launch's, and far from any limit."""
+    content = launch().model_dump()
+    content["engine"] = {**content["engine"], "envelope": None, "rated_speed_rpm": 2.0 * n_e_rpm}
+    content["engine"]["rated_power_kW"] = 2.0 * M_b_Nm * n_e_rpm * np.pi / 30e3
+    content["gearbox"] = {"ratio": 1.0, "efficiency": 1.0}
+    content["shaft"] = {"inertia_kg_m2": inertia, "propeller_side_inertia_kg_m2": 0.3 * inertia}
+    content["propeller"] = {**content["propeller"], "torque_exponent": exponent}
+    content["governor"] = {"K_p": loop["K_p"], "K_i": loop["K_i"]}
+    content["operating_point"] = {
+        "n_e_rpm": n_e_rpm, "X_0_mm": 10.0, "M_b_Nm": M_b_Nm, "v": 1.0 - loop["g"], "g": loop["g"],
+    }  # fmt: skip
+    return Vessel.model_validate({**content, "name": "A drive"})
+
+
+def sines(rate_hz: float, rpm: float) -> fp.Excitation:
+    return fp.signals.sine_sequence([0.05, 0.15, 0.4, 1.0], 4, rpm, rate_hz=rate_hz)
+
+
+def chirp(rate_hz: float, rpm: float) -> fp.Excitation:
+    return fp.signals.chirp(0.03, 1.5, 90.0, rpm, law="logarithmic", rate_hz=rate_hz)
+
+
+def multisine(rate_hz: float, rpm: float) -> fp.Excitation:
+    return fp.signals.multisine(np.geomspace(0.05, 1.5, 10), 40.0, 1.5 * rpm, periods=3, rate_hz=rate_hz)
+
+
+def steps(rate_hz: float, rpm: float) -> fp.Excitation:
+    heights = rpm * np.array([1.0, -1.0, -0.6, 1.2, 0.4, -1.0, 0.6, 0.0])
+    return fp.signals.steps(np.diff(heights, prepend=0.0), 14.037, rate_hz=rate_hz)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A log and what it must be taken for.
+
+    Parameters
+    ----------
+    name
+        Of the row.
+    write
+        Writer of the format.
+    drive, excitation, rate_hz
+        What was driven, how, and how often it was recorded.
+    signals
+        Signal of `fp.simulate` to name and unit of its channel: n_set, n_e, M_g or M_b; n_s for a second shaft.
+    others
+        Channels beside: name and unit to a mean, noise about it.
+    share
+        Size of the excitation over the operating point.
+    """
+
+    name: str
+    write: Callable[[Path, float, Columns], None]
+    drive: Callable[[], Vessel]
+    excitation: Callable[[float, float], fp.Excitation]
+    rate_hz: float
+    signals: Mapping[str, tuple[str, str]]
+    others: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    share: float = 0.03
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """True parameters and ratios of them, by the names of a fingerprint."""
+        told = dataclasses.asdict(linearise(self.drive()))
+        v = told.pop("v")
+        told |= {"vK_p": v * told.pop("K_p"), "vK_i": v * told.pop("K_i")}
+        ratios = {f"{gain}/tau_n": told[gain] / told["tau_n"] for gain in ("vK_p", "vK_i")}
+        return {**told, **ratios, "(p-g)/tau_n": (told["p"] - told["g"]) / told["tau_n"]}
+
+    def written(self, folder: Path) -> Path:
+        """Write the log; return its path."""
+        vessel, draw = self.drive(), np.random.default_rng(len(self.name))
+        rpm = self.share * vessel.operating_point.n_e_rpm
+        asked = self.excitation(FINER * self.rate_hz, rpm).settled(25.0, 10.0)
+        noise = {signal: NOISE[signal] for signal in self.signals if signal in NOISE}
+        trial = fp.simulate(vessel, asked, noise=noise, seed=len(self.name))
+        columns: dict[tuple[str, str], Any] = {}
+        for signal, (name, unit) in self.signals.items():
+            factor = {**TO_RPM, **TO_NM}[told(unit) or "deg/s"]
+            rpm_a_unit = 60.0 if signal == "n_s" else 1.0
+            columns[name, unit] = trial.signals[signal][FINER // 2 :: FINER] * rpm_a_unit / factor
+        count = len(next(iter(columns.values())))
+        columns |= {
+            key: mean * (1.0 + 1e-3 * draw.standard_normal(count)) for key, mean in self.others.items()
+        }
+        path = folder / f"log{SUFFIXES[self.write]}"
+        self.write(path, self.rate_hz, columns)
+        return path
+
+
+ROWS = (
+    Row("German text, sines of a tug", csv_with_commas, tug, sines, 50.0,
+        {"n_set": ("Sollgeschwindigkeit", "U/min"), "n_e": ("Istgeschwindigkeit", "U/min"), "M_g": ("Wellenmoment", "kNm")},
+        {("Öltemperatur", "°C"): 74.0}),
+    Row("English text, chirp of a launch", csv_with_units, launch, chirp, 50.0,
+        {"n_set": ("Speed set point", "rpm"), "n_e": ("Encoder", "rpm"), "M_b": ("Motor torque", "Nm")},
+        {("Engine load", "%"): 61.0, ("Fuel pressure", "bar"): 4.0}),
+    Row("MATLAB, multisine of a laboratory drive", matlab, lab_drive, multisine, 50.0,
+        {"n_set": ("MotorVelocitySet_deg_s", ""), "n_e": ("feedback_deg_s", ""), "M_b": ("MotorTorque_Nm", "Nm")}),
+    Row("French text, steps of a generating set", csv_with_a_line_of_units, genset, steps, 100.0,
+        {"n_set": ("Consigne vitesse", "tr/min"), "n_e": ("Vitesse moteur", "tr/min"), "M_b": ("Couple moteur", "N m")},
+        {("Charge", "%"): 45.0}),
+    Row("Norwegian Parquet, multisine of a tug", parquet, tug, multisine, 20.0,
+        {"n_set": ("Settpunkt turtall", "o/min"), "n_e": ("Turtall", "o/min"), "M_g": ("Akselmoment", "kN m")},
+        {("Fart", "kn"): 0.3}),
+    Row("Dutch TDMS, chirp of a launch", tdms, launch, chirp, 50.0,
+        {"M_g": ("Askoppel", "N·m"), "n_e": ("Gemeten toerental", "omw/min"), "n_set": ("Gewenst toerental", "omw/min")},
+        {("Watertemperatuur", "°C"): 14.0}),
+    Row("MDF of a bus, steps of a laboratory drive", mdf, lab_drive, steps, 100.0,
+        {"n_set": ("MotSpdReq", "1/min"), "n_e": ("MotSpd", "1/min"), "M_b": ("MotTrq", "Nm")},
+        {("MotTemp", "°C"): 51.0, ("DcLinkVoltage", "V"): 540.0}),
+    Row("Spanish HDF5, multisine of a generating set", hdf5, genset, multisine, 50.0,
+        {"n_e": ("Velocidad medida", "rad/s"), "n_set": ("Consigna de velocidad", "rad/s"), "M_b": ("Par motor", "N m")},
+        {("Frecuencia de red", "Hz"): 50.0}),
+    Row("German text, multisine of a tug without torque", csv_with_commas, tug, multisine, 50.0,
+        {"n_set": ("Drehzahl Soll", "1/min"), "n_e": ("Drehzahl Ist", "1/min")}),
+    Row("Two speeds with a gear between, chirp of a launch", parquet, launch, chirp, 50.0,
+        {"n_set": ("Engine speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "n_s": ("Shaft speed", "rpm"),
+         "M_g": ("Shaft torque", "lbf ft")},
+        {("Speed over ground", "kn"): 0.2, ("Throttle position", "%"): 55.0}),
+)  # fmt: skip
+QUICK = tuple(ROWS[number] for number in (1, 2, 8))
+"""Rows that are fitted in every run of the tests."""
