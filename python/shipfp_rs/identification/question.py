@@ -214,15 +214,8 @@ def question_of(
     _require_outputs(outputs, signals, common)
     gauge = place == "gauge" and "dM" in outputs
     loaded = is_loaded(experiments) and elements.get("load", True)
-    always = [
-        "tau_n",
-        "g",
-        *(["v"] if "dX" in outputs else []),
-        "vK_p",
-        "vK_i",
-        "p",
-        *(["tau_prop"] if gauge else []),
-    ]
+    beside = ["v"] if "dX" in outputs else []
+    always = ["tau_n", "g", *beside, "vK_p", "vK_i", "p", *(["tau_prop"] if gauge else [])]
     if "dM" in outputs:
         elements.setdefault("late_torque", True)
     else:
