@@ -14,7 +14,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from tests.launch import TRUTH, noise, noisy_record
 
-CHIRP = signals.chirp(0.01, 5.0, 120.0, 13.0, rate_hz=50.0)
+CHIRP = signals.chirp(0.02, 5.0, 60.0, 13.0, rate_hz=25.0)
 STRUCTURE = Structure.linear(products=True)
 
 
@@ -32,7 +32,8 @@ def test_the_scatter_of_the_draws_is_that_of_repeated_trials_where_the_fit_takes
     drawn,
 ):
     trials = [
-        identify(noisy_record(CHIRP, 0.05, 0.9, seed), STRUCTURE, noise="white") for seed in range(100, 160)
+        identify(noisy_record(CHIRP, 0.05, 0.9, seed), STRUCTURE, noise="white", intervals="symmetric")
+        for seed in range(100, 160)
     ]
     own = drawn.fingerprint
     too_small = []
@@ -94,7 +95,7 @@ def test_it_is_shown_as_a_table_and_as_json(drawn):
     ("change", "message"),
     [
         ({"draws": 5}, "draws is 5, expected 20 to 1000000"),
-        ({"block_s": 100.0}, "blocks of 100 s, expected at least a sample and a tenth of its 120 s at most"),
+        ({"block_s": 100.0}, "blocks of 100 s, expected at least a sample and a tenth of its 60 s at most"),
         ({"block_s": 0.001}, "blocks of 0 s, expected at least a sample"),
     ],
 )

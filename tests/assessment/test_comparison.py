@@ -32,7 +32,7 @@ from tests.launch import noise
 
 TUG = linearise(Vessel.load("stan-tug-1205"))
 STRUCTURE = Structure.linear(torque="gauge", products=True, free_exponent=True)
-CHIRP = signals.chirp(0.01, 1.5, 240.0, 40.0, rate_hz=20.0)
+CHIRP = signals.chirp(0.01, 1.5, 240.0, 40.0, rate_hz=50.0)
 POINT = {"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0}
 NOISE, COLOUR = np.array([[2.4e-4], [1.2e-2]]), 0.58
 """What `shipfp demo` leaves over of speed and torque, relative to the operating point, and its speed's correlation."""

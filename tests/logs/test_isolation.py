@@ -37,21 +37,22 @@ ILLS = {
 
 
 @pytest.mark.parametrize("ill", ILLS)
-def test_an_ill_reader_is_one_line_on_opening_and_on_reading(
-    file, ill: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_ill_reader_is_one_line_on_opening_and_on_reading(file, ill: str) -> None:
     if ill == "devour" and sys.platform != "linux":
         pytest.skip("only Linux bounds a process's memory")
-    if ill == "hang":
-        monkeypatch.setattr(isolation, "LIMIT_S", 1.0)
-    with pytest.raises(InputError, match=ILLS[ill]) as caught:
-        Log.open(file(ill))
-    assert "\n" not in str(caught.value)
+
+    def refused(call) -> str:
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=ILLS[ill]) as caught:
+            if ill == "hang":  # what is well may take as long as a busy machine needs
+                patch.setattr(isolation, "LIMIT_S", 1.0)
+            call()
+        return str(caught.value)
+
+    assert "\n" not in refused(lambda: Log.open(file(ill)))
     log = Log.open(file("nothing", ill))
     chunks = log.chunks("a", 100)
     np.testing.assert_array_equal(next(chunks), np.arange(100))
-    with pytest.raises(InputError, match=ILLS[ill]):
-        list(chunks)
+    refused(lambda: list(chunks))
     # What the damage does not reach can still be read, and so can the next file.
     np.testing.assert_array_equal(log.read("b", 0.0, 20.0), np.arange(200))
     np.testing.assert_array_equal(Log.open(file()).read("a"), np.arange(1000, dtype=np.int32), strict=True)
