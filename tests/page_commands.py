@@ -21,7 +21,7 @@ from page_code import shipfp
 from shipfp_rs import cli
 
 ROOT = Path(__file__).parents[1]
-CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+CI = "".join((ROOT / ".ci" / name).read_text(encoding="utf-8") for name in ("run", "nightly"))
 
 NOT_HERE = ("--address", "sweep duration", "shipfp demo", "shipfp view")
 """A cluster of the reader's; hundreds of trials of eight minutes; what `.ci/run` runs on its own; a page until Ctrl-C."""
@@ -147,6 +147,17 @@ def _script(name: str) -> Callable[[list[str]], None]:
     return check
 
 
+def _program(name: str) -> Callable[[list[str]], None]:
+    """Check a program in Python that is called without arguments."""
+
+    def check(arguments: list[str]) -> None:
+        assert os.access(ROOT / name, os.X_OK)
+        ast.parse((ROOT / name).read_text(encoding="utf-8"))
+        assert arguments == []
+
+    return check
+
+
 def _dask(arguments: list[str]) -> None:
     """Parse a line of `dask` with its own parser."""
     pytest.importorskip("distributed")
@@ -177,4 +188,6 @@ PROGRAMS: dict[str, Callable[[list[str]], None]] = {
     "export": _export,
     "./try": _script("try"),
     ".ci/run": _script(".ci/run"),
+    ".ci/nightly": _script(".ci/nightly"),
+    ".ci/machines": _program(".ci/machines"),
 }

@@ -95,7 +95,7 @@ def at_truth(fit, truth, elements):
     from shipfp_rs.identification.basins import descend
 
     values = true_values(truth)
-    free = replace(fit.question, fixed={}).likelihood(elements, _step_s(fit), fit.smooth)
+    free = replace(fit.question, fixed={}).likelihood(elements, _step_s(fit), fit.between)
     held = {name: values[name] for name in free.coordinates.names if name in values and name not in NUISANCES}
     c = replace(
         free.coordinates,
@@ -117,7 +117,7 @@ def begun(fit, truth, elements):
     from shipfp_rs.identification.basins import descend
 
     held, vector = at_truth(fit, truth, elements)
-    likelihood = replace(fit.question, fixed={}).likelihood(elements, _step_s(fit), fit.smooth)
+    likelihood = replace(fit.question, fixed={}).likelihood(elements, _step_s(fit), fit.between)
     likelihood = likelihood.with_noise_of(held)
     states = [vector[held.coordinates.states(record)] for record in range(held.coordinates.records)]
     start = likelihood.coordinates.vector(held.coordinates.values(vector), states)

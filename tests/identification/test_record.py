@@ -23,7 +23,7 @@ def recorded(deviation, **provenance):
 
 
 def band_of(deviation):
-    (record,) = question_of([recorded(deviation)]).likelihood((), 0.01, True).records
+    (record,) = question_of([recorded(deviation)]).likelihood((), 0.01, "band-limited").records
     return record.band_hz
 
 
@@ -56,5 +56,5 @@ def test_noise_that_falls_with_the_frequency_is_told_down_to_the_lowest():
 
 def test_the_accuracy_of_a_gauge_comes_with_the_experiment():
     said = recorded(0.01 * np.sin(np.arange(2000.0)), gauge_accuracy={"M_b": 0.01})
-    usual, worse = question_of([said]).likelihood((), 0.01, True).accuracy
+    usual, worse = question_of([said]).likelihood((), 0.01, "band-limited").accuracy
     assert (usual, worse) == (ACCURACY, 0.01)

@@ -12,7 +12,7 @@ from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.profiles import Profiles, figures_of
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.record import Record
-from shipfp_rs.identification.ship_fit import fit_ship
+from shipfp_rs.identification.ship_fit import fit_ship, smooth_ship
 from shipfp_rs.identification.ship_found import DEFAULTS
 from tests.families.draw import draw
 
@@ -44,7 +44,7 @@ def test_model_and_data_meet_at_the_truth_without_a_filter_between_them():
     clean = trial(noise={})
     measured = np.array([clean.normalised("n_e"), clean.normalised("M_b")])
     question = question_of([clean], torque="brake", outputs=["dn", "dM"])
-    likelihood = question.likelihood((), 0.0025, False)
+    likelihood = question.likelihood((), 0.0025, "straight")
     c = likelihood.coordinates
     truth = {"tau_n": TRUE.tau_n, "g": TRUE.g, "vK_p": TRUE.v * TRUE.K_p, "vK_i": TRUE.v * TRUE.K_i, "p": 2.0}
     vector = c.vector(
@@ -56,9 +56,19 @@ def test_model_and_data_meet_at_the_truth_without_a_filter_between_them():
     assert likelihood.records[0].measured.shape == measured.shape
 
 
+def test_a_set_point_that_is_held_between_its_samples_is_told_from_one_that_runs_straight():
+    """A controller's own log holds its steps; straight lines would have the torque jump half a sample too early."""
+    steps = fp.signals.steps([40.0, -60.0, 30.0, -30.0, 50.0], 10.0, lead_s=5.0, rate_hz=50.0)
+    held = fp.simulate(LAUNCH, replace(steps, hold="zero"), noise={"n_e": 0.3, "M_b": 0.5}, seed=2)
+    question = question_of([replace(held, hold="first")], torque="brake", outputs=["dn", "dM"])
+    fit = smooth_ship(question)
+    assert fit.between == "held"
+    assert fit.values["tau_n"] == pytest.approx(TRUE.tau_n, rel=0.05)
+
+
 def test_the_gradient_of_the_deviance_is_that_of_its_differences(drawn):
     question = question_of([drawn[1]])
-    likelihood = question.likelihood((), 0.01, True)
+    likelihood = question.likelihood((), 0.01, "band-limited")
     c = likelihood.coordinates
     values = {
         "tau_n": 0.4,
@@ -93,7 +103,7 @@ def test_gaps_are_bridged_in_the_model_as_in_the_data():
     truth = {"tau_n": TRUE.tau_n, "g": TRUE.g, "vK_p": TRUE.v * TRUE.K_p, "vK_i": TRUE.v * TRUE.K_i, "p": 2.0}
     residuals = []
     for one in (question, whole):
-        likelihood = one.likelihood((), 0.005, False)
+        likelihood = one.likelihood((), 0.005, "straight")
         vector = likelihood.coordinates.vector(
             {**truth, "T_d": 0.0, "hold": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0}
         )
@@ -218,7 +228,7 @@ def test_intervals_by_curvature_take_no_profile_and_lie_near():
 def test_points_of_another_figure_do_not_move_the_ends_of_an_interval():
     # They lie inside with a rise near the quantile, which is not that of the profile there.
     question = question_of([trial()], torque="brake", outputs=["dn", "dM"])
-    likelihood = question.likelihood((), 0.02, False)
+    likelihood = question.likelihood((), 0.02, "straight")
     c = likelihood.coordinates
     start = c.vector({**DEFAULTS, "c_2": 0.0, "T_d": 0.01, "T_set": 0.01, "tau_act": 0.01})
     likelihood = likelihood.with_noise(descend(likelihood, start).vector)

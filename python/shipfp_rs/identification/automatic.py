@@ -137,7 +137,7 @@ def intervals_of(
         return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}, []
     possible: list[Array] = []
     for left in reversed(range(RESTARTS + 1)):
-        coarse = likelihood_at(fit.question, fit.elements, fit.values, fit.smooth)
+        coarse = likelihood_at(fit.question, fit.elements, fit.values, fit.between)
         coarse = coarse.with_noise_of(fit.likelihood)
         basins = [descend(coarse, one.vector) for one in fit.basins]
         if not np.isfinite([one.cost for one in basins]).all():  # too quick a ship for that step
@@ -344,7 +344,7 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
     return {
         "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
-        "set_point": "straight lines" if fit.smooth is False else "band-limited",
+        "set_point": fit.between or "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
         "optimum": {
             name: float(np.clip(values[name], *BOUNDS.get(name, (-np.inf, np.inf))))

@@ -212,7 +212,10 @@ def settle(likelihood: Likelihood, basin: Basin, until: float | None = None) -> 
     """Go on under the noise and the water of each end, until the total falls no further."""
     total = np.inf
     for _ in range(ROUNDS):
-        following = likelihood.with_noise(basin.vector).with_water(basin.vector)
+        try:
+            following = likelihood.with_noise(basin.vector).with_water(basin.vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            break  # stable with the water that drives it, not without
         end = descend(following, basin.vector, until=until)
         then = following.total(end.vector)
         if then > total - STILL and total < np.inf:

@@ -13,7 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.gates import is_loaded
 from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
-from shipfp_rs.identification.record import Record
+from shipfp_rs.identification.record import Between, Record
 from shipfp_rs.identification.ship_likelihood import ShipLikelihood
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
@@ -139,7 +139,7 @@ class Question:
         said = [one.gauge_accuracy.get(self.signal_in(one, output), ACCURACY) for one in self.experiments]
         return self.accuracy.get(output, max(said))
 
-    def likelihood(self, elements: Sequence[str], step_s: float, smooth: bool | None) -> Likelihood:
+    def likelihood(self, elements: Sequence[str], step_s: float, between: Between | None) -> Likelihood:
         """Return the likelihood of the ship with some of the elements tried."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
         if "tau_twist" in names and "tau_prop" not in names:
@@ -153,7 +153,7 @@ class Question:
                 one,
                 np.array([one.normalised(self.signal_in(one, output)) for output in self.outputs]),
                 load=self.loaded,
-                smooth=smooth,
+                between=between,
                 step_s=step_s,
             )
             for one in self.experiments

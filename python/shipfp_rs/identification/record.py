@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.support.arrays import Array, ComplexArray
 
+Between = Literal["band-limited", "straight", "held"]
+"""How inputs run between their samples: through all of them without a corner, along lines, or as stairs."""
 BAND_HZ = 4.0
 """Highest frequency that is compared at most [Hz]: tachometers and loops of ships tell little above."""
 EXCITED = 0.99
@@ -79,7 +82,7 @@ class Record:
         measured: Array,
         *,
         load: bool = False,
-        smooth: bool | None = None,
+        between: Between | None = None,
         band_hz: float = BAND_HZ,
         step_s: float = STEP_S,
     ) -> Record:
@@ -91,8 +94,9 @@ class Record:
             What was recorded, and of it the normalised outputs (O, M).
         load
             Whether the experiment's load torque drives the ship, too.
-        smooth
-            Whether the inputs are band-limited between their samples; None: where processing low-passed them.
+        between
+            How the inputs run between their samples; None: band-limited where processing low-passed them, else as the
+            experiment says.
         band_hz, step_s
             Highest frequency compared at most [Hz], if the inputs reach so far, and longest step of the simulation [s].
 
@@ -105,17 +109,25 @@ class Record:
         u, loads = 1.0 + experiment.dn_set, experiment.normalised("M_load") if load else np.empty(0)
         seen_hz = min(band_hz, 0.4 * rate_hz)
         excited_hz = _excited_hz([u, loads], rate_hz, seen_hz)
-        smooth = experiment.is_low_passed if smooth is None else smooth
+        held = between == "held" or experiment.hold == "zero"
+        smooth = experiment.is_low_passed if between is None else between == "band-limited"
         # Samples that a step leaves out, but none of those that the decimated data keep.
         down = _down(rate_hz, seen_hz)
-        thin = max(one for one in range(1, down + 1) if down % one == 0 and one <= max(step_s * rate_hz, 1.0))
+        # A step keeps its instant.
+        thin = (
+            1
+            if held
+            else max(
+                one for one in range(1, down + 1) if down % one == 0 and one <= max(step_s * rate_hz, 1.0)
+            )
+        )
         if thin > 1:
             u, loads = (_thinned(values, thin) for values in (u, loads))
             measured = np.array([_thinned(row, thin) for row in measured])
             rate_hz, smooth = rate_hz / thin, True
         fine = max(1, int(np.ceil(1.0 / (step_s * rate_hz) - 1e-9)))
         stride, substeps = 1, fine
-        if smooth and experiment.hold == "first":
+        if smooth and not held:
             # Straight lines between fine samples are near what a low-pass leaves between coarse ones.
             u, loads = (_sharpened(_interpolated(values, fine)) for values in (u, loads))
             stride, substeps = fine, 1
@@ -131,7 +143,7 @@ class Record:
             rate_hz=rate_hz * stride,
             stride=stride,
             substeps=substeps,
-            hold=experiment.hold,
+            hold="zero" if held else "first",
             measured=measured,
             data_hz=rate_hz,
             seen_hz=seen_hz,

@@ -17,6 +17,7 @@ from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend,
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import Question
+from shipfp_rs.identification.record import Between
 from shipfp_rs.identification.ship_found import (
     COARSE_STEP_S,
     DEFAULTS,
@@ -61,47 +62,57 @@ def fit_ship(
 
 def first_look(
     question: Question,
-    smooth: bool | None = None,
+    between: Between | None = None,
     *,
     starts: int = 1,
     seed: int | None = 0,
     until: float | None = None,
 ) -> ShipFit:
     """Go down from all starts at a long step, without the elements that are tried; see `fit_ship`."""
-    likelihood, vectors = _begun(question, smooth, starts, seed)
+    likelihood, vectors = _begun(question, between, starts, seed)
     try:
         likelihood, basins = best_basins(likelihood, vectors, until=until)
     except SimulationError as error:
         raise IdentificationError(f"identify: {error}") from error
-    return ShipFit(question, likelihood, tuple(basins), (), {}, smooth)
+    return ShipFit(question, likelihood, tuple(basins), (), {}, between)
 
 
 def smooth_ship(
     question: Question, *, starts: int = 1, seed: int | None = 0, until: float | None = None
 ) -> ShipFit:
     """Search the ship without the elements that are tried, at the step of the search; see `fit_ship`."""
-    # Not low-passed by processing, a set point may run straight between its samples or be band-limited: both are tried.
+    # Not low-passed by processing, a set point may run in either way between its samples: all are tried.
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
-    fit = first_look(question, True if undecided else None, starts=starts, seed=seed, until=until)
-    values = fit.values
-    likelihood = likelihood_at(question, (), values, fit.smooth).with_noise_of(fit.likelihood)
+    fit = first_look(question, "band-limited" if undecided else None, starts=starts, seed=seed, until=until)
+    found = _at_the_step_of_the_search(fit, fit.between, until)
+    ways: tuple[Between, ...] = ("straight", "held") if undecided else ()
+    for way in ways:
+        other = _at_the_step_of_the_search(replace(fit, basins=fit.basins[:1]), way, until)
+        if other.best.cost < found.best.cost - 1.0:
+            found = _at_the_step_of_the_search(fit, way, until)
+    return found
+
+
+def _at_the_step_of_the_search(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
+    """Go down to the minima once more, the set point run so between its samples.
+
+    Raises
+    ------
+    IdentificationError
+        Where none can be simulated.
+    """
+    likelihood = likelihood_at(fit.question, (), fit.values, between).with_noise_of(fit.likelihood)
     basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not basins:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
-    if undecided:
-        straight = likelihood_at(question, (), values, False).with_noise_of(likelihood)
-        end = descend(straight, basins[0].vector, until=until)
-        if end.cost < basins[0].cost - 1.0:
-            ends = [descend(straight, one.vector, until=until) for one in basins]
-            return replace(fit, likelihood=straight, basins=tuple(distinct(straight, ends)), smooth=False)
-    return replace(fit, likelihood=likelihood, basins=tuple(basins))
+    return replace(fit, likelihood=likelihood, basins=tuple(basins), between=between)
 
 
 def _begun(
-    question: Question, smooth: bool | None, starts: int, seed: int | None
+    question: Question, between: Between | None, starts: int, seed: int | None
 ) -> tuple[Likelihood, list[Array]]:
     """Return the likelihood of first descents and the vectors that they begin at."""
-    likelihood = question.likelihood((), COARSE_STEP_S, smooth)
+    likelihood = question.likelihood((), COARSE_STEP_S, between)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
     drawn: list[dict[str, float]] = []
     if question.structure is not None:
@@ -113,7 +124,7 @@ def _begun(
         ]
     # A loop that is drawn may be too quick for any step.
     step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
-    likelihood = question.likelihood((), step_s, smooth)
+    likelihood = question.likelihood((), step_s, between)
     return likelihood, [
         likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)
     ]
@@ -160,7 +171,7 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
     """Go down once more at the fine step, with the noise of the end."""
-    likelihood = likelihood_at(fit.question, fit.elements, fit.values, fit.smooth, fine=True)
+    likelihood = likelihood_at(fit.question, fit.elements, fit.values, fit.between, fine=True)
     likelihood = likelihood.with_noise_of(fit.likelihood)
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not ends:

@@ -10,7 +10,7 @@ import numpy as np
 from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED, Question
-from shipfp_rs.identification.record import STEP_S
+from shipfp_rs.identification.record import STEP_S, Between
 
 ROUGH_STEP_S = 0.04
 """Longest step of descents from many starts [s]."""
@@ -43,7 +43,7 @@ class ShipFit:
     basins: tuple[Basin, ...]
     elements: tuple[str, ...]
     gains: Mapping[str, float]
-    smooth: bool | None
+    between: Between | None
     stiff: ShipFit | None = None
 
     @property
@@ -72,19 +72,19 @@ def likelihood_at(
     question: Question,
     elements: Sequence[str],
     values: Mapping[str, float],
-    smooth: bool | None,
+    between: Between | None,
     *,
     fine: bool = False,
 ) -> Likelihood:
     """Return the likelihood of a ship whose loop is about as quick as that of these values; fine: of the last descent."""
     step_s = min(STEP_S, step_for(values, FINE_PART)) if fine else step_for(values, PART)
-    return question.likelihood(elements, step_s, smooth)
+    return question.likelihood(elements, step_s, between)
 
 
 def rough_likelihood(fit: ShipFit, elements: Sequence[str]) -> Likelihood:
     """Return the likelihood with these elements for first descents, under the noise of a fit."""
     step_s = step_for(fit.values, ROUGH_PART, ROUGH_STEP_S)
-    return fit.question.likelihood(elements, step_s, fit.smooth).with_noise_of(fit.likelihood)
+    return fit.question.likelihood(elements, step_s, fit.between).with_noise_of(fit.likelihood)
 
 
 def step_for(values: Mapping[str, float], part: float, longest_s: float = COARSE_STEP_S) -> float:

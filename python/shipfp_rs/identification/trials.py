@@ -91,7 +91,7 @@ def _trial(
     ends = [end for end in ends[:2] if end.cost < without.cost + LIKELY]
     if not ends:
         return None
-    likelihood = likelihood_at(fit.question, elements, fit.values, fit.smooth).with_noise_of(before)
+    likelihood = likelihood_at(fit.question, elements, fit.values, fit.between).with_noise_of(before)
     best = each(likelihood, [end.vector for end in ends], until, 40, 0.1)[0]
     low, high = c.bounds
     place = c.place(TRIED[element][0])
