@@ -366,7 +366,7 @@ class TestRun:
             self.seeds.append(seed)
             return found
 
-        monkeypatch.setattr("shipfp_rs.runs.fit.identify", identify)
+        monkeypatch.setattr("shipfp_rs.runs.run.identify", identify)
         monkeypatch.chdir(tmp_path)
         text = (shown[1] / "TRIAL.toml").read_text()
         path = tmp_path / "TRIAL.toml"
