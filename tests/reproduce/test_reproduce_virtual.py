@@ -11,7 +11,7 @@ import pytest
 
 matplotlib.use("Agg")
 
-from shipfp_rs.reproduce import Reproduction, Row, virtual, virtual_figures
+from shipfp_rs.reproduce import Reproduction, Row, virtual_figures, virtual_plant
 from shipfp_rs.reproduce.virtual import reproduce
 from shipfp_rs.reproduce.virtual_data import (
     euler_bias,
@@ -37,10 +37,9 @@ def whole() -> Reproduction:
 
 @pytest.fixture(scope="module")
 def reproduction() -> Reproduction:
-    """All but three fits of the nonlinear plant, which take minutes."""
-    ours = [job for job in virtual._our_jobs() if job.structure.name != "plant" or job.case == "v"]
+    """The same with longer steps of the nonlinear plant, whose fits take minutes otherwise."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual, "_our_jobs", lambda: ours)
+        patch.setattr(virtual_plant, "SUBSTEPS", 5)
         return reproduce()
 
 
@@ -98,12 +97,13 @@ class TestAccurateData:
     def test_the_linear_structure_finds_the_true_values_to_half_a_per_cent(self, reproduction, case) -> None:
         assert off_pct(row(reproduction, case, "ours"), TRUE) < 0.5
 
-    def test_the_plant_finds_them_to_a_twentieth_of_a_per_cent(self, reproduction) -> None:
-        assert off_pct(row(reproduction, "v", "ours", "plant"), TRUE) < 0.05
+    @pytest.mark.parametrize("case", [*SMALL, "v"])
+    def test_the_plant_finds_them_as_well_as_longer_steps_allow(self, reproduction, case) -> None:
+        assert off_pct(row(reproduction, case, "ours", "plant"), TRUE) < 0.3
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("case", SMALL)
-    def test_the_plant_finds_them_in_small_motions_too(self, whole, case) -> None:
+    @pytest.mark.parametrize("case", [*SMALL, "v"])
+    def test_the_plant_finds_them_to_a_twentieth_of_a_per_cent(self, whole, case) -> None:
         assert off_pct(row(whole, case, "ours", "plant"), TRUE) < 0.05
 
     def test_the_true_parameters_validate_as_known(self, reproduction) -> None:
