@@ -49,7 +49,7 @@ def foresee(
     Returns
     -------
     Fingerprint
-        Intervals are symmetric; a parameter on its bound has none of any width.
+        Intervals are symmetric, cut by the bounds.
 
     Raises
     ------

@@ -83,10 +83,10 @@ class Profiles:
         return Interval(value, min(low, value), max(high, value), (first, last))
 
     def symmetric(self, figure: Figure) -> Interval:
-        """Return the interval by the curvature alone, without a profile."""
+        """Return the interval by the curvature alone, without a profile; what the figure holds may leave its bound."""
         best = self.best
         slope = self.gradient(figure, best.vector)
-        half = np.sqrt(RISE * max(float(slope @ self.covariance(best) @ slope), 0.0))
+        half = np.sqrt(RISE * max(float(slope @ self.covariance(best, slope) @ slope), 0.0))
         value = figure(self.likelihood.coordinates.values(best.vector))
         return Interval(value, float(value - half), float(value + half), ("data", "data"))
 
