@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -36,6 +37,8 @@ UNITS: Mapping[str, str] = MappingProxyType(
 """Unit of every signal name that the package knows."""
 DRIVES: Mapping[str, str] = MappingProxyType({"n_set": "set point", "M_load": "load torque"})
 """Signals that drive a model, with their names in words."""
+UNLOADED = 0.02
+"""A load over the torque of the operating point that is next to none, and may have either sign."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -108,7 +111,8 @@ class Experiment(Tabular, EvenlySampled):
                     "and can't have gaps, bridge it or cut the window"
                 )
         for name, value in self.operating_point.items():
-            if not np.isfinite(value) or value == 0.0:
+            may_be_zero = name == "M_load" and _torque_point(self.signals, self.operating_point) is not None
+            if not np.isfinite(value) or (value == 0.0 and not may_be_zero):
                 raise InputError(
                     f"experiment {self.name!r}: operating point of {name!r} is {value}, expected finite, not zero"
                 )
@@ -174,6 +178,7 @@ class Experiment(Tabular, EvenlySampled):
     def normalised(self, name: str) -> Array:
         """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,).
 
+        That of a load is over the torque of the operating point, where one was measured: a load may start from zero.
         The integrated error E_n counts from zero there and is divided by the engine speed in rev/s, which
         `operating_point["E_n"]` holds, so that d(dE)/dt = dn_set - dn (eq. 3.15).
 
@@ -189,6 +194,15 @@ class Experiment(Tabular, EvenlySampled):
                 f"experiment {self.name!r}: no operating point for {name!r}; give operating_point[{name!r}]"
             )
         value = self.operating_point[name]
+        if name == "M_load":
+            torque = _torque_point(self.signals, self.operating_point)
+            # A load that is told as negative rises as it falls.
+            scale = (
+                value
+                if torque is None
+                else math.copysign(torque, value if abs(value) > UNLOADED * abs(torque) else 1.0)
+            )
+            return np.asarray((self.signals[name] - value) / scale)
         return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
 
     def _columns(self) -> Columns:
@@ -246,6 +260,12 @@ class Experiment(Tabular, EvenlySampled):
         return replace(self, name=name or self.name, signals=cut)
 
 
+def _torque_point(signals: Mapping[str, Any], operating_point: Mapping[str, float]) -> float | None:
+    """Torque of the operating point, where one was measured: of the shaft if possible, as the load is."""
+    measured = (name for name in ("M_s", "M_g", "M_b") if name in signals and name in operating_point)
+    return next((operating_point[name] for name in measured), None)
+
+
 def _rate(name: str, time: Array) -> float:
     """Sample rate of a column of times [Hz]."""
     steps = np.diff(time)
@@ -265,6 +285,8 @@ def _rate(name: str, time: Array) -> float:
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
     """Refuse signals in another unit than their operating point, or already normalised."""
     for name, value in operating_point.items():
+        if name == "M_load" and _torque_point(signals, operating_point) is not None:
+            continue
         # An operating point of exactly 1 means that the signal stays in its own unit.
         if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue

@@ -46,6 +46,8 @@ class Cleaner:
         What counts as a fault.
     first, last
         First sample of the stretch and first one after.
+    may_rest
+        Whether the channel may stand still throughout, as a set point does while the load moves.
 
     Raises
     ------
@@ -60,6 +62,8 @@ class Cleaner:
         processing: Processing,
         first: int,
         last: int,
+        *,
+        may_rest: bool = False,
     ) -> None:
         settings = processing.faults
         is_set_point = isinstance(sensor, SetPoint)
@@ -98,6 +102,7 @@ class Cleaner:
         # A channel that never changes may be right. It is reported and left as it is: nothing is there to repair it from.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
+        self._may_rest = may_rest
         self._hum = found.pop("D2", whole[:0])
         self._found = {kind: spans for kind, spans in found.items() if not (kind == "stuck" and self.still)}
         self._lost = joined(self._found.values())
@@ -125,7 +130,7 @@ class Cleaner:
         found.append(
             Fault("D2", name, f"{self.mains_hz:g} Hz taken out", self._within(self._hum), excluded=False)
         )
-        if self.still:
+        if self.still and not self._may_rest:
             whole = np.array([[self.first, self.last]])
             found.append(Fault("stuck", name, "kept: constant throughout", whole, excluded=False))
         return [fault for fault in found if len(fault.spans)]

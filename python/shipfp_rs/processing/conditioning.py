@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -20,6 +21,9 @@ Side = Literal["engine", "propeller"]
 
 MOST_DEGREE = 3
 """Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
+LEAST_LOADED = 0.5
+"""Least torque of an operating point under a load that is measured, over the torque's swing."""
+TORQUES = ("M_b", "M_s", "M_g")
 LEAST_OWN = 0.2
 """Least share of the set point's power that is not a polynomial trend."""
 
@@ -45,6 +49,31 @@ def about_local_point(experiment: Experiment) -> Experiment:
         if name in experiment.signals and name != "E_n"
     }
     return replace(experiment, operating_point={**experiment.operating_point, **means})
+
+
+def loaded_point(point: dict[str, float], windows: Sequence[Mapping[str, Array]]) -> dict[str, float]:
+    """Return the operating point, or the means of the windows where a load starts from next to nothing.
+
+    Torques are ratios to that of the operating point, which of an engine that idles are large and mean little. The mean
+    under load is a steady state as well as the idle engine is.
+    """
+    if "M_load" not in point:
+        return point
+    every = {name: np.concatenate([signals[name] for signals in windows]) for name in point}
+    torque = next((name for name in TORQUES if name in point), "M_load")
+    swing = float(np.nanmax(every[torque]) - np.nanmin(every[torque]))
+    if abs(point[torque]) > LEAST_LOADED * swing:
+        return point
+    return {name: float(np.nanmean(values)) for name, values in every.items()}
+
+
+def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global", "local"]) -> Experiment:
+    """Return the experiment without a drift of a degree, of less where the set point is such a trend, about its point."""
+    if detrend:
+        degree = 0 if set_point_is_trend(experiment, detrend) else detrend
+        experiment = detrended(experiment, degree) if degree else experiment
+        experiment = replace(experiment, provenance={**experiment.provenance, "detrend": degree})
+    return about_local_point(experiment) if normalise == "local" else experiment
 
 
 def detrended(experiment: Experiment, degree: int = 1) -> Experiment:

@@ -18,8 +18,6 @@ from shipfp_rs.vessel.vessel import Vessel
 CALIBRATED_WITHIN = 0.1
 """A calibration is wrong where the means of set point and speed differ by more than this, relative."""
 CHECK = "; check unit and calibration"
-LEAST_LOAD = 0.02
-"""A load at the operating point must be at least this part of its swing."""
 LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
@@ -61,15 +59,6 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
                 f"channels.torque: {mean[name]:.4g} Nm on average in {label}, where the engine's rating makes "
                 f"{limit:.4g} Nm{hint}{CHECK}"
             )
-
-
-def require_loaded(label: str, signals: Mapping[str, Array], point: Mapping[str, float]) -> None:
-    """Refuse an operating point at which the load that is measured is next to nothing: it is normalised with it."""
-    if "M_load" in signals and abs(point["M_load"]) < LEAST_LOAD * float(np.ptp(signals["M_load"])):
-        raise InputError(
-            f"channels.load: {point['M_load']:.3g} Nm at the operating point, where {label} moves it by "
-            f"{np.ptp(signals['M_load']):.3g} Nm; choose a steady stretch under load"
-        )
 
 
 def _slip_of_speed(ratio: float, gear_ratio: float) -> str:

@@ -22,12 +22,12 @@ from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaned, Cleaner
-from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
+from shipfp_rs.processing.conditioning import conditioned, loaded_point
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
 from shipfp_rs.processing.low_pass import nearest_rate
-from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
+from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -99,7 +99,10 @@ def process(
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point, clock = recording.operating_point(), recording.governor_clock()
-    return [recording.experiment(window, point, clock) for window in windows]
+    cut = [recording.signals(_label(window)) for window in windows]
+    if trial.operating_point.M_Nm is None:
+        point = loaded_point(point, [signals for signals, _ in cut])
+    return [recording.experiment(*each, point, clock) for each in zip(windows, cut, strict=True)]
 
 
 class _Recording:
@@ -180,7 +183,8 @@ class _Recording:
         rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
         for label, grid in self.grids.items():
-            cleaner = Cleaner(rows, sensor, self.trial.processing, *self._within(rows, label))
+            within, may_rest = self._within(rows, label), self.trial.channels.load is not None
+            cleaner = Cleaner(rows, sensor, self.trial.processing, *within, may_rest=may_rest)
             samples = grid.low_passed(rows.channel, cleaner)
             found[label] = Cleaned(samples, cleaner.faults(), cleaner.calibration)
         return found
@@ -194,7 +198,7 @@ class _Recording:
         given = self.trial.operating_point
         point: dict[str, float] = {}
         if given.steady_s is not None:
-            signals, _ = self._signals(STEADY_STRETCH)
+            signals, _ = self.signals(STEADY_STRETCH)
             point = {name: float(np.nanmean(values)) for name, values in signals.items()}
             spread = float(np.std(signals["n_set"])) / point["n_set"]
             if spread > STEADY:
@@ -224,12 +228,14 @@ class _Recording:
         return value * self.vessel.torque_ratio if torque.location == "brake" else value
 
     def experiment(
-        self, window: Window, point: Mapping[str, float], clock: Mapping[str, float] | None
+        self,
+        window: Window,
+        cut: tuple[dict[str, Array], dict[str, Any]],
+        point: Mapping[str, float],
+        clock: Mapping[str, float] | None,
     ) -> Experiment:
-        """Cut one window; `clock` is the governor's."""
-        signals, account = self._signals(_label(window))
-        settings = self.trial.processing
-        require_loaded(_label(window), signals, point)
+        """Return a window with its signals and their account; `clock` is the governor's."""
+        (signals, account), settings = cut, self.trial.processing
         if (
             window.kind == "chirp"
             and (only := constant_frequency(signals["n_set"], self.rate_hz)) is not None
@@ -255,14 +261,7 @@ class _Recording:
                 **account,
             },
         )
-        if settings.detrend:
-            degree = 0 if set_point_is_trend(experiment, settings.detrend) else settings.detrend
-            if degree:
-                experiment = detrended(experiment, degree)
-            experiment = dataclasses.replace(
-                experiment, provenance={**experiment.provenance, "detrend": degree}
-            )
-        return about_local_point(experiment) if settings.normalise == "local" else experiment
+        return conditioned(experiment, settings.detrend, settings.normalise)
 
     def governor_clock(self) -> dict[str, float] | None:
         """Return a governor's sampling period, from the raw torque where the shaft's speed changes most."""
@@ -283,7 +282,7 @@ class _Recording:
         found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm, factor, finer.rate_hz, turns_hz)
         return None if found is None else found._asdict()
 
-    def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
+    def signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
         """Hand over the signals of a stretch, kept no longer here, and an account of how they were made."""
         set_point, speed = self.set_point.pop(label), self.speeds.pop(label)
         signals = {"n_set": set_point.samples, "n_e": speed.rpm}
