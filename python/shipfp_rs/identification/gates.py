@@ -31,6 +31,10 @@ STILL = 1e-7
 """Standard deviation of a torque over its operating point below which it stands still."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
+LEAST_AGREEMENT = 0.5
+"""A torque goes against the load from this correlation on."""
+LEAST_OWN = 0.2
+"""Least part of a torque's power that the set point causes, for its sign to be told by it."""
 POINT_OFF = 0.3
 """Largest difference of a signal's mean from its operating point, relative."""
 
@@ -233,15 +237,37 @@ def _require_torque_sign(experiment: Experiment) -> None:
     torque = experiment.normalised(name)
     if not np.isfinite(torque).any():
         return
-    slow, speed = _slow(torque, experiment.rate_hz), _slow(found[1], experiment.rate_hz)
-    loads = (
-        [_slow(experiment.normalised("M_load"), experiment.rate_hz)] if "M_load" in experiment.signals else []
-    )
-    columns = np.column_stack([speed, np.gradient(speed) * experiment.rate_hz, *loads])
-    fitted = np.linalg.lstsq(columns, slow, rcond=None)[0]
-    rest = slow - columns @ fitted
-    explained = 1.0 - float(rest @ rest) / max(float(slow @ slow), 1e-300)
-    if fitted[1] < 0.0 and explained > 0.5:
+    rate = experiment.rate_hz
+    slow, speed = _slow(torque, rate), _slow(found[1], rate)
+    load = _slow(experiment.normalised("M_load"), rate) if _load_swing(experiment) >= LEAST_SWING else None
+    if load is not None and _correlation(slow, load) < -LEAST_AGREEMENT:
+        raise InputError(
+            f"{experiment.name!r}: {name} falls while the load rises, expected it to rise; turn the sign of its scale"
+        )
+    if not set_point_moves([experiment]):
+        return
+    # Under a load the shaft slows down while the torque rises: only what the set point moves tells the sign.
+    asked = _delayed(_slow(experiment.dn_set, rate), rate)
+    causes = asked if load is None else np.column_stack([asked, _delayed(load, rate)])
+    motions = np.column_stack([slow, speed, np.gradient(speed) * rate])
+    by_cause = np.linalg.lstsq(causes, motions, rcond=None)[0][: asked.shape[1]]
+    own, *answers = (asked @ by_cause).T
+    columns = np.column_stack(answers)
+    fitted = np.linalg.lstsq(columns, own, rcond=None)[0]
+    rest = own - columns @ fitted
+    told = float(own @ own) > LEAST_OWN * float(slow @ slow)
+    if told and fitted[1] < 0.0 and float(rest @ rest) < 0.5 * float(own @ own):
         raise InputError(
             f"{experiment.name!r}: {name} falls while the shaft speeds up, expected it to rise; turn the sign of its scale"
         )
+
+
+def _delayed(values: Array, rate_hz: float) -> Array:
+    """A signal at delays up to the longest, (N, K): what it causes is a sum of these."""
+    at = np.arange(len(values))
+    delays = np.arange(0.0, min(LONGEST_DELAY_S, 0.1 * len(values) / rate_hz), 0.5 / SLOW_HZ) * rate_hz
+    return np.column_stack([np.interp(at - delay, at, values) for delay in delays])
+
+
+def _correlation(one: Array, other: Array) -> float:
+    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-300)
