@@ -24,6 +24,7 @@ Hold = Literal["zero", "first"]
 UNITS: Mapping[str, str] = MappingProxyType(
     {
         "n_set": "rpm",
+        "command": "",
         "n_e": "rpm",
         "n_s": "rev/s",
         "M_s": "Nm",
@@ -35,7 +36,9 @@ UNITS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Unit of every signal name that the package knows."""
-DRIVES: Mapping[str, str] = MappingProxyType({"n_set": "set point", "M_load": "load torque"})
+DRIVES: Mapping[str, str] = MappingProxyType(
+    {"n_set": "set point", "command": "command", "M_load": "load torque"}
+)
 """Signals that drive a model, with their names in words."""
 UNLOADED = 0.02
 """A load over the torque of the operating point that is next to none, and may have either sign."""
@@ -77,13 +80,13 @@ class Experiment(Tabular, EvenlySampled):
     def __post_init__(self) -> None:
         check_fields(self, f"experiment {told(self.name)}")
         positive(f"experiment {self.name!r}: rate_hz", self.rate_hz)
-        if "n_set" not in self.signals:
+        if ("n_set" in self.signals) == ("command" in self.signals):
             raise InputError(
-                f"experiment {self.name!r}: no signal 'n_set', found {sorted(self.signals)}; expected the set point "
-                "among them, it drives the model"
+                f"experiment {self.name!r}: {'both' if 'n_set' in self.signals else 'neither'} of 'n_set' and 'command' "
+                f"among {sorted(self.signals)}; expected a governor's set point, or the command of a drive without one"
             )
         frozen: dict[str, Array] = {}
-        length = len(self.signals["n_set"])
+        length = len(self.signals[self.driver])
         if length < 2:
             raise InputError(
                 f"experiment {self.name!r}: {length} samples, expected at least 2; check its window"
@@ -122,9 +125,14 @@ class Experiment(Tabular, EvenlySampled):
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     @property
+    def driver(self) -> str:
+        """Name of the signal that drives the model: "n_set", or "command" of a drive in open loop."""
+        return "n_set" if "n_set" in self.signals else "command"
+
+    @property
     def outputs(self) -> dict[str, Array]:
-        """The signals that answer: all but set point and load."""
-        return {name: row for name, row in self.signals.items() if name not in ("n_set", "M_load")}
+        """The signals that answer: all but set point, command and load."""
+        return {name: row for name, row in self.signals.items() if name not in DRIVES}
 
     def __repr__(self) -> str:
         signals = ", ".join(self.signals)
@@ -149,7 +157,7 @@ class Experiment(Tabular, EvenlySampled):
         )
 
     def __len__(self) -> int:
-        return len(self.signals["n_set"])
+        return len(self.signals[self.driver])
 
     @property
     def governor_clock(self) -> tuple[float, float] | None:
@@ -169,8 +177,8 @@ class Experiment(Tabular, EvenlySampled):
 
     @cached_property
     def dn_set(self) -> Array:
-        """Normalised deviation of the set point, which drives every simulation, shape (N,)."""
-        values = self.normalised("n_set")
+        """Normalised deviation of the set point, or of the command in open loop, which drives simulations, shape (N,)."""
+        values = self.normalised(self.driver)
         values.flags.writeable = False
         return values
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.support.arrays import Array
 
 LEAST_SWING = 2e-3
@@ -58,8 +58,8 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
     if not moving:
         worst = max(experiments, key=_swing)
         raise InputError(
-            f"{worst.name!r}: the set point moves by {100 * _swing(worst):.2g} % of the operating point, expected at least "
-            f"{100 * LEAST_SWING:.2g} %; a set point that stands still tells nothing, unless a measured load moves"
+            f"{worst.name!r}: the {DRIVES[worst.driver]} moves by {100 * _swing(worst):.2g} % of the operating point, "
+            f"expected at least {100 * LEAST_SWING:.2g} %; one that stands still tells nothing, unless a measured load moves"
         )
     for experiment in moving:
         _require_following(experiment)
@@ -109,7 +109,7 @@ def _speed(experiment: Experiment) -> tuple[str, Array] | None:
 
 
 def _require_operating_point(experiment: Experiment) -> None:
-    for name in ("n_set", "n_e", "n_s", "M_g", "M_s", "M_b"):
+    for name in ("n_set", "command", "n_e", "n_s", "M_g", "M_s", "M_b"):
         if name not in experiment.signals or name not in experiment.operating_point:
             continue
         values = experiment.normalised(name)
@@ -132,12 +132,13 @@ def _require_following(experiment: Experiment) -> None:
     if found is None:
         return
     name, values = found
+    what = DRIVES[experiment.driver]
     rate = experiment.rate_hz
     asked, speed = _slow(experiment.dn_set, rate), _slow(values, rate)
     if _apart(asked, speed) < SAME_SPEED:
         raise InputError(
-            f"{experiment.name!r}: n_set equals {name} within {100 * SAME_SPEED:g} % of its swing, expected a set point "
-            "that the speed follows with a delay; is its column that of the measured speed?"
+            f"{experiment.name!r}: {experiment.driver} equals {name} within {100 * SAME_SPEED:g} % of its swing, expected "
+            f"a {what} that the speed follows with a delay; is its column that of the measured speed?"
         )
     _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
@@ -148,13 +149,13 @@ def _require_following(experiment: Experiment) -> None:
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
     if not np.isfinite(best) or abs(best) < LEAST_CORRELATION:
         raise InputError(
-            f"{experiment.name!r}: {name} does not follow the set point (correlation {best:.2g} at best within "
-            f"{LONGEST_DELAY_S:g} s), expected at least {LEAST_CORRELATION:g}; is the set point's column the right one?"
+            f"{experiment.name!r}: {name} does not follow the {what} (correlation {best:.2g} at best within "
+            f"{LONGEST_DELAY_S:g} s), expected at least {LEAST_CORRELATION:g}; is the {what}'s column the right one?"
         )
     if best < 0.0:
         raise InputError(
-            f"{experiment.name!r}: {name} falls when the set point rises (correlation {best:.2g}), expected it to rise; "
-            "turn the sign of the set point's calibration"
+            f"{experiment.name!r}: {name} falls when the {what} rises (correlation {best:.2g}), expected it to rise; "
+            "turn the sign of the {what}'s calibration"
         )
 
 
@@ -213,8 +214,8 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
         value for lag, value in agreement.items() if lag >= -EARLY_S
     ):
         raise InputError(
-            f"{experiment.name!r}: {name} moves {-early:.2g} s before the set point, expected after it; look at the clocks "
-            "of the two channels and at delay_s"
+            f"{experiment.name!r}: {name} moves {-early:.2g} s before the {DRIVES[experiment.driver]}, expected after it; "
+            "look at the clocks of the two channels and at delay_s"
         )
 
 

@@ -164,9 +164,7 @@ def inspect_log(
     if rates:
         checks["rates_hz"] = rates
     if windows:
-        checks["set_point_channel"] = (
-            trial.channels.set_point.column if trial is not None else set_point_of(log)
-        )
+        checks["set_point_channel"] = trial.channels.driver.column if trial is not None else set_point_of(log)
     return Inspection(log.name, tuple(reports), tuple(faults), tuple(windows), spectra, peaks, points, checks)
 
 

@@ -13,7 +13,7 @@ from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.calibration import Calibration
@@ -58,7 +58,7 @@ class Cleaner:
     def __init__(
         self,
         rows: Rows,
-        sensor: SetPoint | Torque | Rack | Load,
+        sensor: Level,
         processing: Processing,
         first: int,
         last: int,
@@ -66,12 +66,22 @@ class Cleaner:
         may_rest: bool = False,
     ) -> None:
         settings = processing.faults
-        is_set_point = isinstance(sensor, SetPoint)
-        self.drives = isinstance(sensor, SetPoint | Load)
-        self.what = "set point" if is_set_point else "load"
+        is_set_point = isinstance(sensor, SetPoint | Command)
+        self.drives = isinstance(sensor, SetPoint | Command | Load)
+        self.what = (
+            "load" if isinstance(sensor, Load) else "command" if isinstance(sensor, Command) else "set point"
+        )
         self.rows = rows
         self.channel = rows.channel
-        unit = "rpm" if is_set_point else "mm" if isinstance(sensor, Rack) else "Nm"
+        unit = (
+            ""
+            if isinstance(sensor, Command)
+            else "rpm"
+            if is_set_point
+            else "mm"
+            if isinstance(sensor, Rack)
+            else "Nm"
+        )
         if isinstance(sensor, Load) and sensor.quantity == "power":
             unit = "W"
         self.calibration = sensor.calibration.calibration(unit)

@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Level
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import told
@@ -22,7 +22,7 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
-def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack | Load) -> None:
+def require_unit(log: Log, key: str, sensor: Level) -> None:
     """Refuse a calibration for another unit than the log's."""
     recorded = log.channel(sensor.column).unit
     if recorded and recorded != told(sensor.unit):
@@ -47,7 +47,7 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
         if np.isnan(values).all():
             raise InputError(f"{label}: nothing usable is left of {name!r}; choose another stretch")
         mean[name] = float(np.nanmean(values))
-    if abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
+    if "n_set" in mean and abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
         raise InputError(
             f"channels.set_point: {mean['n_set']:.4g} rpm on average in {label}, where the engine turns "
             f"{mean['n_e']:.4g} rpm{_slip_of_speed(mean['n_set'] / mean['n_e'], vessel.gearbox.ratio)}"
