@@ -160,3 +160,22 @@ def test_without_a_steady_stretch_the_load_is_the_torque(folder: Path, tmp_path:
     trial = Trial.load(tmp_path / "TRIAL.toml")
     (experiment,) = process(trial.logs()[0], trial)
     assert experiment.operating_point["M_load"] == pytest.approx(955.0)
+
+
+def test_two_loggers_on_one_clock_are_one_trial(folder: Path, tmp_path: Path) -> None:
+    """The second one began 0.5 s later; both count on the same clock."""
+    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
+    time = np.arange(len(table["n"])) / RATE_HZ
+    for name, columns, late in (("speed", ("n_set", "n"), 0), ("load", ("M", "P"), round(0.5 * RATE_HZ))):
+        kept = {"time": time[late:], **{column: table[column][late:] for column in columns}}
+        pyarrow.parquet.write_table(pa.table(kept), tmp_path / f"{name}.parquet")
+    text = TRIAL.replace('log = "log.parquet"\nrate_hz = 400.0', 'log = ["speed.parquet", "load.parquet"]')
+    (tmp_path / "TRIAL.toml").write_text(text)
+    with pytest.raises(InputError, match=r"or \[align\], where the logs are loggers of one trial"):
+        Trial.load(tmp_path / "TRIAL.toml")
+    (tmp_path / "TRIAL.toml").write_text(f'{text}[align]\nreference = "speed.parquet"\n')
+    trial, alone = Trial.load(tmp_path / "TRIAL.toml"), Trial.load(folder / "TRIAL.toml")
+    (log,) = trial.logs()
+    (two,), (one,) = process(log, trial), process(alone.logs()[0], alone)
+    for name in ("n_set", "n_e", "M_b", "M_load"):
+        assert two.signals[name] == pytest.approx(one.signals[name], rel=1e-3), name

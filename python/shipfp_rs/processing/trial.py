@@ -78,7 +78,9 @@ class Trial(Section):
             )
         if missing and len(self.trial.log) > 1 and self.align is None:
             raise unexpected(
-                "operating_point", '"auto" with several logs', "n_e_rpm, M_Nm and X_mm given as numbers"
+                "operating_point",
+                '"auto" with several logs',
+                "n_e_rpm, M_Nm and X_mm given as numbers; or [align], where the logs are loggers of one trial",
             )
         files = [Path(log).name for log in self.trial.log]
         if self.align is not None:
