@@ -153,13 +153,32 @@ def test_a_set_point_that_rests_while_the_load_moves_is_no_fault(folder: Path, t
     assert "T_set" not in question.always
 
 
-def test_without_a_steady_stretch_the_load_is_the_torque(folder: Path, tmp_path: Path) -> None:
-    given = TRIAL.replace("steady_s = [1.0, 19.0]", "n_e_rpm = 1500.0\nM_Nm = 955.0")
+@pytest.mark.parametrize("torque_Nm", [955.0, 700.0])
+def test_without_a_steady_stretch_the_load_follows_from_the_torque(
+    torque_Nm: float, folder: Path, tmp_path: Path
+) -> None:
+    given = TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {torque_Nm}")
     given = given.replace('log = "log.parquet"', f'log = "{folder / "log.parquet"}"')
     (tmp_path / "TRIAL.toml").write_text(given)
     trial = Trial.load(tmp_path / "TRIAL.toml")
     (experiment,) = process(trial.logs()[0], trial)
-    assert experiment.operating_point["M_load"] == pytest.approx(955.0)
+    assert experiment.operating_point["M_load"] == pytest.approx(torque_Nm, rel=0.01)
+
+
+def test_a_part_of_the_torque_that_is_the_load_is_known_without_a_steady_stretch(
+    folder: Path, tmp_path: Path
+) -> None:
+    """The rest of the torque is that of a pump on the same shaft; the means over the window are given."""
+    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
+    table["P"] = 0.5 * table["P"]
+    pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    (tmp_path / "TRIAL.toml").write_text(
+        TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {table['M'].mean()}")
+    )
+    trial = Trial.load(tmp_path / "TRIAL.toml")
+    (experiment,) = process(trial.logs()[0], trial)
+    mean = experiment.signals["M_load"].mean()
+    assert experiment.operating_point["M_load"] == pytest.approx(mean, rel=0.02)
 
 
 def test_two_loggers_on_one_clock_are_one_trial(folder: Path, tmp_path: Path) -> None:

@@ -52,17 +52,23 @@ def about_local_point(experiment: Experiment) -> Experiment:
 
 
 def driven_point(
-    point: dict[str, float], windows: Sequence[Mapping[str, Array]], torque_Nm: float | None
+    point: dict[str, float],
+    windows: Sequence[Mapping[str, Array]],
+    torque_Nm: float | None,
+    to_shaft: float = 1.0,
 ) -> dict[str, float]:
     """Return the operating point, or the means of the windows where a load or command starts from next to nothing.
 
     Torques are ratios to that of the operating point, which of an engine that idles are large and mean little. The mean
-    under load is a steady state as well as the idle engine is. What nothing tells of the point is a mean, too.
+    under load is a steady state as well as the idle engine is. What nothing tells of the point is a mean, too, but a load
+    beside a torque that is given, `torque_Nm`: it is apart from its mean by as much, times `to_shaft`.
     """
     every = {name: np.concatenate([signals[name] for signals in windows]) for name in windows[0]}
     means = {name: float(np.nanmean(values)) for name, values in every.items()}
     known = {**means, **point}
     inputs = [name for name in (*TORQUES, "command", "M_load") if name in every]
+    if torque_Nm is not None and "M_load" in every and "M_load" not in point:
+        known["M_load"] += to_shaft * (torque_Nm - means[inputs[0]])
     if torque_Nm is not None or not {"command", "M_load"} & set(inputs):
         return known
     swing = float(np.nanmax(every[inputs[0]]) - np.nanmin(every[inputs[0]]))

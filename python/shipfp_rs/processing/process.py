@@ -101,7 +101,8 @@ def process(
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point, clock = recording.operating_point(), recording.governor_clock()
     cut = [recording.signals(_label(window)) for window in windows]
-    point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm)
+    shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
+    point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
     if trial.channels.asks_for_torque:
         point.setdefault("M_b", point["command"])  # what tau_n is over, in SI units
     return [recording.experiment(*each, point, clock) for each in zip(windows, cut, strict=True)]
@@ -215,20 +216,10 @@ class _Recording:
             point |= dict.fromkeys({"n_e", self.trial.channels.driver_signal} - {"command"}, given.n_e_rpm)
         for signal, sensor in self.trial.channels.levels.items():
             if isinstance(sensor, Load):
-                # What is measured of it there is all of it or a part; without a steady stretch it is the torque.
-                if signal not in point:
-                    point[signal] = self._shaft_torque()
-                continue
+                continue  # without a steady stretch it follows from the torque
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
-
-    def _shaft_torque(self) -> float:
-        """Torque of the shaft at the operating point, from that at the place of the torque channel [Nm]."""
-        torque, value = self.trial.channels.torque, self.trial.operating_point.M_Nm
-        assert torque is not None
-        assert value is not None
-        return value * self.vessel.torque_ratio if torque.location == "brake" else value
 
     def experiment(
         self, window: Window, cut: Cut, point: Mapping[str, float], clock: Mapping[str, float] | None
