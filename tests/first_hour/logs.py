@@ -177,8 +177,8 @@ class Row:
     drive, excitation, rate_hz
         What was driven, how, and how often it was recorded.
     signals
-        Signal of `recorded` to name and unit of its channel: n_set or command, n_e, M_g or M_b; n_s for a second shaft, M_load
-        for the power of a load.
+        Signal of `recorded` to name and unit of its channel: n_set or command, n_e, M_g or M_b; n_s for a second shaft,
+        M_load for the power of a load.
     others
         Channels beside: name and unit to a mean, noise about it.
     share

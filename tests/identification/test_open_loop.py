@@ -92,3 +92,15 @@ def test_open_and_closed_loops_are_not_fitted_together() -> None:
     )
     with pytest.raises(fp.InputError, match="some experiments have a set point, others a command"):
         fp.identify([record, closed])
+
+
+def test_a_known_inertia_tells_what_the_command_does() -> None:
+    record = without_torque(recorded({**TRUTH, "g": 0.0}))
+    found = fp.identify(record, fixed={"tau_n": TRUTH["tau_n"]}, intervals="symmetric")
+    assert found["v"].value == pytest.approx(TRUTH["v"], rel=0.05)
+    assert found["p"].value == pytest.approx(TRUTH["p"], rel=0.05)
+
+
+def test_a_governor_is_not_fitted_to_a_command() -> None:
+    with pytest.raises(fp.InputError, match="driven by 'command', structure 'ship' expects 'n_set'"):
+        fp.identify(recorded(TRUTH), fp.Structure.ship())

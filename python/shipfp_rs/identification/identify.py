@@ -14,7 +14,12 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.gates import require_excited
-from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop, with_caveat
+from shipfp_rs.identification.open_loop import (
+    in_open_loop,
+    require_driver,
+    structure_in_open_loop,
+    with_caveat,
+)
 from shipfp_rs.identification.options import Intervals, NoiseModel, Options
 from shipfp_rs.identification.question import Question, question_of, question_of_ship
 from shipfp_rs.identification.structure_answer import fitted
@@ -115,6 +120,7 @@ def identify(
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
+    require_driver([data] if isinstance(data, Experiment | FrequencyResponse) else list(data), structure)
     return _given_ship(data, structure, options, vessel) or _with(
         fitted(data, structure, options, vessel=vessel), data
     )

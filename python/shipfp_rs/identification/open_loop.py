@@ -36,6 +36,17 @@ def in_open_loop(experiments: Sequence[Experiment]) -> bool:
     return drivers == {"command"}
 
 
+def require_driver(data: Sequence[object], structure: Structure) -> None:
+    """Refuse a governor's structure for experiments with a command, and the other way round."""
+    expected = {"commanded": "command", "linear": "n_set", "ship": "n_set"}.get(structure.settings["kind"])
+    for one in data:
+        if isinstance(one, Experiment) and expected not in (None, one.driver):
+            raise InputError(
+                f"experiment {one.name!r}: driven by {one.driver!r}, structure {structure.name!r} expects {expected!r}; "
+                "leave the structure out, or give another one"
+            )
+
+
 def structure_in_open_loop(
     experiments: Sequence[Experiment],
     *,
@@ -48,7 +59,7 @@ def structure_in_open_loop(
     """Return the structure of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
 
     Without a torque tau_n and p - g are told over v only: v is 1 and g 0 then, as of a torque or current that the drive
-    follows, unless they are given.
+    follows, unless they are given; v is free where the inertia is known.
 
     Raises
     ------
@@ -67,7 +78,9 @@ def structure_in_open_loop(
     structure: Structure = commanded(Structure, acting, torque=place, outputs=outputs)
     known = {name: prior for name, prior in PRIORS.items() if name in structure.names}
     structure = structure.with_prior(**{**known, **(priors or {})})
-    given = {} if "dM" in outputs else {"v": 1.0, "g": 0.0} | ({"k_L": 1.0} if "load" in acting else {})
+    given = {} if "dM" in outputs else {"g": 0.0} | ({"k_L": 1.0} if "load" in acting else {})
+    if "dM" not in outputs and not {"tau_n", "v"} & {*(fixed or {}), *(priors or {})}:
+        given["v"] = 1.0
     return structure.with_fixed(**{**given, **(fixed or {})})
 
 
