@@ -76,6 +76,14 @@ def test_check_says_what_would_be_fitted(folder: Path, capsys: pytest.CaptureFix
     assert "tried" not in told
 
 
+def test_inspect_compares_no_set_point(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["inspect", str(folder / "log.parquet"), str(folder / "STEADY.toml")]) == 0
+    told = capsys.readouterr()
+    assert "Set point and speed" not in told.out
+    assert "Nothing rests" not in told.out
+    assert told.err == ""
+
+
 def test_run_tells_the_inertia_and_speaks_of_no_governor(folder: Path, tmp_path: Path) -> None:
     assert cli.main(["run", str(folder / "STEADY.toml"), "--out", str(tmp_path / "result")]) == 0
     told = json.loads((tmp_path / "result" / "fingerprint.json").read_text(encoding="utf-8"))
