@@ -17,10 +17,14 @@ import pyarrow.parquet
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.support.units import TO_NM, TO_RPM, told
+from shipfp_rs import _core, cli
+from shipfp_rs.structures.commanded import commanded
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 from tests.logger_files import START
+from tests.twins.ship import vector
 
 Columns = Mapping[tuple[str, str], np.ndarray]
 """Name and unit to samples."""
@@ -173,7 +177,8 @@ class Row:
     drive, excitation, rate_hz
         What was driven, how, and how often it was recorded.
     signals
-        Signal of `fp.simulate` to name and unit of its channel: n_set, n_e, M_g or M_b; n_s for a second shaft.
+        Signal of `recorded` to name and unit of its channel: n_set or command, n_e, M_g or M_b; n_s for a second shaft,
+        M_load for the power of a load.
     others
         Channels beside: name and unit to a mean, noise about it.
     share
@@ -198,18 +203,27 @@ class Row:
         ratios = {f"{gain}/tau_n": told[gain] / told["tau_n"] for gain in ("vK_p", "vK_i")}
         return {**told, **ratios, "(p-g)/tau_n": (told["p"] - told["g"]) / told["tau_n"]}
 
-    def written(self, folder: Path) -> Path:
-        """Write the log; return its path."""
-        vessel, draw = self.drive(), np.random.default_rng(len(self.name))
+    def recorded(self) -> Mapping[str, np.ndarray]:
+        """Return the signals at `FINER` times the rate of the log, in rpm, rev/s, Nm and W."""
+        vessel = self.drive()
         rpm = self.share * vessel.operating_point.n_e_rpm
         asked = self.excitation(FINER * self.rate_hz, rpm).settled(25.0, 10.0)
         noise = {signal: NOISE[signal] for signal in self.signals if signal in NOISE}
-        trial = fp.simulate(vessel, asked, noise=noise, seed=len(self.name))
+        return fp.simulate(vessel, asked, noise=noise, seed=len(self.name)).signals
+
+    def trial(self, folder: Path) -> Path:
+        """Write the log and let `init` write its trial; return that."""
+        assert cli.main(["init", str(folder), "--log", str(self.written(folder))]) == 0
+        return folder / "TRIAL.toml"
+
+    def written(self, folder: Path) -> Path:
+        """Write the log; return its path."""
+        recorded, draw = self.recorded(), np.random.default_rng(len(self.name))
         columns: dict[tuple[str, str], Any] = {}
         for signal, (name, unit) in self.signals.items():
-            factor = {**TO_RPM, **TO_NM}[told(unit) or "deg/s"]
+            factor = {**TO_RPM, **TO_NM, **TO_W, "V": 1.0}[told(unit) or "deg/s"]
             rpm_a_unit = 60.0 if signal == "n_s" else 1.0
-            columns[name, unit] = trial.signals[signal][FINER // 2 :: FINER] * rpm_a_unit / factor
+            columns[name, unit] = recorded[signal][FINER // 2 :: FINER] * rpm_a_unit / factor
         count = len(next(iter(columns.values())))
         columns |= {
             key: mean * (1.0 + 1e-3 * draw.standard_normal(count)) for key, mean in self.others.items()
@@ -217,6 +231,116 @@ class Row:
         path = folder / f"log{SUFFIXES[self.write]}"
         self.write(path, self.rate_hz, columns)
         return path
+
+
+LEVELS = (1.0, 0.6, 0.9, 0.3, 1.1, 0.7, 0.2, 0.8)
+"""Of a load, over the operating point's."""
+
+
+@dataclass(frozen=True)
+class Loaded(Row):
+    """A row whose load moves, in steps of a tenth of a second; the set point rests, or has the excitation's share.
+
+    Parameters
+    ----------
+    levels
+        Of the load, over the operating point's, before the first step and after each.
+    idles
+        Part of the torque that is there without it.
+    """
+
+    levels: tuple[float, ...] = (1.0, *LEVELS[1:])
+    idles: float = 0.3
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """What does not depend on the torque that others are over."""
+        told, point = super().truth, self.drive().operating_point
+        assert point.M_b_Nm is not None
+        inertia = told["tau_n"] * point.M_b_Nm / (2.0 * np.pi * point.n_e_rpm / 60.0)
+        return {name: told[name] for name in ("vK_p/tau_n", "vK_i/tau_n", "(p-g)/tau_n")} | {
+            "inertia": inertia
+        }
+
+    def recorded(self) -> Mapping[str, np.ndarray]:
+        point, random, rate_hz = self.drive().operating_point, np.random.default_rng(3), FINER * self.rate_hz
+        ship = {**dataclasses.asdict(linearise(self.drive())), "load_gain": 1.0 - self.idles}
+        starts = 40.0 + 11.3 * np.arange(len(self.levels) - 1)
+        time = np.arange(0.0, starts[-1] + 12.0, 1.0 / rate_hz)
+        at = np.column_stack([starts, starts + 0.1]).ravel()
+        levels = np.interp(time, at, np.repeat(self.levels, 2)[1:-1])
+        asked = 1.0 + self.share * np.interp(
+            time, at - 4.1, np.repeat([0.0, *np.resize([1.0, -1.0, 0.4, -0.7], len(starts))], 2)[1:-1]
+        )
+        outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dM_b")]
+        moved = _core.simulate_ship(vector(**ship), asked, levels - 1.0, 1.0 / rate_hz, 0, "first", outputs)
+        late = time >= 20.0  # it began at the operating point, under load
+        speed, torque = (1.0 + row[late] for row in moved)
+        noisy = lambda row, part: row * (1.0 + part * random.standard_normal(len(row)))  # noqa: E731
+        power = (1.0 - self.idles) * point.M_b_Nm * levels[late] * 2.0 * np.pi * point.n_e_rpm / 60.0 * speed
+        return {
+            "n_set": point.n_e_rpm * asked[late],
+            "n_e": noisy(point.n_e_rpm * speed, 5e-4),
+            "M_b": noisy(point.M_b_Nm * torque, 5e-3),
+            "M_load": noisy(power, 1e-3),
+        }
+
+
+@dataclass(frozen=True)
+class TwoLoggers(Loaded):
+    """Set point and speed stand in one log, torque and load in another one, on the same clock."""
+
+    def trial(self, folder: Path) -> Path:
+        path = super().trial(folder)
+        table = pyarrow.parquet.read_table(folder / "log.parquet")
+        for name, columns in (("speed", [0, 1, 2]), ("load", [0, 3, 4])):
+            pyarrow.parquet.write_table(table.select(columns), folder / f"{name}.parquet")
+        text = path.read_text(encoding="utf-8").replace(
+            f'log = "{folder / "log.parquet"}"', 'log = ["speed.parquet", "load.parquet"]'
+        )
+        path.write_text(f'{text}\n[align]\nreference = "speed.parquet"\n', encoding="utf-8")
+        return path
+
+
+@dataclass(frozen=True)
+class Commanded(Row):
+    """A row of a drive in open loop: steps of its command.
+
+    Parameters
+    ----------
+    own
+        What the drive's torque does with the speed and the command, and how late.
+    command
+        The command at the operating point, in its unit; None: the torque.
+    """
+
+    own: Mapping[str, float] = field(default_factory=lambda: {"g": 0.0, "v": 1.0, "tau_act": 0.03})
+    command: float | None = None
+    share: float = 0.15
+
+    @property
+    def truth(self) -> dict[str, float]:
+        point, linear = self.drive().operating_point, linearise(self.drive())
+        assert point.M_b_Nm is not None
+        inertia = linear.tau_n * point.M_b_Nm / (2.0 * np.pi * point.n_e_rpm / 60.0)
+        return {"inertia": inertia, "tau_act": self.own["tau_act"]}
+
+    def recorded(self) -> Mapping[str, np.ndarray]:
+        vessel, random = self.drive(), np.random.default_rng(6)
+        point, linear, rate_hz = vessel.operating_point, linearise(vessel), FINER * self.rate_hz
+        time = np.arange(0.0, 100.0, 1.0 / rate_hz)
+        at = 20.0 + np.cumsum(random.uniform(3.0, 7.0, 14))
+        levels = np.append(0.0, np.repeat(random.uniform(-self.share, self.share, 14), 2)[:-1])
+        asked = 1.0 + np.interp(time, np.column_stack([at, at + 0.1]).ravel(), levels)
+        bare = fp.Experiment("x", rate_hz, {"command": asked}, {"command": 1.0})
+        drive = {"tau_n": linear.tau_n, "p": linear.p, "T_d": 0.0, **self.own}
+        speed, torque = 1.0 + commanded(Structure).equations.simulate(drive, bare)
+        speed, torque = (row * (1.0 + 2e-3 * random.standard_normal(len(time))) for row in (speed, torque))
+        return {
+            "command": (self.command or point.M_b_Nm) * asked,
+            "n_e": point.n_e_rpm * speed,
+            "M_b": point.M_b_Nm * torque,
+        }
 
 
 ROWS = (
@@ -249,6 +373,23 @@ ROWS = (
         {"n_set": ("Engine speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "n_s": ("Shaft speed", "rpm"),
          "M_g": ("Shaft torque", "lbf ft")},
         {("Speed over ground", "kn"): 0.2, ("Throttle position", "%"): 55.0}),
+    Loaded("Load steps of a generating set at a set point that rests", csv_with_units, genset, steps, 50.0,
+        {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
+         "M_load": ("Generator power", "kW")}, share=0.0),
+    Loaded("German load steps beside a set point that moves", csv_with_commas, genset, steps, 50.0,
+        {"n_set": ("Drehzahl Soll", "1/min"), "n_e": ("Drehzahl Ist", "1/min"), "M_b": ("Motormoment", "Nm"),
+         "M_load": ("Generator Leistung", "kW")}, share=0.02),
+    Loaded("A load from zero on an engine that idles", parquet, genset, steps, 50.0,
+        {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
+         "M_load": ("Generator power", "kW")}, share=0.0, levels=(0.0, *LEVELS), idles=0.1),
+    TwoLoggers("Load steps in two logs on one clock", parquet, genset, steps, 50.0,
+        {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
+         "M_load": ("Generator power", "kW")}, share=0.02),
+    Commanded("Torque steps of a laboratory drive in open loop", csv_with_units, lab_drive, steps, 50.0,
+        {"command": ("Torque command", "Nm"), "n_e": ("Motor speed", "rpm")}),
+    Commanded("Voltage steps beside a torque, in open loop", hdf5, lab_drive, steps, 50.0,
+        {"command": ("Torque demand", "V"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")},
+        own={"g": -0.8, "v": 1.6, "tau_act": 0.06}, command=4.0),
 )  # fmt: skip
-QUICK = tuple(ROWS[number] for number in (1, 2, 8))
+QUICK = tuple(ROWS[number] for number in (1, 2, 8, 13, 14, 15))
 """Rows that are fitted in every run of the tests."""

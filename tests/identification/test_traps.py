@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
+from shipfp_rs import _core
 from shipfp_rs.assessment import si
 from shipfp_rs.identification import gates
+from tests.twins.ship import vector
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
 
@@ -94,3 +96,43 @@ def test_gauge_torque_called_brake_torque_fits_as_well_and_cannot_be_known_a13()
     assert found["(p-g)/tau_n"].value == pytest.approx((true.p - true.g) / true.tau_n, rel=0.2)
     (word,) = si.doubts(found, tug)
     assert "look at its scale" in word
+
+
+@pytest.fixture(scope="module")
+def load_steps():
+    """Return steps of a load on a stiff speed loop whose set point rests."""
+    time = np.arange(0.0, 60.0, 0.02)
+    levels = np.repeat([0.0, 0.3, -0.2, 0.1, 0.4, -0.3], 2)[1:-1]
+    at = np.ravel([[start, start + 0.15] for start in (7.0, 16.1, 27.3, 35.9, 48.2)])
+    load = np.interp(time, at, levels)
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dM_b")]
+    ship = vector(K_p=20.0, K_i=40.0, load_gain=1.0)
+    dn, dM = _core.simulate_ship(ship, np.ones(len(time)), load, 0.02, 0, "first", outputs)
+    random = np.random.default_rng(4)
+    signals = {"n_set": np.ones(len(time)), "n_e": 1.0 + dn, "M_b": 1.0 + dM, "M_load": 1.0 + load}
+    signals |= {name: signals[name] + 1e-3 * random.standard_normal(len(time)) for name in ("n_e", "M_b")}
+    return fp.Experiment("load steps", 50.0, signals, dict.fromkeys(signals, 1.0))
+
+
+def test_torque_that_rises_while_the_shaft_slows_under_load_is_right_c3(load_steps):
+    gates.require_excited([load_steps])
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.06, 0.3])
+def test_a_load_that_is_told_late_does_not_turn_the_torque_c3(load_steps, late_s):
+    late = np.roll(load_steps.signals["M_load"], round(50.0 * late_s))
+    gates.require_excited([with_signal(load_steps, "M_load", late, 1.0)])
+
+
+def test_a_torque_that_falls_as_the_load_rises_is_refused_c3(load_steps):
+    turned = with_signal(load_steps, "M_b", 2.0 - load_steps.signals["M_b"], 1.0)
+    with pytest.raises(fp.InputError, match="M_b falls while the load rises"):
+        gates.require_excited([turned])
+
+
+def test_a_torque_of_the_wrong_sign_is_refused_where_the_set_point_moves(made):
+    """Under a load that is not measured, too, as long as the set point moves the torque by a good part."""
+    kept = replace(made, signals={name: made.signals[name] for name in ("n_set", "n_e", "M_b")})
+    point, torque = made.operating_point["M_b"], made.signals["M_b"]
+    with pytest.raises(fp.InputError, match="M_b falls while the shaft speeds up"):
+        gates.require_excited([with_signal(kept, "M_b", 2.0 * point - torque, point)])

@@ -10,6 +10,8 @@ import pyarrow.parquet
 import pytest
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.question import question_of
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from tests.families.plant import physical
@@ -74,10 +76,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def altered(folder: Path, tmp_path: Path, channel: str, samples: slice, value: float) -> Trial:
-    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
-    table[channel] = table[channel].copy()
-    table[channel][samples] = value
+def altered(folder: Path, tmp_path: Path, changes: dict[str, tuple[slice, float]]) -> Trial:
+    table = {name: column.to_numpy().copy() for name, column in zip(*_columns(folder), strict=True)}
+    for channel, (samples, value) in changes.items():
+        table[channel][samples] = value
     pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
     (tmp_path / "TRIAL.toml").write_text(TRIAL)
     return Trial.load(tmp_path / "TRIAL.toml")
@@ -98,7 +100,7 @@ def test_power_becomes_the_torque_of_the_shaft(folder: Path) -> None:
 
 def test_what_a_load_lost_is_masked_in_the_answers(folder: Path, tmp_path: Path) -> None:
     lost = slice(round(50.0 * RATE_HZ), round(50.1 * RATE_HZ))
-    trial = altered(folder, tmp_path, "P", lost, np.nan)
+    trial = altered(folder, tmp_path, {"P": (lost, np.nan)})
     (experiment,) = process(trial.logs()[0], trial)
     assert np.isfinite(experiment.signals["M_load"]).all()
     masked = np.flatnonzero(np.isnan(experiment.signals["n_e"])) / experiment.rate_hz + 15.0
@@ -108,21 +110,91 @@ def test_what_a_load_lost_is_masked_in_the_answers(folder: Path, tmp_path: Path)
 
 
 def test_a_load_lost_for_long_is_refused(folder: Path, tmp_path: Path) -> None:
-    trial = altered(folder, tmp_path, "P", slice(round(50.0 * RATE_HZ), round(51.0 * RATE_HZ)), np.nan)
+    lost = slice(round(50.0 * RATE_HZ), round(51.0 * RATE_HZ))
+    trial = altered(folder, tmp_path, {"P": (lost, np.nan)})
     with pytest.raises(InputError, match="load 'P' has a fault"):
         process(trial.logs()[0], trial)
 
 
-def test_a_steady_stretch_without_load_is_refused(folder: Path, tmp_path: Path) -> None:
-    trial = altered(folder, tmp_path, "P", slice(0, round(20.0 * RATE_HZ)), 0.1)
-    with pytest.raises(InputError, match="choose a steady stretch under load"):
-        process(trial.logs()[0], trial)
+def test_a_load_that_starts_from_zero_is_normalised_by_the_means_under_load(
+    folder: Path, tmp_path: Path
+) -> None:
+    idle = slice(0, round(20.0 * RATE_HZ))
+    trial = altered(folder, tmp_path, {"P": (idle, 0.1), "M": (idle, 30.0)})
+    (experiment,) = process(trial.logs()[0], trial)
+    for name in ("n_e", "M_b", "M_load"):
+        assert experiment.operating_point[name] == pytest.approx(np.nanmean(experiment.signals[name]))
 
 
-def test_without_a_steady_stretch_the_load_is_the_torque(folder: Path, tmp_path: Path) -> None:
-    given = TRIAL.replace("steady_s = [1.0, 19.0]", "n_e_rpm = 1500.0\nM_Nm = 955.0")
+def test_a_load_from_zero_beside_another_torque_is_a_part_of_that(folder: Path, tmp_path: Path) -> None:
+    idle = slice(0, round(20.0 * RATE_HZ))
+    trial = altered(folder, tmp_path, {"P": (idle, 0.0)})
+    (experiment,) = process(trial.logs()[0], trial)
+    point = experiment.operating_point
+    assert point["M_b"] == pytest.approx(PLANT.shaft_torque, rel=1e-2)
+    swing = np.ptp(experiment.signals["M_load"]) / point["M_b"]
+    assert np.ptp(experiment.normalised("M_load")) == pytest.approx(swing)
+
+
+@pytest.mark.parametrize(("sign", "point"), [(1.0, 955.0), (-1.0, -955.0), (1.0, 0.0)])
+def test_a_loads_deviation_is_over_the_torque_and_rises_with_it(sign: float, point: float) -> None:
+    load = point + sign * np.linspace(0.0, 95.5, 50)
+    signals = {"n_set": np.ones(50), "M_b": np.full(50, 955.0), "M_load": load}
+    experiment = Experiment("x", 50.0, signals, {"n_set": 1.0, "M_b": 955.0, "M_load": point})
+    assert experiment.normalised("M_load")[[0, -1]] == pytest.approx([0.0, 0.1])
+
+
+def test_a_set_point_that_rests_while_the_load_moves_is_no_fault(folder: Path, tmp_path: Path) -> None:
+    trial = altered(folder, tmp_path, {"n_set": (slice(None), 1500.0)})
+    (experiment,) = process(trial.logs()[0], trial)
+    assert [fault["kind"] for fault in experiment.provenance["faults"]] == []
+    question = question_of([experiment])
+    assert question.loaded
+    assert "T_set" not in question.always
+
+
+@pytest.mark.parametrize("torque_Nm", [955.0, 700.0])
+def test_without_a_steady_stretch_the_load_follows_from_the_torque(
+    torque_Nm: float, folder: Path, tmp_path: Path
+) -> None:
+    given = TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {torque_Nm}")
     given = given.replace('log = "log.parquet"', f'log = "{folder / "log.parquet"}"')
     (tmp_path / "TRIAL.toml").write_text(given)
     trial = Trial.load(tmp_path / "TRIAL.toml")
     (experiment,) = process(trial.logs()[0], trial)
-    assert experiment.operating_point["M_load"] == pytest.approx(955.0)
+    assert experiment.operating_point["M_load"] == pytest.approx(torque_Nm, rel=0.01)
+
+
+def test_a_part_of_the_torque_that_is_the_load_is_known_without_a_steady_stretch(
+    folder: Path, tmp_path: Path
+) -> None:
+    """The rest of the torque is that of a pump on the same shaft; the means over the window are given."""
+    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
+    table["P"] = 0.5 * table["P"]
+    pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    (tmp_path / "TRIAL.toml").write_text(
+        TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {table['M'].mean()}")
+    )
+    trial = Trial.load(tmp_path / "TRIAL.toml")
+    (experiment,) = process(trial.logs()[0], trial)
+    mean = experiment.signals["M_load"].mean()
+    assert experiment.operating_point["M_load"] == pytest.approx(mean, rel=0.02)
+
+
+def test_two_loggers_on_one_clock_are_one_trial(folder: Path, tmp_path: Path) -> None:
+    """The second one began 0.5 s later; both count on the same clock."""
+    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
+    time = np.arange(len(table["n"])) / RATE_HZ
+    for name, columns, late in (("speed", ("n_set", "n"), 0), ("load", ("M", "P"), round(0.5 * RATE_HZ))):
+        kept = {"time": time[late:], **{column: table[column][late:] for column in columns}}
+        pyarrow.parquet.write_table(pa.table(kept), tmp_path / f"{name}.parquet")
+    text = TRIAL.replace('log = "log.parquet"\nrate_hz = 400.0', 'log = ["speed.parquet", "load.parquet"]')
+    (tmp_path / "TRIAL.toml").write_text(text)
+    with pytest.raises(InputError, match=r"or \[align\], where the logs are loggers of one trial"):
+        Trial.load(tmp_path / "TRIAL.toml")
+    (tmp_path / "TRIAL.toml").write_text(f'{text}[align]\nreference = "speed.parquet"\n')
+    trial, alone = Trial.load(tmp_path / "TRIAL.toml"), Trial.load(folder / "TRIAL.toml")
+    (log,) = trial.logs()
+    (two,), (one,) = process(log, trial), process(alone.logs()[0], alone)
+    for name in ("n_set", "n_e", "M_b", "M_load"):
+        assert two.signals[name] == pytest.approx(one.signals[name], rel=1e-3), name

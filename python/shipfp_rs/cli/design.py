@@ -207,7 +207,10 @@ def _generator(trial: Path | None, expected: str, volts: tuple[float, float]) ->
     if trial is not None:
         from shipfp_rs.processing.trial import Trial
 
-        return Generator(Trial.load(trial).channels.set_point.calibration.calibration("rpm"), *volts)
+        set_point = Trial.load(trial).channels.set_point
+        if set_point is None:
+            raise InputError(f"{trial}: no channels.set_point, expected one to turn rpm into volts")
+        return Generator(set_point.calibration.calibration("rpm"), *volts)
     if expected.endswith(".json"):
         return None
     line = Vessel.load(expected).set_point

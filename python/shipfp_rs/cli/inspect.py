@@ -83,7 +83,7 @@ def inspect(
         print_json(found.to_dict())
         return
     _print(found)
-    if trial is not None and not found.points:
+    if description is not None and description.channels.command is None and not found.points:
         print_text("Nothing rests for 8 s: set point, speed and torque can't be compared at a steady point.")
     print_text(*recording.notes)
     if out is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,6 +24,7 @@ Hold = Literal["zero", "first"]
 UNITS: Mapping[str, str] = MappingProxyType(
     {
         "n_set": "rpm",
+        "command": "",
         "n_e": "rpm",
         "n_s": "rev/s",
         "M_s": "Nm",
@@ -34,8 +36,12 @@ UNITS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Unit of every signal name that the package knows."""
-DRIVES: Mapping[str, str] = MappingProxyType({"n_set": "set point", "M_load": "load torque"})
+DRIVES: Mapping[str, str] = MappingProxyType(
+    {"n_set": "set point", "command": "command", "M_load": "load torque"}
+)
 """Signals that drive a model, with their names in words."""
+UNLOADED = 0.02
+"""A load over the torque of the operating point that is next to none, and may have either sign."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -74,13 +80,13 @@ class Experiment(Tabular, EvenlySampled):
     def __post_init__(self) -> None:
         check_fields(self, f"experiment {told(self.name)}")
         positive(f"experiment {self.name!r}: rate_hz", self.rate_hz)
-        if "n_set" not in self.signals:
+        if ("n_set" in self.signals) == ("command" in self.signals):
             raise InputError(
-                f"experiment {self.name!r}: no signal 'n_set', found {sorted(self.signals)}; expected the set point "
-                "among them, it drives the model"
+                f"experiment {self.name!r}: {'both' if 'n_set' in self.signals else 'neither'} of 'n_set' and 'command' "
+                f"among {sorted(self.signals)}; expected a governor's set point, or the command of a drive without one"
             )
         frozen: dict[str, Array] = {}
-        length = len(self.signals["n_set"])
+        length = len(self.signals[self.driver])
         if length < 2:
             raise InputError(
                 f"experiment {self.name!r}: {length} samples, expected at least 2; check its window"
@@ -108,7 +114,8 @@ class Experiment(Tabular, EvenlySampled):
                     "and can't have gaps, bridge it or cut the window"
                 )
         for name, value in self.operating_point.items():
-            if not np.isfinite(value) or value == 0.0:
+            may_be_zero = name == "M_load" and _torque_point(self.signals, self.operating_point) is not None
+            if not np.isfinite(value) or (value == 0.0 and not may_be_zero):
                 raise InputError(
                     f"experiment {self.name!r}: operating point of {name!r} is {value}, expected finite, not zero"
                 )
@@ -118,9 +125,14 @@ class Experiment(Tabular, EvenlySampled):
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     @property
+    def driver(self) -> str:
+        """Name of the signal that drives the model: "n_set", or "command" of a drive in open loop."""
+        return "n_set" if "n_set" in self.signals else "command"
+
+    @property
     def outputs(self) -> dict[str, Array]:
-        """The signals that answer: all but set point and load."""
-        return {name: row for name, row in self.signals.items() if name not in ("n_set", "M_load")}
+        """The signals that answer: all but set point, command and load."""
+        return {name: row for name, row in self.signals.items() if name not in DRIVES}
 
     def __repr__(self) -> str:
         signals = ", ".join(self.signals)
@@ -145,7 +157,7 @@ class Experiment(Tabular, EvenlySampled):
         )
 
     def __len__(self) -> int:
-        return len(self.signals["n_set"])
+        return len(self.signals[self.driver])
 
     @property
     def governor_clock(self) -> tuple[float, float] | None:
@@ -165,8 +177,8 @@ class Experiment(Tabular, EvenlySampled):
 
     @cached_property
     def dn_set(self) -> Array:
-        """Normalised deviation of the set point, which drives every simulation, shape (N,)."""
-        values = self.normalised("n_set")
+        """Normalised deviation of the set point, or of the command in open loop, which drives simulations, shape (N,)."""
+        values = self.normalised(self.driver)
         values.flags.writeable = False
         return values
 
@@ -174,6 +186,7 @@ class Experiment(Tabular, EvenlySampled):
     def normalised(self, name: str) -> Array:
         """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,).
 
+        That of a load is over the torque of the operating point, where one was measured: a load may start from zero.
         The integrated error E_n counts from zero there and is divided by the engine speed in rev/s, which
         `operating_point["E_n"]` holds, so that d(dE)/dt = dn_set - dn (eq. 3.15).
 
@@ -189,6 +202,15 @@ class Experiment(Tabular, EvenlySampled):
                 f"experiment {self.name!r}: no operating point for {name!r}; give operating_point[{name!r}]"
             )
         value = self.operating_point[name]
+        if name == "M_load":
+            torque = _torque_point(self.signals, self.operating_point)
+            # A load that is told as negative rises as it falls.
+            scale = (
+                value
+                if torque is None
+                else math.copysign(torque, value if abs(value) > UNLOADED * abs(torque) else 1.0)
+            )
+            return np.asarray((self.signals[name] - value) / scale)
         return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
 
     def _columns(self) -> Columns:
@@ -246,6 +268,12 @@ class Experiment(Tabular, EvenlySampled):
         return replace(self, name=name or self.name, signals=cut)
 
 
+def _torque_point(signals: Mapping[str, Any], operating_point: Mapping[str, float]) -> float | None:
+    """Torque of the operating point, where one was measured: of the shaft if possible, as the load is."""
+    measured = (name for name in ("M_s", "M_g", "M_b") if name in signals and name in operating_point)
+    return next((operating_point[name] for name in measured), None)
+
+
 def _rate(name: str, time: Array) -> float:
     """Sample rate of a column of times [Hz]."""
     steps = np.diff(time)
@@ -265,6 +293,8 @@ def _rate(name: str, time: Array) -> float:
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
     """Refuse signals in another unit than their operating point, or already normalised."""
     for name, value in operating_point.items():
+        if name == "M_load" and _torque_point(signals, operating_point) is not None:
+            continue
         # An operating point of exactly 1 means that the signal stays in its own unit.
         if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue

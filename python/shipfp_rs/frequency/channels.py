@@ -21,11 +21,15 @@ _MOST_MASKED = 0.05
 
 
 def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of the outputs: those given, or all but the set point that every experiment has."""
+    """Names of the outputs: those given, or all but the set point or command that every experiment has."""
     if not experiments:
         raise InputError("experiments: found none, expected at least one")
     common = [name for name in experiments[0].signals if all(name in e.signals for e in experiments)]
-    names = tuple(name for name in common if name != "n_set") if signals is None else tuple(signals)
+    names = (
+        tuple(name for name in common if name not in ("n_set", "command"))
+        if signals is None
+        else tuple(signals)
+    )
     for name in names:
         if name not in common:
             raise InputError(f"signals: found {name!r}, expected some of {', '.join(common)}")

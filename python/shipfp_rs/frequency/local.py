@@ -73,7 +73,7 @@ def local_response(
             f"band_hz: {low:g} to {high:g} Hz holds {(high - low) / resolution:.3g} bins of {resolution:.3g} Hz, "
             f"expected {2 * _LEAST_HALF + 1} or more; take a wider band or a longer record"
         )
-    U, points, bridged = _spectrum(experiment, "n_set")[0], {}, {}
+    U, points, bridged = _spectrum(experiment, experiment.driver)[0], {}, {}
     loudest = np.abs(U).max()
     for name in names:
         Y, bridged[name] = _spectrum(experiment, name)

@@ -75,8 +75,7 @@ def answered(
     values, c = fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES | fit.along]
-    if question.structure is not None:
-        values = {name: values[name] for name in question.structure.names}
+    values = {name: values[name] for name in structure_of(fit).names if name in values}
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }

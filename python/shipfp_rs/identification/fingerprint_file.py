@@ -27,7 +27,7 @@ TABLES = (
 OPTIONAL_TABLES = ("residuals", "elements", "adequate", "si")
 ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
 """Tables of tables."""
-REBUILT = ("linear", "ship", "joint")
+REBUILT = ("linear", "ship", "commanded", "joint")
 """Kinds of structures that a file tells whole."""
 STATES = ("on", "off", "open")
 """What the data can say of an element of the ship."""

@@ -173,6 +173,40 @@ class LoopSpectra:
         return gram, right, np.full(len(error), float(np.vdot(target, target).real))
 
 
+def guesses_in_open_loop(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:
+    """Return parameters to begin with of a drive that a command moves, the best first, over dead times and lags."""
+    law, rows = _law(parts), []
+    for lag in LAGS_S:
+        for dead in LOOP_DEAD_TIMES_S:
+            columns, targets = [], []
+            for part in parts:
+                speed, s = part.by_name["dn"], part.s
+                loads = [] if part.load is None else [-part.load]
+                way = np.exp(-s * dead) / (1.0 + s * lag)
+                columns.append(np.stack([-speed, way * part.set_point, *loads], axis=1))
+                targets.append(s * speed)
+            both, target = np.concatenate(columns), np.concatenate(targets)
+            both, target = np.concatenate([both.real, both.imag]), np.concatenate([target.real, target.imag])
+            found = np.linalg.lstsq(both, target, rcond=None)[0]
+            rows.append((float(np.linalg.norm(target - both @ found)), lag, dead, found))
+    rows.sort(key=lambda row: row[0])
+    guesses = []
+    for _, lag, dead, (own, gain, *load) in rows[:KEPT]:
+        measured = "dM" in parts[0].by_name
+        tau = law["tau"] / (SHARES[0] if gauge else 1.0) if measured else 1.0 / max(float(gain), 1e-3)
+        p = law["p"] if measured else float(own) * tau
+        known = {
+            "tau_n": tau,
+            "p": p,
+            "g": p - float(own) * tau,
+            "v": float(gain) * tau,
+            "T_d": dead,
+            "tau_act": lag,
+        }
+        guesses.append({**known, "tau_prop": SHARES[0] * tau, "k_L": float(load[0]) * tau if load else 1.0})
+    return guesses
+
+
 def _law(parts: Sequence[LoopSpectra]) -> dict[str, float]:
     """Exponent and time constant of the torque over the speed: M = (p + tau s) N."""
     if any("dM" not in part.by_name for part in parts):

@@ -13,6 +13,7 @@ from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.gates import require_excited
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.question import Question, question_of, question_of_ship
 from shipfp_rs.identification.ship_fit import first_look
@@ -58,6 +59,8 @@ def foresee(
     """
     require_excited(experiments)
     with threadpool_limits(limits=1):
+        if structure is None and in_open_loop(experiments):
+            return _of_structure(experiments, structure_in_open_loop(experiments, **choice), values)
         if structure is None:
             question = question_of(experiments, **choice)
         else:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.support.arrays import Array
 
 LEAST_SWING = 2e-3
@@ -31,6 +31,10 @@ STILL = 1e-7
 """Standard deviation of a torque over its operating point below which it stands still."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
+LEAST_AGREEMENT = 0.5
+"""A torque goes against the load from this correlation on."""
+LEAST_OWN = 0.2
+"""Least part of a torque's power that the set point causes, for its sign to be told by it."""
 POINT_OFF = 0.3
 """Largest difference of a signal's mean from its operating point, relative."""
 
@@ -54,8 +58,8 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
     if not moving:
         worst = max(experiments, key=_swing)
         raise InputError(
-            f"{worst.name!r}: the set point moves by {100 * _swing(worst):.2g} % of the operating point, expected at least "
-            f"{100 * LEAST_SWING:.2g} %; a set point that stands still tells nothing"
+            f"{worst.name!r}: the {DRIVES[worst.driver]} moves by {100 * _swing(worst):.2g} % of the operating point, "
+            f"expected at least {100 * LEAST_SWING:.2g} %; one that stands still tells nothing, unless a measured load moves"
         )
     for experiment in moving:
         _require_following(experiment)
@@ -71,6 +75,16 @@ def _swing(experiment: Experiment) -> float:
 def _load_swing(experiment: Experiment) -> float:
     """Standard deviation of a measured load over its operating point; 0 without one."""
     return float(np.std(experiment.normalised("M_load"))) if "M_load" in experiment.signals else 0.0
+
+
+def _load_mean(experiment: Experiment) -> float:
+    """Mean of a measured load's deviation over the torque of the operating point; 0 without one."""
+    return float(np.mean(experiment.normalised("M_load"))) if "M_load" in experiment.signals else 0.0
+
+
+def set_point_moves(experiments: Sequence[Experiment]) -> bool:
+    """Whether the set point moves in one of the experiments, so that its dead time is told."""
+    return max(float(np.std(one.dn_set)) for one in experiments) >= LEAST_SWING
 
 
 def is_loaded(experiments: Sequence[Experiment]) -> bool:
@@ -95,14 +109,16 @@ def _speed(experiment: Experiment) -> tuple[str, Array] | None:
 
 
 def _require_operating_point(experiment: Experiment) -> None:
-    for name in ("n_set", "n_e", "n_s", "M_g", "M_s", "M_b"):
+    for name in ("n_set", "command", "n_e", "n_s", "M_g", "M_s", "M_b"):
         if name not in experiment.signals or name not in experiment.operating_point:
             continue
         values = experiment.normalised(name)
         if not np.isfinite(values).any():
             continue
         mean = float(np.nanmean(values))
-        if abs(mean) > POINT_OFF:
+        # Torque goes with the load; what the load is on average is no error.
+        loaded = abs(_load_mean(experiment)) if name.startswith("M_") else 0.0
+        if abs(mean) > POINT_OFF + loaded:
             raise InputError(
                 f"{experiment.name!r}: {name} is {100 * (1 + mean):.3g} % of its operating point on average, expected about "
                 "100 %; check the calibration, the unit and the operating point"
@@ -116,12 +132,13 @@ def _require_following(experiment: Experiment) -> None:
     if found is None:
         return
     name, values = found
+    what = DRIVES[experiment.driver]
     rate = experiment.rate_hz
     asked, speed = _slow(experiment.dn_set, rate), _slow(values, rate)
     if _apart(asked, speed) < SAME_SPEED:
         raise InputError(
-            f"{experiment.name!r}: n_set equals {name} within {100 * SAME_SPEED:g} % of its swing, expected a set point "
-            "that the speed follows with a delay; is its column that of the measured speed?"
+            f"{experiment.name!r}: {experiment.driver} equals {name} within {100 * SAME_SPEED:g} % of its swing, expected "
+            f"a {what} that the speed follows with a delay; is its column that of the measured speed?"
         )
     _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
@@ -132,13 +149,13 @@ def _require_following(experiment: Experiment) -> None:
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
     if not np.isfinite(best) or abs(best) < LEAST_CORRELATION:
         raise InputError(
-            f"{experiment.name!r}: {name} does not follow the set point (correlation {best:.2g} at best within "
-            f"{LONGEST_DELAY_S:g} s), expected at least {LEAST_CORRELATION:g}; is the set point's column the right one?"
+            f"{experiment.name!r}: {name} does not follow the {what} (correlation {best:.2g} at best within "
+            f"{LONGEST_DELAY_S:g} s), expected at least {LEAST_CORRELATION:g}; is the {what}'s column the right one?"
         )
     if best < 0.0:
         raise InputError(
-            f"{experiment.name!r}: {name} falls when the set point rises (correlation {best:.2g}), expected it to rise; "
-            "turn the sign of the set point's calibration"
+            f"{experiment.name!r}: {name} falls when the {what} rises (correlation {best:.2g}), expected it to rise; "
+            "turn the sign of the {what}'s calibration"
         )
 
 
@@ -197,8 +214,8 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
         value for lag, value in agreement.items() if lag >= -EARLY_S
     ):
         raise InputError(
-            f"{experiment.name!r}: {name} moves {-early:.2g} s before the set point, expected after it; look at the clocks "
-            "of the two channels and at delay_s"
+            f"{experiment.name!r}: {name} moves {-early:.2g} s before the {DRIVES[experiment.driver]}, expected after it; "
+            "look at the clocks of the two channels and at delay_s"
         )
 
 
@@ -221,15 +238,37 @@ def _require_torque_sign(experiment: Experiment) -> None:
     torque = experiment.normalised(name)
     if not np.isfinite(torque).any():
         return
-    slow, speed = _slow(torque, experiment.rate_hz), _slow(found[1], experiment.rate_hz)
-    loads = (
-        [_slow(experiment.normalised("M_load"), experiment.rate_hz)] if "M_load" in experiment.signals else []
-    )
-    columns = np.column_stack([speed, np.gradient(speed) * experiment.rate_hz, *loads])
-    fitted = np.linalg.lstsq(columns, slow, rcond=None)[0]
-    rest = slow - columns @ fitted
-    explained = 1.0 - float(rest @ rest) / max(float(slow @ slow), 1e-300)
-    if fitted[1] < 0.0 and explained > 0.5:
+    rate = experiment.rate_hz
+    slow, speed = _slow(torque, rate), _slow(found[1], rate)
+    load = _slow(experiment.normalised("M_load"), rate) if _load_swing(experiment) >= LEAST_SWING else None
+    if load is not None and _correlation(slow, load) < -LEAST_AGREEMENT:
+        raise InputError(
+            f"{experiment.name!r}: {name} falls while the load rises, expected it to rise; turn the sign of its scale"
+        )
+    if not set_point_moves([experiment]):
+        return
+    # Under a load the shaft slows down while the torque rises: only what the set point moves tells the sign.
+    asked = _delayed(_slow(experiment.dn_set, rate), rate)
+    causes = asked if load is None else np.column_stack([asked, _delayed(load, rate)])
+    motions = np.column_stack([slow, speed, np.gradient(speed) * rate])
+    by_cause = np.linalg.lstsq(causes, motions, rcond=None)[0][: asked.shape[1]]
+    own, *answers = (asked @ by_cause).T
+    columns = np.column_stack(answers)
+    fitted = np.linalg.lstsq(columns, own, rcond=None)[0]
+    rest = own - columns @ fitted
+    told = float(own @ own) > LEAST_OWN * float(slow @ slow)
+    if told and fitted[1] < 0.0 and float(rest @ rest) < 0.5 * float(own @ own):
         raise InputError(
             f"{experiment.name!r}: {name} falls while the shaft speeds up, expected it to rise; turn the sign of its scale"
         )
+
+
+def _delayed(values: Array, rate_hz: float) -> Array:
+    """A signal at delays up to the longest, (N, K): what it causes is a sum of these."""
+    at = np.arange(len(values))
+    delays = np.arange(0.0, min(LONGEST_DELAY_S, 0.1 * len(values) / rate_hz), 0.5 / SLOW_HZ) * rate_hz
+    return np.column_stack([np.interp(at - delay, at, values) for delay in delays])
+
+
+def _correlation(one: Array, other: Array) -> float:
+    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-300)

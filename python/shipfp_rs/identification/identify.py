@@ -13,6 +13,13 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.gates import require_excited
+from shipfp_rs.identification.open_loop import (
+    in_open_loop,
+    require_driver,
+    structure_in_open_loop,
+    with_caveat,
+)
 from shipfp_rs.identification.options import Intervals, NoiseModel, Options
 from shipfp_rs.identification.question import Question, question_of, question_of_ship
 from shipfp_rs.identification.structure_answer import fitted
@@ -53,7 +60,8 @@ def identify(
         One `Experiment` or `FrequencyResponse`, or several that are fitted together.
     structure
         The model; its free parameters are searched within their bounds, those with a prior pulled to it. None: the full
-        ship of `ship_fit`, whose elements act or not as their intervals say.
+        ship of `ship_fit`, whose elements act or not as their intervals say; of experiments with a `command` in place of
+        a set point the drive without a governor, `structures.commanded`.
     elements, torque, outputs, fixed, priors
         Without a structure: elements that act (True) or not (False), the side of the torque ("gauge" or "brake"; None:
         by the signal, brake before gauge), outputs, and parameters that are known or have a prior (mean, deviation).
@@ -112,6 +120,7 @@ def identify(
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
+    require_driver([data] if isinstance(data, Experiment | FrequencyResponse) else list(data), structure)
     return _given_ship(data, structure, options, vessel) or _with(
         fitted(data, structure, options, vessel=vessel), data
     )
@@ -151,10 +160,14 @@ def _full_ship(
     experiments = [item for item in given if isinstance(item, Experiment)]
     if not experiments:
         raise InputError("identify: no data given, expected an Experiment")
-    question = question_of(
-        experiments, torque=torque, outputs=outputs, elements=elements, fixed=fixed, priors=priors
-    )
-    return _answered(question, options, vessel)
+    asked: dict[str, Any] = {
+        "torque": torque, "outputs": outputs, "elements": elements, "fixed": fixed, "priors": priors,
+    }  # fmt: skip
+    if in_open_loop(experiments):
+        require_excited(experiments)
+        structure = structure_in_open_loop(experiments, **asked)
+        return with_caveat(_with(fitted(experiments, structure, options, vessel=vessel), experiments), fixed)
+    return _answered(question_of(experiments, **asked), options, vessel)
 
 
 def _given_ship(

@@ -86,17 +86,17 @@ class Modelled:
             output: record.get("signals", {}).get(output, candidates[0])
             for output, candidates in model.signals.items()
         }
-        for signal in ("n_set", *names.values()):
+        by_command = drive.driver == "command" if isinstance(drive, Experiment) else "n_set" not in point
+        driver = "command" if by_command else "n_set"
+        for signal in (driver, *names.values()):
             if signal not in point:
                 raise InputError(
                     f"simulate: no operating point of {signal!r}, found {', '.join(point) or 'none'}; give an experiment "
                     "that has it"
                 )
-        set_point = (
-            drive.signals["n_set"] if isinstance(drive, Experiment) else point["n_set"] + drive.samples
-        )
+        set_point = drive.signals[driver] if isinstance(drive, Experiment) else point[driver] + drive.samples
         # One sample at rest before: else a step at the start would be where the ship has always been.
-        begun = {"n_set": np.concatenate([[point["n_set"]], set_point])}
+        begun = {driver: np.concatenate([[point[driver]], set_point])}
         bare = Experiment(drive.name, drive.rate_hz, begun, point, drive.hold, drive.kind)
         rows = model.part(drive.name).equations.simulate(values, bare)[:, 1:]
         signals = {
@@ -106,7 +106,7 @@ class Modelled:
         return Experiment(
             drive.name,
             drive.rate_hz,
-            {"n_set": set_point, **signals},
+            {driver: set_point, **signals},
             point,
             drive.hold,
             drive.kind,
@@ -142,7 +142,9 @@ class Modelled:
             for name, row in simulated_about(model, values, record).items()
         }
         return replace(
-            record, signals={"n_set": record.signals["n_set"], **signals}, provenance=self._source()
+            record,
+            signals={record.driver: record.signals[record.driver], **signals},
+            provenance=self._source(),
         )
 
     def first(self, experiment: Experiment | None = None) -> Experiment:

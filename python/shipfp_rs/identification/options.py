@@ -27,9 +27,14 @@ class Options:
     """Whether records were computed from rest, so that there is no initial state, no offset and no error of a gauge."""
 
     def starts_for(self, structure: Structure) -> int:
-        """Return the number of starts; by default five where a dead time is free, since the cost has several minima then."""
+        """Return the number of starts; by default five where a dead time is free, since the cost has several minima then.
+
+        A drive in open loop begins at regressions that go through the dead times.
+        """
         if self.starts is not None:
             return self.starts
+        if structure.settings["kind"] == "commanded":
+            return 1
         return 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
 
     def require(self) -> None:

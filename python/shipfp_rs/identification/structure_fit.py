@@ -14,7 +14,7 @@ from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
-from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from
+from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.record import SHORTEST_S
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
@@ -156,8 +156,8 @@ def guessed_vectors(likelihood: StructureLikelihood, structure: Structure) -> li
     """
     free = {one.name for one in structure.free}
     if (
-        structure.settings["kind"] not in ("linear", "ship")
-        or not {"T_d", "T_set"} & free
+        structure.settings["kind"] not in ("linear", "ship", "commanded")
+        or not ({"T_d", "T_set"} & free or structure.settings["kind"] == "commanded")
         or "dn" not in structure.outputs
         or any(isinstance(one, Samples) and one.data.duration < SHORTEST_S for one in likelihood.records)
     ):
@@ -173,6 +173,10 @@ def guessed_vectors(likelihood: StructureLikelihood, structure: Structure) -> li
     c = likelihood.coordinates
     gauge = "tau_prop" in structure.names
     declared = {one.name: one.start for one in structure.parameters}
+    if structure.settings["kind"] == "commanded":
+        guesses = guesses_in_open_loop(spectra, gauge)
+        vectors = [c.vector({**declared, **{n: v for n, v in one.items() if n in free}}) for one in guesses]
+        return sorted(vectors, key=likelihood.cost)[:GUESSED]
     vectors = []
     for guess in guesses_from(spectra, gauge):
         # What regressions tell are ratios to the inertia.

@@ -221,14 +221,15 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
 
 
 def spectra_of(samples: Samples) -> Spectra:
-    """Return samples as spectra, as far up as the set point excites: nobody knows what an own structure answers to.
+    """Return samples as spectra, as far up as the inputs excite: nobody knows what an own structure answers to.
 
     Raises
     ------
     InputError
         Where the record is too short for a spectrum.
     """
-    record = Record.of(samples.data, samples.measured, band_hz=np.inf)
+    loaded = "load" in samples.structure.settings.get("elements", ())
+    record = Record.of(samples.data, samples.measured, load=loaded, band_hz=np.inf)
     record = replace(record, seen_hz=record.band_hz)
     return Spectra(
         samples.data, samples.structure, samples.signals, samples.unknowns, samples.measured, record

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from shipfp_rs.identification.estimate import KNOWN, OPEN, Usable, WhyNot, is_rough
+from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, Usable, WhyNot, is_rough
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
@@ -66,7 +66,8 @@ def usability(fingerprint: Fingerprint) -> Usability:
     left_open = [
         name
         for name, estimate in fingerprint.parameters.items()
-        if estimate.status not in (*KNOWN, "fixed") or is_rough(estimate, OPEN)
+        if not (estimate.status in (*KNOWN, "fixed") or _known_from_one_side(estimate))
+        or is_rough(estimate, OPEN)
     ]
     worst = max(fingerprint.adequate["misses_pct"].values(), default=0.0)
     unexplained = [
@@ -106,6 +107,11 @@ def usability(fingerprint: Fingerprint) -> Usability:
         "usable",
         f"Usable for simulation, control tuning and comparison: the data determine every parameter{but}.",
     )
+
+
+def _known_from_one_side(estimate: Estimate) -> bool:
+    """Whether an estimate stands on a bound from which the data allow it to go only so far, as a delay that may be none."""
+    return estimate.status == "at_bound" and estimate.ci95 is not None
 
 
 def _unusable(why_not: WhyNot, because: str) -> Usability:

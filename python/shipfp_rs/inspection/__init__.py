@@ -136,7 +136,10 @@ def inspect_log(
         vessel = vessel or Vessel.load(trial.trial.vessel)
         every = found_experiments(log, trial, vessel, windows)
         torque = trial.channels.torque
-        if steady := [experiment for experiment in every if experiment.kind == "steady"]:
+        steady = [experiment for experiment in every if experiment.kind == "steady"]
+        if (
+            steady and trial.channels.command is None
+        ):  # in open loop no set point tells what the speed should be
             name = SIGNAL_OF_LOCATION[torque.location] if torque is not None else None
             points = tuple(steady_points(steady, name))
             longest = max(steady, key=len)
@@ -164,9 +167,7 @@ def inspect_log(
     if rates:
         checks["rates_hz"] = rates
     if windows:
-        checks["set_point_channel"] = (
-            trial.channels.set_point.column if trial is not None else set_point_of(log)
-        )
+        checks["set_point_channel"] = trial.channels.driver.column if trial is not None else set_point_of(log)
     return Inspection(log.name, tuple(reports), tuple(faults), tuple(windows), spectra, peaks, points, checks)
 
 

@@ -108,7 +108,7 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
 
 def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
     """Return the windows found in a log; those that its trial names where it is too short, or nothing in it rests."""
-    channel = log.channel(trial.channels.set_point.column)
+    channel = log.channel(trial.channels.driver.column)
     named = [
         (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
     ]

@@ -30,7 +30,7 @@ def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[st
         if report.channel.samples
     }
     if trial is not None:
-        roles = {trial.channels.set_point.column: "set_point"}
+        roles = {trial.channels.driver.column: "set_point"}
         roles |= {
             sensor.column: "torque" if isinstance(sensor, Torque) else "rack"
             for sensor in trial.channels.levels.values()

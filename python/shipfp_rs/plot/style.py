@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
 LABELS: Mapping[str, str] = {
     "n_set": "set point $n_{set}$",
+    "command": "command",
     "n_e": "engine speed $n_e$",
     "n_s": "shaft speed $n_s$",
     "M_s": "shaft torque $M_s$",
@@ -30,6 +31,7 @@ LABELS: Mapping[str, str] = {
 """What the signals are called in legends."""
 QUANTITIES: Mapping[str, str] = {
     "rpm": "speed [rpm]",
+    "": "command",
     "rev/s": "shaft speed [rev/s]",
     "Nm": "torque [Nm]",
     "mm": "fuel rack [mm]",
@@ -38,6 +40,7 @@ QUANTITIES: Mapping[str, str] = {
 """Axis label of each unit; signals of one unit share a panel."""
 COLOURS: Mapping[str, str] = {
     "n_set": GREY,
+    "command": GREY,
     "n_e": BLUE,
     "n_s": BLUE,
     "M_s": ORANGE,

@@ -13,7 +13,7 @@ from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.calibration import Calibration
@@ -46,6 +46,8 @@ class Cleaner:
         What counts as a fault.
     first, last
         First sample of the stretch and first one after.
+    may_rest
+        Whether the channel may stand still throughout, as a set point does while the load moves.
 
     Raises
     ------
@@ -56,18 +58,30 @@ class Cleaner:
     def __init__(
         self,
         rows: Rows,
-        sensor: SetPoint | Torque | Rack | Load,
+        sensor: Level,
         processing: Processing,
         first: int,
         last: int,
+        *,
+        may_rest: bool = False,
     ) -> None:
         settings = processing.faults
-        is_set_point = isinstance(sensor, SetPoint)
-        self.drives = isinstance(sensor, SetPoint | Load)
-        self.what = "set point" if is_set_point else "load"
+        is_set_point = isinstance(sensor, SetPoint | Command)
+        self.drives = isinstance(sensor, SetPoint | Command | Load)
+        self.what = (
+            "load" if isinstance(sensor, Load) else "command" if isinstance(sensor, Command) else "set point"
+        )
         self.rows = rows
         self.channel = rows.channel
-        unit = "rpm" if is_set_point else "mm" if isinstance(sensor, Rack) else "Nm"
+        unit = (
+            ""
+            if isinstance(sensor, Command)
+            else "rpm"
+            if is_set_point
+            else "mm"
+            if isinstance(sensor, Rack)
+            else "Nm"
+        )
         if isinstance(sensor, Load) and sensor.quantity == "power":
             unit = "W"
         self.calibration = sensor.calibration.calibration(unit)
@@ -98,6 +112,7 @@ class Cleaner:
         # A channel that never changes may be right. It is reported and left as it is: nothing is there to repair it from.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
+        self._may_rest = may_rest
         self._hum = found.pop("D2", whole[:0])
         self._found = {kind: spans for kind, spans in found.items() if not (kind == "stuck" and self.still)}
         self._lost = joined(self._found.values())
@@ -125,7 +140,7 @@ class Cleaner:
         found.append(
             Fault("D2", name, f"{self.mains_hz:g} Hz taken out", self._within(self._hum), excluded=False)
         )
-        if self.still:
+        if self.still and not self._may_rest:
             whole = np.array([[self.first, self.last]])
             found.append(Fault("stuck", name, "kept: constant throughout", whole, excluded=False))
         return [fault for fault in found if len(fault.spans)]

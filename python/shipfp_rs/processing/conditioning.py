@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -20,6 +21,9 @@ Side = Literal["engine", "propeller"]
 
 MOST_DEGREE = 3
 """Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
+LEAST_LOADED = 0.5
+"""Least torque of an operating point under a load that is measured, or in open loop, over the torque's swing."""
+TORQUES = ("M_b", "M_s", "M_g")
 LEAST_OWN = 0.2
 """Least share of the set point's power that is not a polynomial trend."""
 
@@ -45,6 +49,39 @@ def about_local_point(experiment: Experiment) -> Experiment:
         if name in experiment.signals and name != "E_n"
     }
     return replace(experiment, operating_point={**experiment.operating_point, **means})
+
+
+def driven_point(
+    point: dict[str, float],
+    windows: Sequence[Mapping[str, Array]],
+    torque_Nm: float | None,
+    to_shaft: float = 1.0,
+) -> dict[str, float]:
+    """Return the operating point, or the means of the windows where a load or command starts from next to nothing.
+
+    Torques are ratios to that of the operating point, which of an engine that idles are large and mean little. The mean
+    under load is a steady state as well as the idle engine is. What nothing tells of the point is a mean, too, but a load
+    beside a torque that is given, `torque_Nm`: it is apart from its mean by as much, times `to_shaft`.
+    """
+    every = {name: np.concatenate([signals[name] for signals in windows]) for name in windows[0]}
+    means = {name: float(np.nanmean(values)) for name, values in every.items()}
+    known = {**means, **point}
+    inputs = [name for name in (*TORQUES, "command", "M_load") if name in every]
+    if torque_Nm is not None and "M_load" in every and "M_load" not in point:
+        known["M_load"] += to_shaft * (torque_Nm - means[inputs[0]])
+    if torque_Nm is not None or not {"command", "M_load"} & set(inputs):
+        return known
+    swing = float(np.nanmax(every[inputs[0]]) - np.nanmin(every[inputs[0]]))
+    return known if abs(known[inputs[0]]) > LEAST_LOADED * swing else means
+
+
+def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global", "local"]) -> Experiment:
+    """Return the experiment without a drift of a degree, of less where the set point is such a trend, about its point."""
+    if detrend:
+        degree = 0 if set_point_is_trend(experiment, detrend) else detrend
+        experiment = detrended(experiment, degree) if degree else experiment
+        experiment = replace(experiment, provenance={**experiment.provenance, "detrend": degree})
+    return about_local_point(experiment) if normalise == "local" else experiment
 
 
 def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
@@ -74,7 +111,7 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
             "leave the signals as they are"
         )
     polynomials = _polynomials(experiment, degree)
-    set_point = experiment.signals["n_set"] - experiment.signals["n_set"].mean()
+    set_point = experiment.signals[experiment.driver] - experiment.signals[experiment.driver].mean()
     answer = np.column_stack([set_point, np.gradient(set_point)])
     answer /= np.maximum(np.abs(answer).max(axis=0), np.finfo(np.float64).tiny)
     basis = np.column_stack([np.ones(len(experiment)), polynomials, answer])
@@ -93,7 +130,7 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
 
 def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
     """Whether the set point runs along a polynomial of time, so that its answer can't be told from drift."""
-    set_point = experiment.signals["n_set"] - experiment.signals["n_set"].mean()
+    set_point = experiment.signals[experiment.driver] - experiment.signals[experiment.driver].mean()
     basis = np.column_stack([np.ones(len(experiment)), _polynomials(experiment, degree)])
     left = set_point - basis @ np.linalg.lstsq(basis, set_point)[0]
     return bool(set_point.any() and left @ left < LEAST_OWN * (set_point @ set_point))

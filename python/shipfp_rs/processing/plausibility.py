@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import Level
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import told
@@ -18,13 +18,11 @@ from shipfp_rs.vessel.vessel import Vessel
 CALIBRATED_WITHIN = 0.1
 """A calibration is wrong where the means of set point and speed differ by more than this, relative."""
 CHECK = "; check unit and calibration"
-LEAST_LOAD = 0.02
-"""A load at the operating point must be at least this part of its swing."""
 LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
-def require_unit(log: Log, key: str, sensor: SetPoint | Torque | Rack | Load) -> None:
+def require_unit(log: Log, key: str, sensor: Level) -> None:
     """Refuse a calibration for another unit than the log's."""
     recorded = log.channel(sensor.column).unit
     if recorded and recorded != told(sensor.unit):
@@ -49,7 +47,7 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
         if np.isnan(values).all():
             raise InputError(f"{label}: nothing usable is left of {name!r}; choose another stretch")
         mean[name] = float(np.nanmean(values))
-    if abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
+    if "n_set" in mean and abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
         raise InputError(
             f"channels.set_point: {mean['n_set']:.4g} rpm on average in {label}, where the engine turns "
             f"{mean['n_e']:.4g} rpm{_slip_of_speed(mean['n_set'] / mean['n_e'], vessel.gearbox.ratio)}"
@@ -61,15 +59,6 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
                 f"channels.torque: {mean[name]:.4g} Nm on average in {label}, where the engine's rating makes "
                 f"{limit:.4g} Nm{hint}{CHECK}"
             )
-
-
-def require_loaded(label: str, signals: Mapping[str, Array], point: Mapping[str, float]) -> None:
-    """Refuse an operating point at which the load that is measured is next to nothing: it is normalised with it."""
-    if "M_load" in signals and abs(point["M_load"]) < LEAST_LOAD * float(np.ptp(signals["M_load"])):
-        raise InputError(
-            f"channels.load: {point['M_load']:.3g} Nm at the operating point, where {label} moves it by "
-            f"{np.ptp(signals['M_load']):.3g} Nm; choose a steady stretch under load"
-        )
 
 
 def _slip_of_speed(ratio: float, gear_ratio: float) -> str:

@@ -22,17 +22,17 @@ from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import Cleaned, Cleaner
-from shipfp_rs.processing.conditioning import about_local_point, detrended, set_point_is_trend
+from shipfp_rs.processing.conditioning import conditioned, driven_point
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
 from shipfp_rs.processing.low_pass import nearest_rate
-from shipfp_rs.processing.plausibility import require_loaded, require_sense, require_unit
+from shipfp_rs.processing.plausibility import require_sense, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_channels import Load, Rack, SetPoint, Tacho, Torque
+from shipfp_rs.processing.trial_channels import Level, Load, Rack, Tacho, Torque
 from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
@@ -42,6 +42,7 @@ from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.vessel.vessel import Vessel
 
+Cut = tuple[dict[str, Array], dict[str, Any]]
 STEADY_STRETCH = "operating_point.steady_s"
 STEADY = 0.02
 """Relative standard deviation of the set point above which a stretch is not steady."""
@@ -99,7 +100,12 @@ def process(
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point, clock = recording.operating_point(), recording.governor_clock()
-    return [recording.experiment(window, point, clock) for window in windows]
+    cut = [recording.signals(_label(window)) for window in windows]
+    shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
+    point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
+    if trial.channels.asks_for_torque:
+        point.setdefault("M_b", point["command"])  # what tau_n is over, in SI units
+    return [recording.experiment(*each, point, clock) for each in zip(windows, cut, strict=True)]
 
 
 class _Recording:
@@ -112,7 +118,7 @@ class _Recording:
         self._chunk = chunk
         self._stopped = threading.Event()
         channels = trial.channels
-        for key in ("set_point", "torque", "rack", "actuator", "load"):
+        for key in ("set_point", "command", "torque", "rack", "actuator", "load"):
             if (sensor := getattr(channels, key)) is not None:
                 require_unit(log, key, sensor)
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
@@ -120,15 +126,15 @@ class _Recording:
             stretches[STEADY_STRETCH] = trial.operating_point.steady_s
         # In the order of time, in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
-        self._base = self._rows(channels.set_point)
+        self._base = self._rows(channels.driver)
         recorded = [tacho for tacho in channels.tachos.values() if tacho.kind != "edges"]
-        sensors = (channels.set_point, *channels.levels.values(), *recorded)
+        sensors = (channels.driver, *channels.levels.values(), *recorded)
         self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
         self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
         self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
-    def _rows(self, sensor: SetPoint | Torque | Rack | Load | Tacho, kept_bytes: int = 0) -> Rows:
+    def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
         return Rows(
             self.log,
             sensor.column,
@@ -159,7 +165,7 @@ class _Recording:
     def _read(self) -> None:
         """Read, clean and resample every channel, then find the speed in every stretch."""
         channels = self.trial.channels
-        levels = [partial(self._cleaned, s) for s in (channels.set_point, *channels.levels.values())]
+        levels = [partial(self._cleaned, s) for s in (channels.driver, *channels.levels.values())]
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
         self.set_point: dict[str, Cleaned] = found[0]
@@ -175,12 +181,13 @@ class _Recording:
         )
         self.speeds = dict(zip(self.grids, speeds, strict=True))
 
-    def _cleaned(self, sensor: SetPoint | Torque | Rack | Load) -> dict[str, Cleaned]:
+    def _cleaned(self, sensor: Level) -> dict[str, Cleaned]:
         """Calibrate, repair and resample a channel in every stretch."""
         rows = self._rows(sensor, STRETCH_BYTES)
         found = {}
         for label, grid in self.grids.items():
-            cleaner = Cleaner(rows, sensor, self.trial.processing, *self._within(rows, label))
+            within, may_rest = self._within(rows, label), self.trial.channels.load is not None
+            cleaner = Cleaner(rows, sensor, self.trial.processing, *within, may_rest=may_rest)
             samples = grid.low_passed(rows.channel, cleaner)
             found[label] = Cleaned(samples, cleaner.faults(), cleaner.calibration)
         return found
@@ -194,45 +201,35 @@ class _Recording:
         given = self.trial.operating_point
         point: dict[str, float] = {}
         if given.steady_s is not None:
-            signals, _ = self._signals(STEADY_STRETCH)
+            signals, _ = self.signals(STEADY_STRETCH)
             point = {name: float(np.nanmean(values)) for name, values in signals.items()}
-            spread = float(np.std(signals["n_set"])) / point["n_set"]
+            driver = self.trial.channels.driver_signal
+            spread = float(np.std(signals[driver])) / abs(point[driver])
             if spread > STEADY:
                 raise InputError(
-                    f"{STEADY_STRETCH}: the set point varies by {spread:.1%} there, expected a constant one"
+                    f"{STEADY_STRETCH}: the {DRIVES[driver]} varies by {spread:.1%} there, expected a constant one"
                 )
         if given.n_e_rpm is not None:
             if abs(given.n_e_rpm / point.get("n_e", given.n_e_rpm) - 1.0) > STEADY:
                 known = f"{point['n_e']:.5g} rpm of steady_s; leave one of the two out"
                 raise InputError(f"operating_point.n_e_rpm: found {given.n_e_rpm:g}, expected the {known}")
-            point |= {"n_set": given.n_e_rpm, "n_e": given.n_e_rpm}
+            point |= dict.fromkeys({"n_e", self.trial.channels.driver_signal} - {"command"}, given.n_e_rpm)
         for signal, sensor in self.trial.channels.levels.items():
             if isinstance(sensor, Load):
-                # What is measured of it there is all of it or a part; without a steady stretch it is the torque.
-                if signal not in point:
-                    point[signal] = self._shaft_torque()
-                continue
+                continue  # without a steady stretch it follows from the torque
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
 
-    def _shaft_torque(self) -> float:
-        """Torque of the shaft at the operating point, from that at the place of the torque channel [Nm]."""
-        torque, value = self.trial.channels.torque, self.trial.operating_point.M_Nm
-        assert torque is not None
-        assert value is not None
-        return value * self.vessel.torque_ratio if torque.location == "brake" else value
-
     def experiment(
-        self, window: Window, point: Mapping[str, float], clock: Mapping[str, float] | None
+        self, window: Window, cut: Cut, point: Mapping[str, float], clock: Mapping[str, float] | None
     ) -> Experiment:
-        """Cut one window; `clock` is the governor's."""
-        signals, account = self._signals(_label(window))
-        settings = self.trial.processing
-        require_loaded(_label(window), signals, point)
+        """Return a window with its signals and their account; `clock` is the governor's."""
+        (signals, account), settings = cut, self.trial.processing
         if (
             window.kind == "chirp"
-            and (only := constant_frequency(signals["n_set"], self.rate_hz)) is not None
+            and (only := constant_frequency(signals[self.trial.channels.driver_signal], self.rate_hz))
+            is not None
         ):
             account["faults"].append(self._no_chirp(_label(window), only).to_dict())
         experiment = Experiment(
@@ -255,14 +252,7 @@ class _Recording:
                 **account,
             },
         )
-        if settings.detrend:
-            degree = 0 if set_point_is_trend(experiment, settings.detrend) else settings.detrend
-            if degree:
-                experiment = detrended(experiment, degree)
-            experiment = dataclasses.replace(
-                experiment, provenance={**experiment.provenance, "detrend": degree}
-            )
-        return about_local_point(experiment) if settings.normalise == "local" else experiment
+        return conditioned(experiment, settings.detrend, settings.normalise)
 
     def governor_clock(self) -> dict[str, float] | None:
         """Return a governor's sampling period, from the raw torque where the shaft's speed changes most."""
@@ -283,10 +273,10 @@ class _Recording:
         found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm, factor, finer.rate_hz, turns_hz)
         return None if found is None else found._asdict()
 
-    def _signals(self, label: str) -> tuple[dict[str, Array], dict[str, Any]]:
+    def signals(self, label: str) -> Cut:
         """Hand over the signals of a stretch, kept no longer here, and an account of how they were made."""
         set_point, speed = self.set_point.pop(label), self.speeds.pop(label)
-        signals = {"n_set": set_point.samples, "n_e": speed.rpm}
+        signals = {self.trial.channels.driver_signal: set_point.samples, "n_e": speed.rpm}
         faults = set_point.faults + speed.faults
         told_by = {speed.account["channel"]: ["n_e"]}
         calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
@@ -330,7 +320,7 @@ class _Recording:
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
         """Return where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
         channels = self.trial.channels
-        sensors: list[tuple[SetPoint | Torque | Rack | Load | Tacho, str]] = [(channels.set_point, "n_set")]
+        sensors: list[tuple[Level | Tacho, str]] = [(channels.driver, channels.driver_signal)]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
         tachos = {name: tacho for name, tacho in channels.tachos.items() if tacho.kind != "edges"}
         sensors += [(tacho, "n_e" if name == train else "") for name, tacho in tachos.items()]

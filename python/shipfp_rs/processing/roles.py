@@ -33,6 +33,8 @@ class Roles:
 
     named: Mapping[str, Named]
     set_point: str | None = None
+    command: str | None = None
+    """Of a drive in open loop, where no channel is a set point of speed by its name."""
     torque: str | None = None
     location: Literal["gauge", "brake"] = "gauge"
     """Of the torque."""
@@ -78,7 +80,7 @@ def guess_roles(
     for name, rate in roles.trains.items():
         roles.reasons[name] = f"pulse train, {rate:.4g} pulses a second"
     roles.speeds = {name: shaft for name, shaft in roles.speeds.items() if name not in roles.trains}
-    if roles.set_point is None:
+    if roles.set_point is None and roles.command is None:
         _by_what_it_does(log, roles)
     _find_shafts(log, roles)
     return roles
@@ -94,6 +96,9 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
     elif len(wanted) == 1:
         roles.set_point = wanted[0]
         roles.reasons[wanted[0]] = "set point by its name" + _and_unit(roles.named[wanted[0]])
+    elif not wanted and len(commands := _commands(roles.named)) == 1:
+        roles.command = commands[0]
+        roles.reasons[commands[0]] = "command of a drive in open loop by its name, no set point being named"
     found: dict[str, list[str]] = {"torque": [], "load": [], "actuator": []}
     for name, told in roles.named.items():
         if name in roles.reasons:
@@ -116,6 +121,17 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
     if roles.torque is not None:
         _locate(roles, roles.torque)
     return roles
+
+
+def _commands(told: Mapping[str, Named]) -> list[str]:
+    """Return the channels whose names say that a torque, or what makes one, is asked for."""
+    return [
+        name
+        for name, one in told.items()
+        if "wanted" in one.tells
+        and "measured" not in one.tells
+        and (one.quantity == "torque" or "actuator" in one.tells)
+    ]
 
 
 def set_points(told: Mapping[str, Named]) -> list[str]:

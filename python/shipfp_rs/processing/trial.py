@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION, Channels
 from shipfp_rs.processing.trial_tables import (
+    NARROWING,
     Align,
     Header,
     Identify,
@@ -55,6 +56,12 @@ class Trial(Section):
             raise unexpected("windows", f"names {names}", "each name once")
         self._require_one_place_of_torque()
         self._require_own_columns()
+        if self.channels.command is not None and not self.identify.chooses:
+            raise unexpected(
+                "identify",
+                "a declared ship beside channels.command",
+                f"only {', '.join(sorted(NARROWING))} in open loop",
+            )
         point = self.operating_point
         given = {
             "n_e": point.n_e_rpm,
@@ -63,7 +70,7 @@ class Trial(Section):
             "M_load": point.M_Nm if self.channels.torque is not None else None,
         }
         missing = any(given[signal] is None for signal in ("n_e", *self.channels.levels))
-        if missing and point.steady_s is None:
+        if missing and point.steady_s is None and self.channels.command is None:
             raise unexpected(
                 "operating_point",
                 "neither n_e_rpm, M_Nm and X_mm of what is recorded nor steady_s",
@@ -71,7 +78,9 @@ class Trial(Section):
             )
         if missing and len(self.trial.log) > 1 and self.align is None:
             raise unexpected(
-                "operating_point", '"auto" with several logs', "n_e_rpm, M_Nm and X_mm given as numbers"
+                "operating_point",
+                '"auto" with several logs',
+                "n_e_rpm, M_Nm and X_mm given as numbers; or [align], where the logs are loggers of one trial",
             )
         files = [Path(log).name for log in self.trial.log]
         if self.align is not None:
@@ -90,8 +99,8 @@ class Trial(Section):
     def _require_own_columns(self) -> None:
         """Refuse one column in two roles, and a speed behind a gear that no vessel tells."""
         channels = self.channels
-        found = {"set_point": channels.set_point.column}
-        for key in ("torque", "rack", "actuator", "load"):
+        found: dict[str, str] = {}
+        for key in ("set_point", "command", "torque", "rack", "actuator", "load"):
             if (sensor := getattr(channels, key)) is not None:
                 found[key] = sensor.column
         found |= {name: tacho.column for name, tacho in channels.tachos.items() if tacho.kind != "edges"}

@@ -123,6 +123,17 @@ class SetPoint(Level):
         return 0.5 if self.held else 0.0
 
 
+class Command(Level):
+    """The command of a drive in open loop: torque, current, voltage or fuel, in any unit, 0 where it asks for nothing.
+
+    Only its ratio to the operating point counts; a unit of torque becomes Nm.
+    """
+
+    @classmethod
+    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        return TO_NM.get(unit, 1.0), ""
+
+
 class Torque(Level):
     """The torque channel, calibrated to Nm."""
 
@@ -269,13 +280,43 @@ class Channels(Section):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Tacho]
 
-    set_point: SetPoint
+    set_point: SetPoint | None = None
+    command: Command | None = None
+    """What moves a drive in open loop, in place of a set point."""
     torque: Torque | None = None
     rack: Rack | None = None
     actuator: Rack | None = None
     """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
     load: Load | None = None
     """What the machine drives, measured: an input beside the set point."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_driven(cls, content: Any) -> Any:
+        if isinstance(content, dict) and ("set_point" in content) == ("command" in content):
+            raise unexpected(
+                "set_point",
+                "command as well" if "command" in content else "nothing",
+                "a table [channels.set_point] of a governor, or [channels.command] of a drive that has none",
+            )
+        return content
+
+    @property
+    def driver(self) -> SetPoint | Command:
+        """The channel that drives the model: set point, or command in open loop."""
+        driver = self.set_point or self.command
+        assert driver is not None
+        return driver
+
+    @property
+    def asks_for_torque(self) -> bool:
+        """Whether the command is a torque, and none was measured beside it."""
+        return self.command is not None and told(self.command.unit) in TO_NM and self.torque is None
+
+    @property
+    def driver_signal(self) -> str:
+        """Signal that it becomes."""
+        return "command" if self.set_point is None else "n_set"
 
     @model_validator(mode="after")
     def _has_one_actuator(self) -> Self:

@@ -50,14 +50,15 @@ def moved(log: Log, roles: Roles) -> tuple[str, list[FoundWindow]]:
     InputError
         Where the log has neither set point nor load, or it is too short.
     """
-    if roles.set_point is None:
+    driver = roles.set_point or roles.command
+    if driver is None:
         raise InputError("no set point found: name its channel in the file, or with --set-point")
-    found = find_windows(log, roles.set_point)
+    found = find_windows(log, driver)
     if roles.load is not None and all(window.kind == "steady" for window in found):
         by_load = find_windows(log, roles.load)
         if any(window.kind != "steady" for window in by_load):
             return roles.load, by_load
-    return roles.set_point, found
+    return driver, found
 
 
 def drafted(
@@ -116,7 +117,11 @@ def drafted(
 
 def _channels(log: Log, roles: Roles) -> list[str]:
     """Return the tables of channels."""
-    if roles.set_point is None:
+    if roles.command is not None:
+        tables = [
+            _level("command", log.channel(roles.command), roles, {roles.named[roles.command].unit: 1.0}, "")
+        ]
+    elif roles.set_point is None:
         tables = [f'[channels.set_point]\ncolumn = "{TO_BE_GIVEN}"\nunit = ""']
     else:
         tables = [_level("set_point", log.channel(roles.set_point), roles, TO_RPM, "rpm")]
@@ -176,6 +181,8 @@ def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mov
     rest = longest_rest(windows)
     if rest is not None:
         return f"[operating_point]               # means over a rest\nsteady_s = [{rest.start_s:.1f}, {rest.stop_s:.1f}]"
+    if roles.command is not None:
+        return "[operating_point]               # nothing rests in the log: means over its windows"
     means = {
         "n_e_rpm": _mean(log, roles, next(iter(roles.speeds), roles.set_point), windows, TO_RPM),
         "M_Nm": _mean(log, roles, roles.torque, windows, TO_NM),
@@ -198,7 +205,7 @@ def _mean(
 
 
 def _slowest(log: Log, roles: Roles) -> float:
-    used = [roles.set_point, roles.torque, roles.load]
+    used = [roles.set_point, roles.command, roles.torque, roles.load]
     return min((log.channel(name).rate_hz for name in used if name is not None), default=np.inf)
 
 
@@ -215,7 +222,7 @@ def _about(log: Log, roles: Roles) -> str:
         )
         for one in log.channels.values()
     ]
-    if roles.set_point is None:
+    if roles.set_point is None and roles.command is None:
         lines.append("# No set point was found: name its channel below.")
     return "\n".join(["# The log's channels, and what each is taken for:", *lines])
 
@@ -230,7 +237,7 @@ def _keys(keys: Mapping[str, object]) -> str:
 
 def _key(name: str) -> str:
     """Return a channel's name as the key of its table, another one where that of a role is the same."""
-    taken = ("set_point", "torque", "rack", "actuator", "load")
+    taken = ("set_point", "command", "torque", "rack", "actuator", "load")
     return tomlkit.item(f"{name} of a shaft" if name in taken else name).as_string()
 
 

@@ -42,6 +42,11 @@ DRIVES: Mapping[str, Pairs] = {
     ),
 }
 """Words of a combustion engine to those of any drive."""
+COMMANDS: Mapping[str, Pairs] = {
+    "en": (("set point", "command"),),
+    "de": (("Sollwert", "Stellbefehl"), ("Sollwerts", "Stellbefehls"), ("Sollwerte", "Stellbefehle")),
+}
+"""Words of a governor's set point to those of a drive in open loop."""
 
 
 def replacements(
@@ -50,7 +55,8 @@ def replacements(
     """Return what to write in place of a ship's words, as patterns; nothing for an engine that turns a propeller.
 
     A vessel without a propeller, or a load that was measured, is no ship's; a vessel without cylinders, whose fuel rack
-    was not measured, either, has a drive of any kind. Where no vessel is given, it is a ship's.
+    was not measured, either, has a drive of any kind; one in open loop has a command. Where no
+    vessel is given, it is a ship's.
     """
     signals = {name for experiment in experiments for name in experiment.signals}
     pairs: list[tuple[str, str]] = []
@@ -58,4 +64,6 @@ def replacements(
         pairs += LOADS[language]
     if vessel is not None and not vessel.given("engine.cylinders") and "X_f" not in signals:
         pairs += DRIVES[language]
+    if "command" in signals:
+        pairs += COMMANDS[language]
     return tuple((re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs)

@@ -71,6 +71,12 @@ PHRASES: tuple[tuple[str, str], ...] = (
         r"keinen Unterschied; die Kalibrierung des Sollwerts prüfen.",
     ),
     (
+        r"^The command is taken for the drive's torque \(v = 1, g = 0\), since no torque was measured: of another command tau_n "
+        r"and p are told over v only, p as p - g\.",
+        "Der Stellbefehl gilt als Moment des Antriebs (v = 1, g = 0), da kein Drehmoment gemessen wurde: Bei einem anderen "
+        "Stellbefehl sind tau_n und p nur bezogen auf v bekannt, p als p - g.",
+    ),
+    (
         r"^The torque (\S+) is (\S+) Nm at (\S+) rpm, where the vessel's file makes (\S+) Nm: look at its scale; inertias "
         r"and gains in SI units are wrong by the same factor\.",
         r"Das Drehmoment \1 ist \2 Nm bei \3 U/min, die Schiffsdatei ergibt \4 Nm: Die Skalierung prüfen; Trägheiten und "

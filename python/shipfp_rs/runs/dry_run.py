@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.foresight import foresee
@@ -107,17 +107,24 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
         tuple(channels),
         tuple(_window(experiment) for experiment in experiments),
         {name: float(value) for name, value in experiments[0].operating_point.items()},
-        FULL_SHIP if declared is None else declared.name,
+        _named(trial, expected) if declared is None else declared.name,
         tuple(expected.structure["outputs"]),
-        tuple(name for name in TRIED if name not in trial.identify.elements) if declared is None else (),
+        tuple(name for name in TRIED if name not in trial.identify.elements)
+        if declared is None and trial.channels.command is None
+        else (),
         expected,
         tuple(_missing(trial, experiments)),
     )
 
 
+def _named(trial: Trial, expected: Fingerprint) -> str:
+    """Return what a run fits where the data choose: the full ship, or the drive in open loop."""
+    return FULL_SHIP if trial.channels.command is None else f"a drive in {expected.structure['name']}"
+
+
 def _channels(trial: Trial, log: Log) -> list[dict[str, Any]]:
     channels = trial.channels
-    sensors = [("set point", channels.set_point.column)]
+    sensors = [(DRIVES[channels.driver_signal], channels.driver.column)]
     sensors += [(_read_as(sensor), sensor.column) for sensor in channels.levels.values()]
     sensors += [(_source(tacho), tacho.column) for tacho in channels.tachos.values() if tacho.kind != "edges"]
     told = []
@@ -173,7 +180,7 @@ def _missing(trial: Trial, experiments: Sequence[Experiment]) -> list[str]:
         lines.append("no torque channel: the speed alone is fitted")
     if len(channels.tachos) == 1:
         lines.append("one source of speed only: nothing to check it against")
-    if channels.rack is None and channels.actuator is None:
+    if channels.rack is None and channels.actuator is None and channels.command is None:
         lines.append("no fuel rack: v and the governor's gains are known as products only")
     for experiment in experiments:
         for name, values in experiment.signals.items():

@@ -19,7 +19,7 @@ def choice(trial: Trial) -> dict[str, Any]:
         "elements": options.elements,
         "torque": options.torque or place,
         "outputs": outputs if outputs is None else _measured(outputs, place),
-        "fixed": options.fixed,
+        "fixed": {**({"v": 1.0, "g": 0.0} if trial.channels.asks_for_torque else {}), **options.fixed},
         "priors": options.priors,
     }
 

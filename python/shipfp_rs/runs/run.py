@@ -108,7 +108,7 @@ def evaluate(
     else:
         fingerprint = identify(experiments, declared, vessel=vessel.name, seed=own_seed, **options.options)
     structure = declared or rebuilt(fingerprint)
-    if trial.channels.torque is None:
+    if trial.channels.torque is None and trial.channels.command is None:
         fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
     if fingerprint.si == {}:

@@ -54,7 +54,7 @@ class MatrixEquations(Equations):
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         (A, B, C, D), slopes = self._slopes(values, names)
         states = tuple(f"initial x{index + 1}" for index in range(len(B)))
-        u, dt, hold = experiment.normalised("n_set"), 1.0 / experiment.rate_hz, experiment.hold
+        u, dt, hold = experiment.dn_set, 1.0 / experiment.rate_hz, experiment.hold
         initial = np.array([values.get(state, 0.0) for state in states])
         simulated = _core.simulate_statespace(A, B, C, D, u, dt, hold, initial)
         rows = np.empty((len(names), *simulated.shape))

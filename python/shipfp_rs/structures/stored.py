@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.structures.commanded import KIND, commanded
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.ties import Tie, resolved, tied
 from shipfp_rs.support.arguments import fits
@@ -69,6 +70,7 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
     ways: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
         "linear": lambda told: declare.linear(**_options(told, LINEAR_OPTIONS)),
         "ship": lambda told: declare.ship(**_options(told, SHIP_OPTIONS)),
+        KIND: lambda told: commanded(declare, **_options(told, ("elements", "torque"))),
         "joint": lambda told: declare.joint(
             {label: from_dict(declare, part) for label, part in told["parts"].items()},
             told["shared"],

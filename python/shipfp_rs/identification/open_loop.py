@@ -1,0 +1,91 @@
+"""What experiments in open loop ask for: the structure of a drive that a command moves, with what they measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.gates import is_loaded
+from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS
+from shipfp_rs.structures.commanded import commanded
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
+
+TAKEN_FOR_TORQUE = (
+    "The command is taken for the drive's torque (v = 1, g = 0), since no torque was measured: of another command tau_n and "
+    "p are told over v only, p as p - g."
+)
+
+
+def in_open_loop(experiments: Sequence[Experiment]) -> bool:
+    """Whether a command drives the experiments, and no governor's set point.
+
+    Raises
+    ------
+    InputError
+        Where some have the one and some the other.
+    """
+    drivers = {one.driver for one in experiments}
+    if len(drivers) > 1:
+        raise InputError(
+            "identify: some experiments have a set point, others a command; expected all in closed or all in open loop"
+        )
+    return drivers == {"command"}
+
+
+def require_driver(data: Sequence[object], structure: Structure) -> None:
+    """Refuse a governor's structure for experiments with a command, and the other way round."""
+    expected = {"commanded": "command", "linear": "n_set", "ship": "n_set"}.get(structure.settings["kind"])
+    for one in data:
+        if isinstance(one, Experiment) and expected not in (None, one.driver):
+            raise InputError(
+                f"experiment {one.name!r}: driven by {one.driver!r}, structure {structure.name!r} expects {expected!r}; "
+                "leave the structure out, or give another one"
+            )
+
+
+def structure_in_open_loop(
+    experiments: Sequence[Experiment],
+    *,
+    torque: Torque | None = None,
+    outputs: Sequence[str] | None = None,
+    elements: Mapping[str, bool] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+) -> Structure:
+    """Return the structure of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
+
+    Without a torque tau_n and p - g are told over v only: v is 1 and g 0 then, as of a torque or current that the drive
+    follows, unless they are given; v is free where the inertia is known.
+
+    Raises
+    ------
+    InputError
+        For an element, output or parameter that such a drive has not.
+    """
+    common = set.intersection(*(set(one.signals) for one in experiments))
+    measured = next((name for name in SIGNALS if name in common), None)
+    if outputs is None:
+        outputs = ["dn", *(["dM"] if measured else [])]
+    outputs = [OF_SIGNALS.get(output, output) for output in outputs]
+    acts = {"dead_time_loop": True, "actuator_lag": True, "load": is_loaded(experiments)}
+    acts |= dict.fromkeys(("curvature", "late_torque"), "dM" in outputs)
+    acting = [name for name, on in {**acts, **(elements or {})}.items() if on]
+    place = torque or (SIGNALS[measured] if measured else "brake")
+    structure: Structure = commanded(Structure, acting, torque=place, outputs=outputs)
+    known = {name: prior for name, prior in PRIORS.items() if name in structure.names}
+    structure = structure.with_prior(**{**known, **(priors or {})})
+    given = {} if "dM" in outputs else {"g": 0.0} | ({"k_L": 1.0} if "load" in acting else {})
+    if "dM" not in outputs and not {"tau_n", "v"} & {*(fixed or {}), *(priors or {})}:
+        given["v"] = 1.0
+    return structure.with_fixed(**{**given, **(fixed or {})})
+
+
+def with_caveat(fingerprint: Fingerprint, fixed: Mapping[str, float] | None) -> Fingerprint:
+    """Return the fingerprint with a word on what the command is taken for, where neither a torque nor the user says it."""
+    if "v" in (fixed or {}) or fingerprint.parameters["v"].status != "fixed":
+        return fingerprint
+    return replace(fingerprint, verdict=(*fingerprint.verdict, TAKEN_FOR_TORQUE))
