@@ -25,12 +25,22 @@ TOLD = 1e-4
 PADE = 5
 SLOWEST = 5
 """Roots of the approximation that are led to exact ones: two, their conjugates, and one to spare."""
+SETTLED = 1e-3
+"""Last step of Newton's method over the pole, above which it found none."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
 """Part of a step of the set point within which the speed stays once it has recovered."""
 LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
+LARGEST = 2.0
+"""Deviation over the value above which a figure is not told: by its logarithm to a factor of 50."""
+STRAIGHT = 0.2
+"""Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
+LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
+"""Figures that may be none or turn their sign, and their least values; all others keep it: their logarithm is even."""
+SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
+"""Figures that are a parameter, of a ship without further elements: its interval is theirs."""
 
 Figure = Callable[[Values], float]
 
@@ -49,14 +59,14 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     Returns
     -------
     dict
-        Name to estimate with 95 % interval, first order in the covariance of the parameters, widened to hold where a
-        structure is right that fits as well, or where an element acts at its limit that was not found: real and
+        Name to estimate with 95 % interval, first order in the covariance of the parameters, of what can't turn its sign
+        by its logarithm, joined with the figures of all ships that profiles found possible: real and
         imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
         crossover [Hz], phase margin [deg], gain margin [-]; bandwidth of the speed, where its gain has fallen by 3 dB
         [Hz]; time after a step of the set point from which on the speed stays within 5 % of it [s], and by how much it
-        shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40). What the data do not tell has no value.
-        Nor has a gain margin of a loop that never swings; its interval then begins where an element that was not found
-        would let it swing.
+        shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one before any lag or twist.
+        What the data do not tell has no value. Nor has a gain margin of a loop that never swings; its interval then
+        begins where an element that was not found would let it swing.
 
     Raises
     ------
@@ -77,7 +87,8 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     require_linear(structure)
     values = dict(fingerprint.optimum)
     return {
-        name: _estimate(fingerprint, structure, values, unit, figure)
+        name: _same(fingerprint, name, figure(values))
+        or _estimate(fingerprint, structure, values, unit, figure, LEAST.get(name))
         for name, (unit, figure) in _figures(structure, values).items()
     }
 
@@ -98,8 +109,11 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
         step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
         value = equations.characteristic(known, poles)
         rise = equations.characteristic(known, poles + step) - equations.characteristic(known, poles - step)
-        poles = poles - value * 2.0 * step / rise
-    upper = poles[(poles.imag > -1e-9 * np.abs(poles)) & np.isfinite(poles)]
+        moved = value * 2.0 * step / rise
+        poles = poles - moved
+    # A root of the approximation that leads to no exact one still moves.
+    poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
+    upper = poles[poles.imag > -1e-9 * np.abs(poles)]
     upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
     kept = [pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()]
     return np.array(sorted(kept, key=lambda pole: -pole.real)[:2])
@@ -192,12 +206,23 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain of the torque over a fast set point: what the governor asks for at once; none behind a lag or a twist."""
+    """Gain of the torque over a fast set point: what the governor asks for at once, before a lag or a twist smooths it."""
     known = loop_of(structure, values)[1]
-    if known.get("tau_act") or (known.get("tau_twist") and "tau_prop" in known):
-        return 0.0
     gain = known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
+
+
+def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
+    """Return the estimate of the parameter that a figure is; None where it is none."""
+    told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
+    if (
+        told is None
+        or told.value is None
+        or told.ci95 is None
+        or not np.isclose(told.value, value, rtol=1e-9)
+    ):
+        return None
+    return Estimate(told.value, told.std, told.ci95, told.unit)
 
 
 def _estimate(
@@ -206,6 +231,7 @@ def _estimate(
     values: Values,
     unit: str,
     figure: Figure,
+    least: float | None,
 ) -> Estimate:
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
@@ -237,14 +263,18 @@ def _estimate(
         return unknown(reason="changes entirely within what the data leave open")
     low, high = min([value, *possible]), max([value, *possible])
     if not possible or std < STRAIGHT * abs(value):
-        low, high = min(low, value - DEVIATIONS_95 * std), max(high, value + DEVIATIONS_95 * std)
+        ends = _first_order(value, std, least)
+        low, high = min(low, *ends), max(high, *ends)
     return Estimate(value, (high - low) / (2.0 * DEVIATIONS_95), (low, high), unit)
 
 
-LARGEST = 5.0
-"""Deviation over the value above which a figure is not told."""
-STRAIGHT = 0.2
-"""Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
+def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:
+    """Return the ends of a figure's interval; of one that keeps its sign the value over and times a factor."""
+    reach = DEVIATIONS_95 * std
+    if least is not None or not value:
+        return max(value - reach, -np.inf if least is None else least), value + reach
+    factor = float(np.exp(reach / abs(value)))
+    return value / factor, value * factor
 
 
 def _possible(fingerprint: Fingerprint, figure: Figure) -> list[float]:
