@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si, operating_point
@@ -263,7 +264,9 @@ def words_of(text: str, symbols: frozenset[str]) -> set[str]:
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
     """Leave pictures out: their captions alone are read."""
-    monkeypatch.setattr(Pictures, "draw", lambda self, panels, paint, caption, **_: f"<p>{caption}</p>")
+    monkeypatch.setattr(
+        Pictures, "draw", lambda self, panels, paint, caption, **_: Markup(f"<p>{caption}</p>")
+    )
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -39,6 +39,8 @@ STRAIGHT = 0.2
 """Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
 """Figures that may be none or turn their sign, and their least values; all others keep it: their logarithm is even."""
+ENDLESS = ("gain margin", "ultimate gain")
+"""Figures that are without limit where they have no value."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Figures that are a parameter, of a ship without further elements: its interval is theirs."""
 
@@ -62,9 +64,11 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
         Name to estimate with 95 % interval, first order in the covariance of the parameters, of what can't turn its sign
         by its logarithm, joined with the figures of all ships that profiles found possible: real and
         imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
-        crossover [Hz], phase margin [deg], gain margin [-]; bandwidth of the speed, where its gain has fallen by 3 dB
-        [Hz]; time after a step of the set point from which on the speed stays within 5 % of it [s], and by how much it
-        shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one before any lag or twist.
+        crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain [-] and the period [s] at which
+        the loop would swing if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
+        gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
+        [s], and by how much it shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one
+        before any lag or twist.
         What the data do not tell has no value. Nor has a gain margin of a loop that never swings; its interval then
         begins where an element that was not found would let it swing.
 
@@ -88,7 +92,7 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     values = dict(fingerprint.optimum)
     return {
         name: _same(fingerprint, name, figure(values))
-        or _estimate(fingerprint, structure, values, unit, figure, LEAST.get(name))
+        or estimated(fingerprint, structure, unit, figure, LEAST.get(name), endless=name in ENDLESS)
         for name, (unit, figure) in _figures(structure, values).items()
     }
 
@@ -130,6 +134,8 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
         "crossover": ("Hz", partial(_crossover, structure)),
         "phase margin": ("deg", partial(_phase_margin, structure)),
         "gain margin": ("-", partial(_gain_margin, structure)),
+        "ultimate gain": ("-", partial(_ultimate_gain, structure)),
+        "ultimate period": ("s", lambda known: 1.0 / _turning(structure, known)),
         "bandwidth": ("Hz", partial(_bandwidth, structure)),
         "recovery time": ("s", lambda known: _step(structure, known)[0]),
         "overshoot": ("-", lambda known: _step(structure, known)[1]),
@@ -169,9 +175,20 @@ def _phase_margin(structure: Structure, values: Values) -> float:
     return 180.0 + float(_turned(structure, values, frequency)[0]) if np.isfinite(frequency) else float("nan")
 
 
+def _turning(structure: Structure, values: Values) -> float:
+    """Frequency at which a loop of enough gain swings [Hz]; NaN where none does."""
+    return _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
+
+
+def _ultimate_gain(structure: Structure, values: Values) -> float:
+    """Proportional gain at which the loop swings, all gains in their present proportion."""
+    known = loop_of(structure, values)[1]
+    return _gain_margin(structure, values) * known.get("K_p", known.get("vK_p", np.nan))
+
+
 def _gain_margin(structure: Structure, values: Values) -> float:
     """What the gain may grow by before the loop swings; NaN where it may grow without end."""
-    frequency = _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
+    frequency = _turning(structure, values)
     if not np.isfinite(frequency):
         return float("nan")
     return float(1.0 / np.abs(open_loop(structure, values, [frequency])[0]))
@@ -225,19 +242,26 @@ def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
     return Estimate(told.value, told.std, told.ci95, told.unit)
 
 
-def _estimate(
+def estimated(
     fingerprint: Fingerprint,
     structure: Structure,
-    values: Values,
     unit: str,
     figure: Figure,
     least: float | None,
+    *,
+    endless: bool = False,
 ) -> Estimate:
+    """Return a figure of the ship with its interval.
+
+    `least` is the least it can be, None of what keeps its sign; one without a value may be `endless`, above what any
+    ship has.
+    """
+    values = dict(fingerprint.optimum)
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not np.isfinite(value):
-        least = min(_possible(fingerprint, figure), default=np.nan)
-        return unknown(ci95=(least, np.inf) if np.isfinite(least) else None, reason="there is none")
+        bounded = _possible(fingerprint, figure) if endless else []
+        return unknown(ci95=(min(bounded), np.inf) if bounded else None, reason="there is none")
     free = [
         name
         for name, estimate in fingerprint.parameters.items()

@@ -108,7 +108,14 @@ def render(
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), elements.choice(fingerprint, say)),
-        ("loop", say("The speed loop"), loop.section(fingerprint, figures, say)),
+        (
+            "loop",
+            say("The speed loop"),
+            [
+                *loop.section(fingerprint, figures, say),
+                *loop.classes(fingerprint, structure, figures, experiments, vessel, say),
+            ],
+        ),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
         ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
