@@ -267,9 +267,12 @@ SENTENCES: Mapping[str, str] = {
     "Operating point: engine speed {speed} rpm, measured torque {torque} Nm.": (
         "Betriebspunkt: Motordrehzahl {speed} rpm, gemessenes Drehmoment {torque} Nm."
     ),
-    "Possible causes: a channel from another recording, a wrong calibration, or a load or limit that the model lacks.": (
-        "Mögliche Ursachen: ein Kanal aus einer anderen Aufzeichnung, eine falsche Kalibrierung, eine Last oder Grenze, "
-        "die dem Modell fehlt."
+    "Possible causes, in the order in which to look: sensors (a channel from another recording, the side of the shaft "
+    "that a gauge is on, scale, offset, delay), actuation (fuel rack, dead time, lag, limits), then gains that change, "
+    "or a load that the model lacks.": (
+        "Mögliche Ursachen, in der Reihenfolge der Suche: Sensoren (ein Kanal aus einer anderen Aufzeichnung, die Seite der "
+        "Welle, auf der gemessen wird, Skalierung, Nullpunkt, Verzug), Verstellung (Füllung, Totzeit, Zeitkonstante, Grenzen), "
+        "dann Beiwerte, die sich ändern, oder eine Last, die dem Modell fehlt."
     ),
     "The data distinguish all {free} free parameters (condition number of the scaled sensitivities {condition}).": (
         "Die Daten unterscheiden alle {free} freien Parameter (Konditionszahl der skalierten Empfindlichkeiten "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from shipfp_rs.structures import glossary
@@ -68,6 +68,24 @@ NAMES: Mapping[str, tuple[str, str]] = {
     ),
 }
 """Symbol, or figure of the loop, to its plain name in English and in German."""
+
+LOOKED_AT = (
+    *("k_L", "tau_prop", "T_M", "T_n", "T_0"),
+    *("v", "T_set", "T_d", "hold", "T_s", "tau_act", "M_max", "M_soft", "rate"),
+    *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
+    *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
+)
+"""Parameters in the order in which an engineer looks: sensors and their places, actuation, drive train and load, gains."""
+
+
+def as_looked_at(names: Iterable[str]) -> list[str]:
+    """Return parameters in the order in which an engineer looks at them; a user's own last, as they came."""
+
+    def place(name: str) -> int:
+        own = name.partition(" (")[0]
+        return LOOKED_AT.index(own) if own in LOOKED_AT else len(LOOKED_AT)
+
+    return sorted(names, key=place)
 
 
 def plain_name(symbol: str, language: Language = "en") -> str:
