@@ -14,7 +14,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
+from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, number, paragraph, table
@@ -175,7 +175,7 @@ def _draw(axes: Sequence[Axes], times: Array, rows: Mapping[str, Array], recover
     for ax, (output, row) in zip(axes, rows.items(), strict=True):
         ax.plot(times, row, color=BLUE if output == "dn" else ORANGE, lw=1.6)
         if output == "dn":
-            ax.axhline(1.0, color=GREY, lw=0.8, ls="--")
+            ax.axhline(1.0, color=SET_POINT, lw=1.0, ls="--")
             ax.axvline(recovery, color=GREY, lw=1.0, ls=":")
         dress(ax, f"{say.word(wording.OUTPUTS.get(output, output))} [%]", legend=False)
     axes[-1].set_xlabel(say("time [s]"))
