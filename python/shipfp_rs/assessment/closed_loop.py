@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,7 @@ SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Figures that are a parameter, of a ship without further elements: its interval is theirs."""
 
 Figure = Callable[[Values], float]
+Told = TypeVar("Told")
 
 
 @checked
@@ -124,29 +125,40 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
+    # Several figures ask for the same of each ship.
+    poles, step = once(partial(poles_of, structure)), once(partial(_step, structure))
+    crossing, turning = once(partial(_crossover, structure)), once(partial(_turning, structure))
     figures: dict[str, tuple[str, Figure]] = {}
-    for place, pole in enumerate(poles_of(structure, values)):
-        figures[f"pole {place + 1}, real"] = "rad/s", partial(_pole, structure, place, np.real)
+    for place, pole in enumerate(poles(values)):
+        figures[f"pole {place + 1}, real"] = "rad/s", partial(_pole, poles, place, np.real)
         if pole.imag > 0.0:
-            figures[f"pole {place + 1}, imaginary"] = "rad/s", partial(_pole, structure, place, np.imag)
+            figures[f"pole {place + 1}, imaginary"] = "rad/s", partial(_pole, poles, place, np.imag)
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
-        "crossover": ("Hz", partial(_crossover, structure)),
-        "phase margin": ("deg", partial(_phase_margin, structure)),
-        "gain margin": ("-", partial(_gain_margin, structure)),
-        "ultimate gain": ("-", partial(_ultimate_gain, structure)),
-        "ultimate period": ("s", lambda known: 1.0 / _turning(structure, known)),
+        "crossover": ("Hz", crossing),
+        "phase margin": ("deg", partial(_phase_margin, structure, crossing)),
+        "gain margin": ("-", partial(_gain_margin, structure, turning)),
+        "ultimate gain": ("-", partial(_ultimate_gain, structure, turning)),
+        "ultimate period": ("s", lambda known: 1.0 / turning(known)),
         "bandwidth": ("Hz", partial(_bandwidth, structure)),
-        "recovery time": ("s", lambda known: _step(structure, known)[0]),
-        "overshoot": ("-", lambda known: _step(structure, known)[1]),
+        "recovery time": ("s", lambda known: step(known)[0]),
+        "overshoot": ("-", lambda known: step(known)[1]),
         f"{torque}(0)": ("-", lambda known: loop_of(structure, known)[1]["p"]),
         f"{torque}(inf)": ("-", partial(_fast_torque, structure)),
     }
 
 
-def _pole(structure: Structure, place: int, part: Callable[[Any], Any], values: Values) -> float:
-    poles = poles_of(structure, values)
-    return float(part(poles[place])) if place < len(poles) else float("nan")
+def once(told: Callable[[Values], Told]) -> Callable[[Values], Told]:
+    """Return a function of a ship's values that is worked out once for each ship."""
+    known = cache(lambda items: told(dict(items)))
+    return lambda values: known(tuple(values.items()))
+
+
+def _pole(
+    poles: Callable[[Values], ComplexArray], place: int, part: Callable[[Any], Any], values: Values
+) -> float:
+    found = poles(values)
+    return float(part(found[place])) if place < len(found) else float("nan")
 
 
 def _passed(value: Callable[[npt.ArrayLike], Array]) -> float:
@@ -170,8 +182,8 @@ def _turned(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -
     return np.degrees(phase[np.searchsorted(way, asked)])
 
 
-def _phase_margin(structure: Structure, values: Values) -> float:
-    frequency = _crossover(structure, values)
+def _phase_margin(structure: Structure, crossing: Figure, values: Values) -> float:
+    frequency = crossing(values)
     return 180.0 + float(_turned(structure, values, frequency)[0]) if np.isfinite(frequency) else float("nan")
 
 
@@ -180,15 +192,15 @@ def _turning(structure: Structure, values: Values) -> float:
     return _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
 
 
-def _ultimate_gain(structure: Structure, values: Values) -> float:
+def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
     """Proportional gain at which the loop swings, all gains in their present proportion."""
     known = loop_of(structure, values)[1]
-    return _gain_margin(structure, values) * known.get("K_p", known.get("vK_p", np.nan))
+    return _gain_margin(structure, turning, values) * known.get("K_p", known.get("vK_p", np.nan))
 
 
-def _gain_margin(structure: Structure, values: Values) -> float:
+def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float:
     """What the gain may grow by before the loop swings; NaN where it may grow without end."""
-    frequency = _turning(structure, values)
+    frequency = turning(values)
     if not np.isfinite(frequency):
         return float("nan")
     return float(1.0 / np.abs(open_loop(structure, values, [frequency])[0]))

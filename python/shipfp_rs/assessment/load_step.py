@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.assessment.closed_loop import LONGEST, PADE, estimated
+from shipfp_rs.assessment.closed_loop import LONGEST, PADE, estimated, once
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.structures.linearised import state_space
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Values
 
 STEP_PCT = 10.0
 """Step of the load [% of the operating torque]. What the standard names depends on the engine's mean effective pressure,
@@ -62,12 +62,10 @@ def governing(fingerprint: Fingerprint, structure: Structure | None = None) -> d
     """
     model = structure or structure_of(fingerprint)
     # Every figure asks for the same ships.
-    falls = cache(partial(_fall, model))
+    falls = once(partial(_fall, model))
 
     def told(unit: str, figure: Callable[[Array, Array], float], least: float | None) -> Estimate:
-        return estimated(
-            fingerprint, model, unit, lambda values: figure(*falls(tuple(values.items()))), least
-        )
+        return estimated(fingerprint, model, unit, lambda values: figure(*falls(values)), least)
 
     deviation = told("%", lambda _, off: float(off.max()) * STEP_PCT / 100.0, None)
     bands = {limits.band_pct for limits in CLASSES.values()}
@@ -88,9 +86,9 @@ def _state(estimate: Estimate, limit: float) -> State:
     return "pass" if estimate.ci95[1] <= limit else "fail"
 
 
-def _fall(structure: Structure, values: tuple[tuple[str, float], ...]) -> tuple[Array, Array]:
+def _fall(structure: Structure, values: Values) -> tuple[Array, Array]:
     """Return times [s], and by how much the speed is off after a load step by the operating torque [%]; none: unstable."""
-    space = state_space(structure, {**dict(values), "T_n": 0.0, "T_M": 0.0}, PADE, driven_by="load")
+    space = state_space(structure, {**values, "T_n": 0.0, "T_M": 0.0}, PADE, driven_by="load")
     slowest = -np.linalg.eigvals(space.A).real.max()
     if slowest <= 0.0 or "dn" not in space.outputs:
         return np.array([0.0]), np.array([np.nan])

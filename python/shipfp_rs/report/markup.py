@@ -41,12 +41,10 @@ class Cell:
 
     @property
     def classes(self) -> str:
-        """Classes of the element; a long word may break, and a long text has a wide column on a phone, too."""
+        """Classes of the element; one with a word that no column has room for may break within words."""
         words = [self.text] if self.code else self.text.split()
         long = any(len(word) > LONGEST_WORD for word in words)
-        wordy = not self.number and len(self.text) > LONGEST_WORD
-        classes = {"number": self.number, self.tone: True, "long": long, "wordy": wordy}
-        return " ".join(name for name, has in classes.items() if name and has)
+        return " ".join(filter(None, ["number" if self.number else "", self.tone, "long" if long else ""]))
 
     @property
     def sorted_by(self) -> str:
