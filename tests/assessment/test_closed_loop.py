@@ -94,6 +94,13 @@ def test_a_dead_time_gives_the_margins_of_python_control(launch: Fingerprint) ->
     found = closed_loop(late)
     for name, truth in margins(0.05).items():
         assert found[name].value == pytest.approx(truth, rel=1e-5)
+    # Of all gains so much larger the loop swings: a pair of poles on the axis, with that period.
+    grown = {name: exact[name] * found["gain margin"].value for name in ("vK_p", "vK_i")}
+    assert found["ultimate gain"].value == pytest.approx(grown["vK_p"])
+    known = {**exact, **grown, "p": 2.0, "T_d": 0.05}
+    pair = max(poles_of(WITH_DEAD_TIME, known), key=np.imag)
+    assert pair.real == pytest.approx(0.0, abs=1e-4 * abs(pair))
+    assert found["ultimate period"].value == pytest.approx(2.0 * np.pi / pair.imag, rel=1e-4)
 
 
 def test_the_tugs_loop_is_known_though_none_of_its_gains_is(tug: Fingerprint) -> None:

@@ -65,7 +65,7 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
         Name to estimate with 95 % interval, first order in the covariance of the parameters, of what can't turn its sign
         by its logarithm, joined with the figures of all ships that profiles found possible: real and
         imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
-        crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain [-] and the period [s] at which
+        crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain vK_p [-] and the period [s] at which
         the loop would swing if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
         gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
         [s], and by how much it shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one
@@ -193,9 +193,13 @@ def _turning(structure: Structure, values: Values) -> float:
 
 
 def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
-    """Proportional gain at which the loop swings, all gains in their present proportion."""
-    known = loop_of(structure, values)[1]
-    return _gain_margin(structure, turning, values) * known.get("K_p", known.get("vK_p", np.nan))
+    """Proportional gain vK_p at which the loop swings, all gains in their present proportion."""
+    return _gain_margin(structure, turning, values) * _proportional(loop_of(structure, values)[1])
+
+
+def _proportional(known: Values) -> float:
+    """Proportional gain of the loop, which data tell where they tell neither of its factors."""
+    return known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
 
 
 def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float:
@@ -237,7 +241,7 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
 def _fast_torque(structure: Structure, values: Values) -> float:
     """Gain of the torque over a fast set point: what the governor asks for at once, before a lag or a twist smooths it."""
     known = loop_of(structure, values)[1]
-    gain = known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
+    gain = _proportional(known)
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
 
 

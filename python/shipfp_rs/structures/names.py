@@ -45,12 +45,12 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "dM_b(inf)": ("torque over set point, for fast motions", "Moment je Sollwert, bei schnellen Bewegungen"),
     "dM_g(inf)": ("torque over set point, for fast motions", "Moment je Sollwert, bei schnellen Bewegungen"),
     "ultimate gain": (
-        "proportional gain at which the loop swings (K_u)",
-        "P-Beiwert, bei dem der Kreis schwingt (K_u)",
+        "proportional gain of the loop at which it swings (K_u)",
+        "P-Verstärkung, bei der der Kreis schwingt (K_u)",
     ),
     "ultimate period": (
-        "period with which the loop swings then (P_u)",
-        "Periode, mit der der Kreis dann schwingt (P_u)",
+        "period with which it swings then (P_u)",
+        "Periode, mit der er dann schwingt (P_u)",
     ),
     "K_p/K_i": ("reset time of the governor", "Nachstellzeit des Reglers"),
     "p-g": ("self-regulation", "Selbstausgleich"),
