@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.assessment.closed_loop import closed_loop, poles_of
+from shipfp_rs.assessment.closed_loop import _figures, closed_loop, poles_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -94,6 +94,13 @@ def test_a_dead_time_gives_the_margins_of_python_control(launch: Fingerprint) ->
     found = closed_loop(late)
     for name, truth in margins(0.05).items():
         assert found[name].value == pytest.approx(truth, rel=1e-5)
+    # Of all gains so much larger the loop swings: a pair of poles on the axis, with that period.
+    grown = {name: exact[name] * found["gain margin"].value for name in ("vK_p", "vK_i")}
+    assert found["ultimate gain"].value == pytest.approx(grown["vK_p"])
+    known = {**exact, **grown, "p": 2.0, "T_d": 0.05}
+    pair = max(poles_of(WITH_DEAD_TIME, known), key=np.imag)
+    assert pair.real == pytest.approx(0.0, abs=1e-4 * abs(pair))
+    assert found["ultimate period"].value == pytest.approx(2.0 * np.pi / pair.imag, rel=1e-4)
 
 
 def test_the_tugs_loop_is_known_though_none_of_its_gains_is(tug: Fingerprint) -> None:
@@ -146,6 +153,7 @@ def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_s
         settings={},
         adequate={},
         parameters={},
+        derived={},
         identifiability=SimpleNamespace(null_space=()),
         covariance={"names": [], "matrix": []},
     )
@@ -178,3 +186,45 @@ def test_the_interval_holds_every_ship_that_the_profiles_found_possible(launch: 
             assert low <= there[name].value <= high
     assert found["gain margin"].value is None
     assert found["gain margin"].ci95 == pytest.approx((margins(0.05)["gain margin"], np.inf), rel=0.2)
+
+
+def test_a_figure_known_only_roughly_keeps_its_sign(launch: Fingerprint) -> None:
+    matrix = 900.0 * np.array(launch.covariance["matrix"])
+    rough = closed_loop(replace(launch, covariance={**launch.covariance, "matrix": matrix.tolist()}))
+    told = [name for name, figure in rough.items() if figure.ci95 is not None]
+    assert any(rough[name].std > 0.6 * abs(rough[name].value) for name in told)
+    for name in set(told) - {"phase margin", "overshoot", "dM_b(0)", "dM_b(inf)"}:
+        low, high = rough[name].ci95
+        assert low * high > 0.0, name
+        # As far off by a factor on either side.
+        assert rough[name].value ** 2 == pytest.approx(low * high)
+    assert rough["overshoot"].ci95 is None or rough["overshoot"].ci95[0] >= 0.0
+
+
+def test_a_gain_of_the_torque_that_is_a_parameter_has_its_interval(launch: Fingerprint) -> None:
+    assert closed_loop(launch)["dM_b(inf)"].ci95 == launch["vK_p"].ci95
+
+
+def test_a_lag_too_short_to_matter_leaves_the_fast_gain_of_the_torque() -> None:
+    ship = Structure.ship(["actuator_lag"], torque="gauge")
+    start = {parameter.name: parameter.start for parameter in ship.parameters}
+    for lag in (0.0, 1e-9, 0.05):
+        values = start | {"tau_act": lag}
+        _, fast = _figures(ship, values)["dM_g(inf)"]
+        assert fast(values) == start["vK_p"] * start["tau_prop"] / start["tau_n"]
+
+
+def test_a_pole_of_the_dead_times_approximation_is_none_of_the_loop() -> None:
+    ship = Structure.ship(["dead_time_loop"], torque="gauge")
+    values = {
+        "tau_n": 1.04652,
+        "g": -0.5,
+        "vK_p": 7.42989,
+        "vK_i": 4.97482,
+        "p": 1.35028,
+        "tau_prop": 0.05626,
+    }
+    found = poles_of(ship, {**values, "T_d": 0.01, "hold": 0.0})
+    # Without the dead time: 1.046 s^2 + 9.28 s + 4.97.
+    assert found[0] == pytest.approx(-0.5736, rel=1e-3)
+    assert found[1].real < -5.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from shipfp_rs import _core, cli
 from shipfp_rs.designs import Generator, Noise, Subject
 from shipfp_rs.designs.limits import steepest_rpm_s
 from shipfp_rs.designs.noise import sensors_of
+from shipfp_rs.designs.plan import Plan
 from shipfp_rs.designs.spectrum import Lines, candidates, optimal_shares
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.structures.structure import Structure
@@ -281,3 +283,12 @@ class TestCommand:
         assert error.count("\n") == 1
         assert message in error
         assert not (tmp_path / "plan").exists()
+
+
+@pytest.mark.parametrize(
+    ("samples", "said"), [(11_992, "10 min 0 s"), (1_189, "0 min 59 s"), (1_191, "1 min 0 s")]
+)
+def test_minutes_and_seconds_are_rounded_together(samples: int, said: str) -> None:
+    signal = fp.signals.Excitation("sine", "sine", 20.0, np.sin(np.arange(samples) / 50.0))
+    plan = SimpleNamespace(excitation=signal, volts=lambda: None, set_point_rpm=1184.0, notes=())
+    assert Plan.heading(plan)[0].startswith(f"{said}, ")

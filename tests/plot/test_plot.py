@@ -195,3 +195,18 @@ def test_a_correlogram_shows_every_lag_the_band_and_what_is_outside(fingerprint)
     assert left < 0.0 < 0.08 < right
     with pytest.raises(InputError, match="residuals of 'dM' are not in the fingerprint, found dn"):
         plot.correlogram(found, "dM")
+
+
+def test_a_single_point_has_its_whole_numbers_at_the_axes() -> None:
+    figure = Figure()
+    ax = figure.add_subplot()
+    ax.plot([1183.8], [1725.0], "o")
+    style.dress(ax, "torque [Nm]", legend=False)
+    figure.canvas.draw()
+    for axis in (ax.xaxis, ax.yaxis):
+        assert axis.get_major_formatter().get_offset() == ""
+
+
+def test_the_set_point_has_one_colour_that_no_other_signal_has() -> None:
+    assert style.COLOURS["n_set"] == style.SET_POINT
+    assert list(style.COLOURS.values()).count(style.SET_POINT) == 1

@@ -12,6 +12,8 @@ from markupsafe import Markup
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si, operating_point
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
+from shipfp_rs.identification.ship_verdict import BENT
+from shipfp_rs.identification.usability import usability
 from shipfp_rs.plot import intervals
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
@@ -102,6 +104,35 @@ def test_the_loop_s_figures_are_those_of_the_linearisation(found) -> None:
     assert {row[0]: row[2] for row in loop_rows(unlimited, Say())}["gain margin"] == "no limit"
     limited = {**loop, "gain margin": Estimate(3.862, 0.1, (3.666, 4.058))}
     assert {row[0]: row[2] for row in loop_rows(limited, Say())}["gain margin"] == "3.86 times"
+
+
+def test_what_stands_in_the_way_is_told_in_the_order_in_which_one_looks(found) -> None:
+    lost = Estimate(None, status="unidentifiable")
+    missing = replace(
+        found, parameters=dict.fromkeys(["vK_p", "tau_n", "T_d", "tau_prop"], lost), elements={}
+    )
+    (line,) = open_questions(missing, Say())
+    order = ["(tau_prop)", "(T_d)", "(tau_n)", "(vK_p)"]
+    assert sorted(order, key=line.index) == order
+    known = {"p": Estimate(2.0, 0.01, (1.98, 2.02))}
+    told = usability(
+        replace(
+            missing, parameters={**missing.parameters, **known}, adequate={"stands": True, "misses_pct": {}}
+        )
+    )
+    assert "do not determine tau_prop, T_d, tau_n and vK_p: " in told.sentence
+
+
+def test_a_sensor_in_doubt_stands_above_all_else_that_is_open(found, trial) -> None:
+    doubt = (
+        "Set point and speed lie apart at the operating point of 'chirp', 1184 and 1243 rpm: a governor with an integral "
+        "part leaves no difference; look at the set point's calibration."
+    )
+    bent = replace(found, usable=BENT, verdict=(BENT, doubt), usability="usable except")
+    screen = text_of(first_screen(render(bent, [trial], simulated=[bent.predict(trial)])))
+    assert screen.index("look at the set point") < screen.index("in the order in which to look: sensors")
+    assert screen.index("sensors (") < screen.index("actuation (") < screen.index("then gains")
+    assert "in the order in which to look" not in text_of(first_screen(render(found, [trial])))
 
 
 def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
@@ -238,7 +269,7 @@ SENTENCES = {
 }
 STEPS = {
     "nothing explained": "a channel from another recording",
-    "misfit": "Possible causes:",
+    "misfit": "Possible causes, in the order in which to look: sensors",
     "no minimum": "a longer recording",
     "nothing told": "a larger swing of the set point",
 }

@@ -150,7 +150,7 @@ def test_nothing_that_a_log_names_runs_or_becomes_an_element(visit) -> None:
     page = visit().page
     assert page.evaluate("window.broken") is None
     assert page.locator("img").count() == 0
-    assert page.locator("body script:not([type])").count() == 2
+    assert page.locator("body script:not([type])").count() == 3
     assert HOSTILE in page.locator("h1").inner_text()
 
 
@@ -335,11 +335,12 @@ def test_it_prints_with_its_plots_without_its_buttons_and_in_ink_on_white(visit)
     assert page.evaluate("document.documentElement.scrollWidth") <= 700
 
 
-def test_without_scripts_there_are_still_pictures(browser, report) -> None:
+def test_without_scripts_there_is_a_still_picture_of_the_first_record(browser, report) -> None:
     page = browser.new_page(java_script_enabled=False)
     page.goto(report.as_uri())
-    assert page.locator("noscript svg[role=img]").count() == 2
+    assert page.locator("noscript svg[role=img]").count() == 1
     assert page.locator("noscript svg").first.is_visible()
+    assert not page.locator("a[data-picture]").first.is_visible()  # what only a script can make
     page.close()
 
 
@@ -369,6 +370,46 @@ def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) 
             page.get_by_role("link", name=name, exact=True).first.click()
         waiting.value.save_as(tmp_path / "saved")
         assert (tmp_path / "saved").read_bytes().startswith(begins)
+
+
+def test_a_still_picture_is_saved_as_it_is_printed(visit, tmp_path) -> None:
+    page = visit(color_scheme="dark").page
+    with page.expect_download() as waiting:
+        page.get_by_role("link", name="PNG", exact=True).first.click()
+    assert waiting.value.suggested_filename == "picture-1.png"
+    waiting.value.save_as(tmp_path / "still.png")
+    pixels = image.imread(tmp_path / "still.png")[..., :3]
+    assert (pixels[0, 0] == 1.0).all()  # white
+    assert pixels.shape[1] > 800
+    assert 0.002 < (pixels.max(axis=2) < 0.3).mean() < 0.2  # ink: axes and their labels
+    assert (np.ptp(pixels, axis=2) > 0.2).mean() > 0.005  # curves
+
+
+def test_rows_are_not_stretched_by_narrow_columns_on_a_phone(visit) -> None:
+    page = visit(PHONE).page
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    tall = page.evaluate(
+        """() => [...document.querySelectorAll("table.sortable tbody tr")].filter((row) =>
+            row.getBoundingClientRect().height > 80 && [...row.cells].every((cell) => cell.innerText.length < 60)
+        ).map((row) => row.innerText)"""
+    )
+    assert tall == []
+
+
+def test_nothing_of_a_still_picture_is_cut(visit) -> None:
+    page = visit().page
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    cut = page.evaluate(
+        """() => [...document.querySelectorAll("figure:not(.chart) svg")].flatMap((svg) => {
+            const box = svg.getBoundingClientRect();
+            return [...svg.querySelectorAll("g[id*=text], g[id*=tick], g[id*=legend]")].filter((part) => {
+                const own = part.getBoundingClientRect();
+                const beside = own.left < box.left || own.right > box.right;
+                return own.width && (beside || own.top < box.top || own.bottom > box.bottom);
+            }).map((part) => part.id);
+        })"""
+    )
+    assert cut == []
 
 
 def test_what_the_zoom_shows_is_saved_as_a_picture(visit, tmp_path) -> None:

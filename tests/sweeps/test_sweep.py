@@ -304,7 +304,8 @@ class TestCommand:
         assert cli.main([*arguments, "--accuracy", "5"]) == 0
         printed = capsys.readouterr()
         assert "12 draws, 12 identified, 0 failed, 0 timed out" in printed.out
-        assert "by excitation.duration_s" in printed.out
+        assert "in summary.json: by excitation.duration_s" in printed.out
+        assert len(printed.out.splitlines()) <= 30
         assert "95 of 100 estimates are within 5 % of the truth" in printed.out
         assert printed.err == ""
         for figure in ("scatter_matrix", "errors", "trial_length"):

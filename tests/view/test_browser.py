@@ -259,6 +259,32 @@ def test_a_page_whose_server_has_gone_says_so_and_does_not_ask_on(visits):
     assert 1 <= len([url for url in visit.asked if "api/tiles" in url]) < 5
 
 
+WRITTEN = """() => {
+window.outside = [];
+const write = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y, most = Infinity) {
+  const wide = Math.min(this.measureText(text).width, most);
+  const left = x - { left: 0, start: 0, center: 0.5 * wide, right: wide, end: wide }[this.textAlign];
+  if (left < 0 || left + wide > this.canvas.clientWidth) window.outside.push(text);
+  return write.call(this, text, x, y, most);
+};
+}"""
+
+
+@pytest.mark.parametrize("viewport", [DESKTOP, PHONE])
+def test_no_number_at_an_axis_is_cut(browser, tmp_path, viewport):
+    path = tmp_path / "log.parquet"
+    samples = -987_654.0 + 0.003 * np.sin(np.arange(6000) / 50.0)
+    Log.from_arrays({"far from zero": samples}, rate_hz=100.0, units={"far from zero": "Nm"}).write(path)
+    with served(path.parent) as caller:
+        doc = caller.server.desk.open(path)
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}", viewport)
+        visit.page.evaluate(WRITTEN)
+        visit.show(10.0, 40.0)
+        assert visit.page.evaluate("window.outside") == []
+        visit.page.close()
+
+
 def test_two_cursors_tell_the_difference_of_two_samples(visits, tug):
     visit = visits()
     page = visit.page

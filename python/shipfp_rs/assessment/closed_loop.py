@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,27 @@ TOLD = 1e-4
 PADE = 5
 SLOWEST = 5
 """Roots of the approximation that are led to exact ones: two, their conjugates, and one to spare."""
+SETTLED = 1e-3
+"""Last step of Newton's method over the pole, above which it found none."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
 """Part of a step of the set point within which the speed stays once it has recovered."""
 LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
+LARGEST = 2.0
+"""Deviation over the value above which a figure is not told: by its logarithm to a factor of 50."""
+STRAIGHT = 0.2
+"""Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
+LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
+"""Figures that may be none or turn their sign, and their least values; all others keep it: their logarithm is even."""
+ENDLESS = ("gain margin", "ultimate gain")
+"""Figures that are without limit where they have no value."""
+SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
+"""Figures that are a parameter, of a ship without further elements: its interval is theirs."""
 
 Figure = Callable[[Values], float]
+Told = TypeVar("Told")
 
 
 @checked
@@ -49,14 +62,16 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     Returns
     -------
     dict
-        Name to estimate with 95 % interval, first order in the covariance of the parameters, widened to hold where a
-        structure is right that fits as well, or where an element acts at its limit that was not found: real and
+        Name to estimate with 95 % interval, first order in the covariance of the parameters, of what can't turn its sign
+        by its logarithm, joined with the figures of all ships that profiles found possible: real and
         imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
-        crossover [Hz], phase margin [deg], gain margin [-]; bandwidth of the speed, where its gain has fallen by 3 dB
-        [Hz]; time after a step of the set point from which on the speed stays within 5 % of it [s], and by how much it
-        shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40). What the data do not tell has no value.
-        Nor has a gain margin of a loop that never swings; its interval then begins where an element that was not found
-        would let it swing.
+        crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain vK_p [-] and the period [s] at which
+        the loop would swing if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
+        gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
+        [s], and by how much it shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one
+        before any lag or twist.
+        What the data do not tell has no value. Nor has a gain margin of a loop that never swings; its interval then
+        begins where an element that was not found would let it swing.
 
     Raises
     ------
@@ -77,7 +92,8 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     require_linear(structure)
     values = dict(fingerprint.optimum)
     return {
-        name: _estimate(fingerprint, structure, values, unit, figure)
+        name: _same(fingerprint, name, figure(values))
+        or estimated(fingerprint, structure, unit, figure, LEAST.get(name), endless=name in ENDLESS)
         for name, (unit, figure) in _figures(structure, values).items()
     }
 
@@ -98,35 +114,51 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
         step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
         value = equations.characteristic(known, poles)
         rise = equations.characteristic(known, poles + step) - equations.characteristic(known, poles - step)
-        poles = poles - value * 2.0 * step / rise
-    upper = poles[(poles.imag > -1e-9 * np.abs(poles)) & np.isfinite(poles)]
+        moved = value * 2.0 * step / rise
+        poles = poles - moved
+    # A root of the approximation that leads to no exact one still moves.
+    poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
+    upper = poles[poles.imag > -1e-9 * np.abs(poles)]
     upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
     kept = [pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()]
     return np.array(sorted(kept, key=lambda pole: -pole.real)[:2])
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
+    # Several figures ask for the same of each ship.
+    poles, step = once(partial(poles_of, structure)), once(partial(_step, structure))
+    crossing, turning = once(partial(_crossover, structure)), once(partial(_turning, structure))
     figures: dict[str, tuple[str, Figure]] = {}
-    for place, pole in enumerate(poles_of(structure, values)):
-        figures[f"pole {place + 1}, real"] = "rad/s", partial(_pole, structure, place, np.real)
+    for place, pole in enumerate(poles(values)):
+        figures[f"pole {place + 1}, real"] = "rad/s", partial(_pole, poles, place, np.real)
         if pole.imag > 0.0:
-            figures[f"pole {place + 1}, imaginary"] = "rad/s", partial(_pole, structure, place, np.imag)
+            figures[f"pole {place + 1}, imaginary"] = "rad/s", partial(_pole, poles, place, np.imag)
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
-        "crossover": ("Hz", partial(_crossover, structure)),
-        "phase margin": ("deg", partial(_phase_margin, structure)),
-        "gain margin": ("-", partial(_gain_margin, structure)),
+        "crossover": ("Hz", crossing),
+        "phase margin": ("deg", partial(_phase_margin, structure, crossing)),
+        "gain margin": ("-", partial(_gain_margin, structure, turning)),
+        "ultimate gain": ("-", partial(_ultimate_gain, structure, turning)),
+        "ultimate period": ("s", lambda known: 1.0 / turning(known)),
         "bandwidth": ("Hz", partial(_bandwidth, structure)),
-        "recovery time": ("s", lambda known: _step(structure, known)[0]),
-        "overshoot": ("-", lambda known: _step(structure, known)[1]),
+        "recovery time": ("s", lambda known: step(known)[0]),
+        "overshoot": ("-", lambda known: step(known)[1]),
         f"{torque}(0)": ("-", lambda known: loop_of(structure, known)[1]["p"]),
         f"{torque}(inf)": ("-", partial(_fast_torque, structure)),
     }
 
 
-def _pole(structure: Structure, place: int, part: Callable[[Any], Any], values: Values) -> float:
-    poles = poles_of(structure, values)
-    return float(part(poles[place])) if place < len(poles) else float("nan")
+def once(told: Callable[[Values], Told]) -> Callable[[Values], Told]:
+    """Return a function of a ship's values that is worked out once for each ship."""
+    known = cache(lambda items: told(dict(items)))
+    return lambda values: known(tuple(values.items()))
+
+
+def _pole(
+    poles: Callable[[Values], ComplexArray], place: int, part: Callable[[Any], Any], values: Values
+) -> float:
+    found = poles(values)
+    return float(part(found[place])) if place < len(found) else float("nan")
 
 
 def _passed(value: Callable[[npt.ArrayLike], Array]) -> float:
@@ -150,14 +182,29 @@ def _turned(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -
     return np.degrees(phase[np.searchsorted(way, asked)])
 
 
-def _phase_margin(structure: Structure, values: Values) -> float:
-    frequency = _crossover(structure, values)
+def _phase_margin(structure: Structure, crossing: Figure, values: Values) -> float:
+    frequency = crossing(values)
     return 180.0 + float(_turned(structure, values, frequency)[0]) if np.isfinite(frequency) else float("nan")
 
 
-def _gain_margin(structure: Structure, values: Values) -> float:
+def _turning(structure: Structure, values: Values) -> float:
+    """Frequency at which a loop of enough gain swings [Hz]; NaN where none does."""
+    return _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
+
+
+def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
+    """Proportional gain vK_p at which the loop swings, all gains in their present proportion."""
+    return _gain_margin(structure, turning, values) * _proportional(loop_of(structure, values)[1])
+
+
+def _proportional(known: Values) -> float:
+    """Proportional gain of the loop, which data tell where they tell neither of its factors."""
+    return known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
+
+
+def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float:
     """What the gain may grow by before the loop swings; NaN where it may grow without end."""
-    frequency = _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
+    frequency = turning(values)
     if not np.isfinite(frequency):
         return float("nan")
     return float(1.0 / np.abs(open_loop(structure, values, [frequency])[0]))
@@ -192,26 +239,45 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain of the torque over a fast set point: what the governor asks for at once; none behind a lag or a twist."""
+    """Gain of the torque over a fast set point: what the governor asks for at once, before a lag or a twist smooths it."""
     known = loop_of(structure, values)[1]
-    if known.get("tau_act") or (known.get("tau_twist") and "tau_prop" in known):
-        return 0.0
-    gain = known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
+    gain = _proportional(known)
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
 
 
-def _estimate(
+def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
+    """Return the estimate of the parameter that a figure is; None where it is none."""
+    told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
+    if (
+        told is None
+        or told.value is None
+        or told.ci95 is None
+        or not np.isclose(told.value, value, rtol=1e-9)
+    ):
+        return None
+    return Estimate(told.value, told.std, told.ci95, told.unit)
+
+
+def estimated(
     fingerprint: Fingerprint,
     structure: Structure,
-    values: Values,
     unit: str,
     figure: Figure,
+    least: float | None,
+    *,
+    endless: bool = False,
 ) -> Estimate:
+    """Return a figure of the ship with its interval.
+
+    `least` is the least it can be, None of what keeps its sign; one without a value may be `endless`, above what any
+    ship has.
+    """
+    values = dict(fingerprint.optimum)
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not np.isfinite(value):
-        least = min(_possible(fingerprint, figure), default=np.nan)
-        return unknown(ci95=(least, np.inf) if np.isfinite(least) else None, reason="there is none")
+        bounded = _possible(fingerprint, figure) if endless else []
+        return unknown(ci95=(min(bounded), np.inf) if bounded else None, reason="there is none")
     free = [
         name
         for name, estimate in fingerprint.parameters.items()
@@ -237,14 +303,18 @@ def _estimate(
         return unknown(reason="changes entirely within what the data leave open")
     low, high = min([value, *possible]), max([value, *possible])
     if not possible or std < STRAIGHT * abs(value):
-        low, high = min(low, value - DEVIATIONS_95 * std), max(high, value + DEVIATIONS_95 * std)
+        ends = _first_order(value, std, least)
+        low, high = min(low, *ends), max(high, *ends)
     return Estimate(value, (high - low) / (2.0 * DEVIATIONS_95), (low, high), unit)
 
 
-LARGEST = 5.0
-"""Deviation over the value above which a figure is not told."""
-STRAIGHT = 0.2
-"""Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
+def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:
+    """Return the ends of a figure's interval; of one that keeps its sign the value over and times a factor."""
+    reach = DEVIATIONS_95 * std
+    if least is not None or not value:
+        return max(value - reach, -np.inf if least is None else least), value + reach
+    factor = float(np.exp(reach / abs(value)))
+    return value / factor, value * factor
 
 
 def _possible(fingerprint: Fingerprint, figure: Figure) -> list[float]:

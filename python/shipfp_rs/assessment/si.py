@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
@@ -89,7 +90,7 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
         return []
     return [
         f"The torque {signal} is {abs(torque):.4g} Nm at {abs(engine_rpm):.4g} rpm, where the vessel's file makes "
-        f"{expected:.4g} Nm: look at its scale; inertias and gains in SI units are wrong by the same factor."
+        f"{expected:.4g} Nm: {DOUBT} its scale; inertias and gains in SI units are wrong by the same factor."
     ]
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
     from shipfp_rs.identification.fingerprint import Fingerprint
 
 PIPE_WIDTH = 200
-"""Width of a table that is not shown on a terminal, so large that nothing is cut."""
+"""Width of lines that are not shown on a terminal; a wider table has all the width that it needs."""
+GAP = 3
+"""Letters between columns, and about the table."""
 
 
 def print_json(content: Any) -> None:
@@ -34,15 +37,41 @@ def print_text(*lines: str) -> None:
 
 
 def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table; the first column is text, the others are figures."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    for index, name in enumerate(head):
-        table.add_column(
-            name, justify="right" if index else "left", overflow="fold", no_wrap=not sys.stdout.isatty()
-        )
-    for row in rows:
-        table.add_row(*row)
-    _console().print(table)
+    """Print a table; the first column is text, the others are figures.
+
+    On a terminal that is too narrow for all columns the rest follows below, with the first one again.
+    """
+    lines = [[*head], *([*row] for row in rows)]
+    widths = [max(cell_len(cell) for cell in column) + GAP for column in zip(*lines, strict=True)]
+    console = _console(sum(widths) + GAP)
+    if sum(widths) + GAP > console.width:
+        widths[0] = min(widths[0], console.width // 3)
+    if title:  # apart from the table, which would break it where it is narrower
+        console.print(title, style="bold")
+    for columns in _that_fit(widths, console.width - GAP):
+        table = Table(box=box.SIMPLE_HEAD)
+        for index in columns:
+            table.add_column(
+                lines[0][index],
+                justify="right" if index else "left",
+                overflow="fold",
+                max_width=widths[index] - GAP,
+            )
+        for row in lines[1:]:
+            table.add_row(*(row[index] for index in columns))
+        console.print(table)
+
+
+def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Return the columns of each table of those that fit beside each other, the first one in all."""
+    tables, left = [[0]], room - widths[0]
+    for index, width in enumerate(widths[1:], 1):
+        if width > left and len(tables[-1]) > 1:
+            tables.append([0])
+            left = room - widths[0]
+        tables[-1].append(index)
+        left -= width
+    return tables
 
 
 def print_fingerprint(
@@ -70,9 +99,9 @@ def print_estimates(
     )
 
 
-def _console() -> Console:
+def _console(needed: int = 0) -> Console:
     # Markup off: a file or an experiment may well be called "[red]".
-    width = None if sys.stdout.isatty() else PIPE_WIDTH
+    width = None if sys.stdout.isatty() else max(PIPE_WIDTH, needed)
     return Console(markup=False, highlight=False, emoji=False, width=width)
 
 

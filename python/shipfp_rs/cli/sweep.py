@@ -24,6 +24,9 @@ TYPED = {
     "workers": "--workers",
     "address": "--address",
 }
+SCREEN, FRAME = 27, 5
+"""Lines that all tables take, and those of a table beside its rows; three lines below are told in any case."""
+MOST_ROWS = SCREEN - FRAME
 
 
 class Where(StrEnum):
@@ -117,36 +120,36 @@ def _why(result: Sweep) -> str:
 
 
 def _print(summary: Mapping[str, Any]) -> None:
+    """Print what all draws tell, and of the rest what a screen holds; `summary.json` has all."""
     draws = summary["draws"]
-    print_table(
+    title = (
         f"{summary['name']}: {draws['total']} draws, {draws['done']} identified, {draws['failed']} failed, "
-        f"{draws['timed_out']} timed out",
-        ["parameter", "estimates", "bias", "spread", "95 % within", "coverage"],
-        [[name, *_figures(row)] for name, row in summary["parameters"].items()],
+        f"{draws['timed_out']} timed out"
     )
-    print_text(*(f"{count} draws failed with {name}" for name, count in summary["errors"].items()))
-    for key, rows in summary["by_factor"].items():
-        print_table(
-            f"by {key}",
-            ["", "parameter", "draws", "failed", "bias", "spread", "95 % within", "coverage"],
-            [
-                [
-                    _shown(row["factors"][key]),
-                    name,
-                    str(row["done"] + row["failed"]),
-                    _percent(row["failure_rate"]),
-                    *cells,
-                ]
-                for row in rows
-                for name, figures in row["parameters"].items()
-                for cells in [_figures(figures)[1:]]
-            ],
+    head = ["parameter", "estimates", "bias", "spread", "95 % within", "coverage"]
+    overall = [[name, *_figures(row)] for name, row in summary["parameters"].items()]
+    shown, left = overall[:MOST_ROWS], SCREEN
+    more = [f"{len(overall) - MOST_ROWS} parameters"] if len(overall) > MOST_ROWS else []
+    for name, columns, rows in ((title, head, shown), *_tables(summary)):
+        if len(rows) + FRAME > left:
+            more.append(name[0].lower() + name[1:])
+            continue
+        print_table(name, columns, rows)
+        left -= len(rows) + FRAME
+    if summary["errors"]:
+        print_text(
+            "failed: " + ", ".join(f"{count} with {name}" for name, count in summary["errors"].items())
         )
+    if more:
+        print_text(f"in summary.json: {'; '.join(more)}")
+
+
+def _tables(summary: Mapping[str, Any]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+    """Yield title, head and rows of the length of a trial, and of each factor."""
     if summary["trial_length"]:
         wanted = f"{summary['accuracy_pct']:.3g} %"
-        print_text("", f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth")
-        print_table(
-            "",
+        yield (
+            f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth",
             ["parameter", "at", "duration"],
             [
                 [
@@ -155,6 +158,22 @@ def _print(summary: Mapping[str, Any]) -> None:
                     row["note"],
                 ]
                 for row in summary["trial_length"]
+            ],
+        )
+    for key, rows in summary["by_factor"].items():
+        yield (
+            f"by {key}",
+            ["", "parameter", "draws", "failed", "bias", "spread", "95 % within", "coverage"],
+            [
+                [
+                    _shown(row["factors"][key]),
+                    name,
+                    str(row["done"] + row["failed"]),
+                    _percent(row["failure_rate"]),
+                    *_figures(figures)[1:],
+                ]
+                for row in rows
+                for name, figures in row["parameters"].items()
             ],
         )
 

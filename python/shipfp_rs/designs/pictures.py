@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs.designs.limits import Limits
-from shipfp_rs.plot.style import BLUE, ORANGE, RED, dress, envelope
+from shipfp_rs.plot.style import BLUE, ORANGE, RED, SET_POINT, dress, envelope
 from shipfp_rs.signals import Excitation
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def figure(
     made = Figure(figsize=(9.0, 6.0), layout="constrained")
     time, amplitudes = made.subplots(2, 1)
     at, samples = envelope(signal.time, signal.samples, 4000)
-    time.plot(at, set_point_rpm + samples, color=BLUE, lw=0.7, label="set point")
+    time.plot(at, set_point_rpm + samples, color=SET_POINT, lw=0.7, label="set point")
     for side in (-1.0, 1.0):
         time.axhline(
             set_point_rpm + side * limits.amplitude_rpm,

@@ -179,9 +179,9 @@ class Plan:
     def heading(self) -> tuple[str, ...]:
         """What stands above the run sheet's table: length, limits, samples and volts, then the notes."""
         signal, volts = self.excitation, self.volts()
-        minutes = f"{int(signal.duration // 60)} min {signal.duration % 60:.0f} s"
+        minutes, seconds = divmod(round(signal.duration), 60)
         lines = [
-            f"{minutes}, at most {signal.amplitude_rpm:.4g} rpm from {self.set_point_rpm:g} rpm and "
+            f"{minutes} min {seconds} s, at most {signal.amplitude_rpm:.4g} rpm from {self.set_point_rpm:g} rpm and "
             f"{steepest_rpm_s(signal):.4g} rpm/s; swings are half of peak to peak."
         ]
         if volts is not None:

@@ -9,6 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
+from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.support.arrays import Array
 
 LEAST_SWING = 2e-3
@@ -191,8 +192,8 @@ def doubts(experiments: Sequence[Experiment]) -> list[str]:
         if abs(asked / speed - 1.0) > APART:
             lines.append(
                 f"Set point and speed lie apart at the operating point of {experiment.name!r}, {asked:.4g} and "
-                f"{speed:.4g} rpm: a governor with an integral part leaves no difference; look at the set point's "
-                "calibration."
+                f"{speed:.4g} rpm: a governor with an integral part leaves no difference; {DOUBT} the set "
+                "point's calibration."
             )
     return lines
 

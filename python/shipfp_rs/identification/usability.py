@@ -10,6 +10,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.wording import OUTPUTS
+from shipfp_rs.structures.names import as_looked_at
 
 SMALL_MISS_PCT = 1.6
 """Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
@@ -63,12 +64,12 @@ def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> di
 def usability(fingerprint: Fingerprint) -> Usability:
     """Judge a fingerprint, `adequate` included."""
     known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
-    left_open = [
+    left_open = as_looked_at(
         name
         for name, estimate in fingerprint.parameters.items()
         if not (estimate.status in (*KNOWN, "fixed") or _known_from_one_side(estimate))
         or is_rough(estimate, OPEN)
-    ]
+    )
     worst = max(fingerprint.adequate["misses_pct"].values(), default=0.0)
     unexplained = [
         f"the {OUTPUTS.get(name, name)}"
@@ -89,7 +90,9 @@ def usability(fingerprint: Fingerprint) -> Usability:
             "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
             f"model misses {worst:.2g} % of the response to the set point.",
         )
-    rough = [name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])]
+    rough = as_looked_at(
+        name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])
+    )
     if left_open:
         also = f", and determine {listed(rough)} only roughly" if rough else ""
         return Usability(

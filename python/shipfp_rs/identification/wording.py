@@ -16,6 +16,9 @@ OUTPUTS: Mapping[str, str] = {
     "overall": "all outputs",
 }
 
+DOUBT = "look at"
+"""What a sentence of a verdict says of a sensor that disagrees with the rest."""
+
 FAULTS: Mapping[str, str] = {
     kind: f"{said} ({kind})" if kind[0].isupper() else said for kind, said in KINDS.items()
 }

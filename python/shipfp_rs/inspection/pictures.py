@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from shipfp_rs.inspection import Inspection
 from shipfp_rs.logs.log import Log
-from shipfp_rs.plot.style import envelope
+from shipfp_rs.plot.style import envelope, plain_numbers
 
 COLOURS = {"steady": "#b8c4ce", "sine": "#2f6db3", "chirp": "#2a9d6f", "steps": "#c9762b", "other": "#a23b72"}
 WIDTH, HEIGHT = 10.0, 4.0
@@ -100,5 +100,6 @@ def _static_torque(inspection: Inspection) -> Figure:
     axes.set_title("" if exponent is None else f"measured torque goes with n^{exponent:.2f}", fontsize=10)
     axes.set_xlabel("engine speed [rpm]")
     axes.set_ylabel("shaft torque [Nm]")
+    plain_numbers(axes)
     axes.legend()
     return figure

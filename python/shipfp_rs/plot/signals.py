@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
-from shipfp_rs.plot.style import COLOURS, GREEN, GREY, LABELS, QUANTITIES, RED, dress, envelope, panels_of
+from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, SET_POINT, dress, envelope, panels_of
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Mask
 from shipfp_rs.support.quantiles import DEVIATIONS_95
@@ -112,7 +112,7 @@ def fit(
             point = experiment.operating_point
             scale = 1.0 if UNITS[name] == UNITS["n_set"] else point[name] / point["n_set"]
             asked = scale * experiment.signals["n_set"][rows]
-            ax.plot(*envelope(time, asked), color=GREEN, lw=0.8, label="set point")
+            ax.plot(*envelope(time, asked), color=SET_POINT, lw=0.8, label="set point")
         ax.plot(*envelope(time, recorded[rows]), color=GREY, lw=1.0, label="measured")
         ax.plot(*envelope(time, answer[rows]), color=color, lw=1.2, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
+BROWN = "#9a6b3f"
+SET_POINT = GREEN
+"""Of every set point, and of nothing beside one."""
 LABELS: Mapping[str, str] = {
     "n_set": "set point $n_{set}$",
     "command": "command",
@@ -39,15 +42,15 @@ QUANTITIES: Mapping[str, str] = {
 }
 """Axis label of each unit; signals of one unit share a panel."""
 COLOURS: Mapping[str, str] = {
-    "n_set": GREY,
-    "command": GREY,
+    "n_set": SET_POINT,
+    "command": SET_POINT,
     "n_e": BLUE,
     "n_s": BLUE,
     "M_s": ORANGE,
     "M_b": PURPLE,
     "M_g": ORANGE,
-    "X_f": GREEN,
-    "E_n": GREEN,
+    "X_f": BROWN,
+    "E_n": BROWN,
     "M_load": GREY,
 }
 REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
@@ -98,12 +101,23 @@ def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) 
     return axes
 
 
+def plain_numbers(ax: Axes) -> None:
+    """Have axes write numbers whole: of a narrow range Matplotlib writes what they have in common beside the axis."""
+    from matplotlib.ticker import ScalarFormatter
+
+    for axis in (ax.xaxis, ax.yaxis):
+        formatter = axis.get_major_formatter()
+        if isinstance(formatter, ScalarFormatter):
+            formatter.set_useOffset(False)
+
+
 def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
     """Give axes a label, a faint grid and a legend above them."""
     ax.set_ylabel(ylabel)
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(visible=True, color=GREY, alpha=0.25, lw=0.6)
     ax.set_axisbelow(True)
+    plain_numbers(ax)
     if legend:
         # Above the panel: beside the title, and never over a signal.
         ax.legend(

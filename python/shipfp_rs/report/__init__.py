@@ -32,8 +32,8 @@ __all__ = ["render", "write_report"]
 
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
 
-STILL_PICTURES = 12
-"""Experiments that have a picture for readers without JavaScript, too."""
+STILL_PICTURES = 1
+"""Experiments that have a picture for readers without JavaScript, too; each takes as long as half of the page."""
 
 
 class Content(TypedDict, total=False):
@@ -53,7 +53,7 @@ def write_report(
 ) -> Path:
     """Write the report of a fingerprint; the file appears whole or not at all.
 
-    The page needs nothing from elsewhere, and no text of a log can run in it: its policy allows its own two scripts
+    The page needs nothing from elsewhere, and no text of a log can run in it: its policy allows its own scripts
     only and no request at all. An 8 h log makes less than 10 MB.
 
     Parameters
@@ -108,7 +108,14 @@ def render(
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), elements.choice(fingerprint, say)),
-        ("loop", say("The speed loop"), loop.section(fingerprint, figures, say)),
+        (
+            "loop",
+            say("The speed loop"),
+            [
+                *loop.section(fingerprint, figures, say),
+                *loop.classes(fingerprint, structure, figures, experiments, vessel, say),
+            ],
+        ),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
         ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
@@ -133,7 +140,7 @@ def render(
         vessel=fingerprint.vessel or say("drive train not named"),
         name=_structure_name(str(fingerprint.structure.get("name", "")), say),
     )
-    scripts = [_resource("sort.js"), _resource("zoom.js")]
+    scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
     # Whatever slipped through the escaping could neither run nor call anyone.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"

@@ -24,10 +24,11 @@ from shipfp_rs.identification.estimate import (
     rounded_rows,
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.wording import something_missing
+from shipfp_rs.identification.wording import DOUBT, something_missing
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.structures.names import as_looked_at
 from shipfp_rs.support.arrays import Array
 
 SHOWN_S = (8.0, 30.0)
@@ -78,16 +79,26 @@ def answer(
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
     columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
     yield piece("columns", [column for column in columns if column])
-    for line in (*next_steps(fingerprint, say), *acting(fingerprint, say), *open_questions(fingerprint, say)):
+    doubts = [say.sentence(line) for line in fingerprint.verdict if DOUBT in line]
+    for line in (
+        *doubts,
+        *next_steps(fingerprint, say),
+        *acting(fingerprint, say),
+        *open_questions(fingerprint, say),
+    ):
         yield piece("paragraph", line, "open")
 
 
 def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Return what to do about a fingerprint that can't be used; nothing for one that can."""
-    if not fingerprint.why_not:
+    """Return what to do about a fingerprint that can't be used, or holds for its model only; nothing for any other."""
+    # Whether its intervals hold for the ship is said in its sentence; a bent one misses nothing.
+    bent = not fingerprint.adequate.get("stands", True) or "hold for the model" in fingerprint.usable
+    if not fingerprint.why_not and not bent:
         return []
     part = say(
-        "Possible causes: a channel from another recording, a wrong calibration, or a load or limit that the model lacks."
+        "Possible causes, in the order in which to look: sensors (a channel from another recording, the side of the shaft "
+        "that a gauge is on, scale, offset, delay), actuation (fuel rack, dead time, lag, limits), then gains that change, "
+        "or a load that the model lacks."
     )
     more = say(
         "What would help: a longer recording, a larger swing of the set point, a torque channel, or a parameter known "
@@ -254,17 +265,17 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
     if fingerprint.why_not not in ("", "nothing told"):
         return []
     estimates = fingerprint.parameters
-    unknown = [
+    unknown = as_looked_at(
         name
         for name, estimate in estimates.items()
         if (estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None)
         or is_rough(estimate, OPEN)
-    ]
-    rough = [
+    )
+    rough = as_looked_at(
         name
         for name, estimate in estimates.items()
         if estimate.status in KNOWN and is_rough(estimate) and name not in unknown
-    ]
+    )
     lines = []
     if unknown:
         closing = fingerprint.identifiability.closes_gap

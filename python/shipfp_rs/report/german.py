@@ -267,9 +267,12 @@ SENTENCES: Mapping[str, str] = {
     "Operating point: engine speed {speed} rpm, measured torque {torque} Nm.": (
         "Betriebspunkt: Motordrehzahl {speed} rpm, gemessenes Drehmoment {torque} Nm."
     ),
-    "Possible causes: a channel from another recording, a wrong calibration, or a load or limit that the model lacks.": (
-        "Mögliche Ursachen: ein Kanal aus einer anderen Aufzeichnung, eine falsche Kalibrierung, eine Last oder Grenze, "
-        "die dem Modell fehlt."
+    "Possible causes, in the order in which to look: sensors (a channel from another recording, the side of the shaft "
+    "that a gauge is on, scale, offset, delay), actuation (fuel rack, dead time, lag, limits), then gains that change, "
+    "or a load that the model lacks.": (
+        "Mögliche Ursachen, in der Reihenfolge der Suche: Sensoren (ein Kanal aus einer anderen Aufzeichnung, die Seite der "
+        "Welle, auf der gemessen wird, Skalierung, Nullpunkt, Verzug), Verstellung (Füllung, Totzeit, Zeitkonstante, Grenzen), "
+        "dann Beiwerte, die sich ändern, oder eine Last, die dem Modell fehlt."
     ),
     "The data distinguish all {free} free parameters (condition number of the scaled sensitivities {condition}).": (
         "Die Daten unterscheiden alle {free} freien Parameter (Konditionszahl der skalierten Empfindlichkeiten "
@@ -296,6 +299,26 @@ SENTENCES: Mapping[str, str] = {
     "after a step of the set point, until the speed stays within 5 % of it": (
         "nach einem Sollwertsprung, bis die Drehzahl auf 5 % genau bleibt"
     ),
+    "A load step by {step} % of the operating torque, small enough for the linearised model; which step ISO 8528-5 asks "
+    "of an engine follows from its mean effective pressure, which no log tells. The last column says up to which step "
+    "the class is met where no limit of torque or rate acts.": (
+        "Ein Lastsprung um {step} % des Moments am Betriebspunkt, klein genug für das linearisierte Modell; welchen Sprung "
+        "ISO 8528-5 von einem Motor verlangt, folgt aus seinem effektiven Mitteldruck, den keine Aufzeichnung zeigt. Die "
+        "letzte Spalte sagt, bis zu welchem Sprung die Klasse erfüllt ist, wo keine Grenze des Moments oder seiner Änderung wirkt."
+    ),
+    "class": "Klasse",
+    "speed falls by [%]": "Drehzahl fällt um [%]",
+    "at most [%]": "höchstens [%]",
+    "recovers within [s]": "ausgeregelt nach [s]",
+    "at most [s]": "höchstens [s]",
+    "result": "Ergebnis",
+    "met up to a step of [%]": "erfüllt bis zu einem Sprung von [%]",
+    "classes of governing by ISO 8528-5, speed after a load step": (
+        "Ausführungsklassen nach ISO 8528-5, Drehzahl nach einem Lastsprung"
+    ),
+    "pass": "erfüllt",
+    "fail": "nicht erfüllt",
+    "open": "offen",
     "up to this frequency the speed follows the set point": "bis zu dieser Frequenz folgt die Drehzahl dem Sollwert",
     "growth of the gains at which the loop begins to swing": "Erhöhung der Verstärkung, bei der der Kreis zu schwingen beginnt",
     "no gain was found at which the loop swings": "keine Verstärkung gefunden, bei der der Kreis schwingt",

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.load_step import STEP_PCT, WHOLE_PCT, Governing, governing
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
+from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, number, paragraph, table
@@ -20,6 +22,7 @@ from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +33,7 @@ LONGER = 2.5
 PADE = 5
 SHOWN = ("dn", "dM")
 """Outputs in the picture."""
+TONES = {"pass": "good", "fail": "bad", "open": "warn"}
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
@@ -61,6 +65,66 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
             for row in rounded_rows(loop)
         ],
     )
+
+
+def classes(
+    fingerprint: Fingerprint,
+    structure: Structure | None,
+    loop: Mapping[str, Estimate],
+    experiments: Iterable[Experiment],
+    vessel: Vessel | None,
+    say: Say,
+) -> Iterable[str]:
+    """Yield the table of the classes of governing; nothing of a drive train that feeds no generator or brake."""
+    loaded = any("M_load" in experiment.signals for experiment in experiments)
+    genset = vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
+    if not loop or fingerprint.why_not or not (loaded or genset):
+        return
+    yield paragraph(
+        say(
+            "A load step by {step} % of the operating torque, small enough for the linearised model; which step ISO 8528-5 "
+            "asks of an engine follows from its mean effective pressure, which no log tells. The last column says up to "
+            "which step the class is met where no limit of torque or rate acts.",
+            step=f"{STEP_PCT:g}",
+        )
+    )
+    head = [
+        say(text)
+        for text in (
+            "class",
+            "speed falls by [%]",
+            "at most [%]",
+            "recovers within [s]",
+            "at most [s]",
+            "result",
+            "met up to a step of [%]",
+        )
+    ]
+    yield table(
+        say("classes of governing by ISO 8528-5, speed after a load step"),
+        head,
+        [_class(name, one, say) for name, one in governing(fingerprint, structure).items()],
+    )
+
+
+def _class(name: str, found: Governing, say: Say) -> list[Cell]:
+    states = {"pass": say("pass"), "fail": say("fail"), "open": say("open")}
+    return [
+        Cell(name),
+        _told(found.deviation, say),
+        number(f"{found.limits.deviation_pct:g}"),
+        _told(found.recovery, say),
+        number(f"{found.limits.recovery_s:g}"),
+        Cell(states[found.state], tone=TONES[found.state]),
+        _told(found.largest, say) if found.largest.value != WHOLE_PCT else number(f"≥ {WHOLE_PCT:g}"),
+    ]
+
+
+def _told(estimate: Estimate, say: Say) -> Cell:
+    """Return a cell with an estimate and its interval."""
+    (row,) = rounded_rows({"": estimate})
+    told = interval(row, estimate, say, with_end=False) if estimate.std else ""
+    return number(f"{row.value} ({told})" if told else row.value, key=estimate.value)
 
 
 def step_response(
@@ -111,7 +175,7 @@ def _draw(axes: Sequence[Axes], times: Array, rows: Mapping[str, Array], recover
     for ax, (output, row) in zip(axes, rows.items(), strict=True):
         ax.plot(times, row, color=BLUE if output == "dn" else ORANGE, lw=1.6)
         if output == "dn":
-            ax.axhline(1.0, color=GREY, lw=0.8, ls="--")
+            ax.axhline(1.0, color=SET_POINT, lw=1.0, ls="--")
             ax.axvline(recovery, color=GREY, lw=1.0, ls=":")
         dress(ax, f"{say.word(wording.OUTPUTS.get(output, output))} [%]", legend=False)
     axes[-1].set_xlabel(say("time [s]"))

@@ -22,6 +22,10 @@ WIDE = 8.0
 """Width [in] from which on a picture scrolls on a phone, where its text could not be read any more."""
 NARROW = 6.4
 """Width of a picture that a phone shows whole, its text larger for that [in]."""
+LETTER = 0.62
+"""Width of a letter over its size."""
+MATH = re.compile(r"\\\w+|[${}^_]")
+"""What a label's formulas are written with, but not shown."""
 INK = "#010203"
 """Colour of text and axes in a picture; the page replaces it by its own, light or dark."""
 
@@ -47,8 +51,8 @@ class Pictures:
     ) -> str:
         """Return a figure element with `panels` axes above each other, painted by `paint`, each that high [in].
 
-        Below it stand links to the same picture as PNG, ink on white, and to what it shows as CSV, the `table` where one
-        is given, if it is to be `saved`.
+        Below it stand links to what it shows as CSV, the `table` where one is given, and, where scripts run, to the same
+        picture as PNG, if it is to be `saved`.
         """
         from matplotlib import rc_context
         from matplotlib.figure import Figure
@@ -60,19 +64,18 @@ class Pictures:
             style[part] = INK
         self._count += 1
         with rc_context(style):
-            figure = Figure(figsize=(width, 1.0 + height * panels), layout="constrained")
+            figure = Figure(figsize=(width, 1.0 + height * panels))
             axes = figure.subplots(panels, 1, sharex=sharex, squeeze=False)[:, 0]
             for ax in axes:
                 ax.patch.set_alpha(0.0)
             paint([*axes])
             self._translate([*axes])
+            _arrange(figure, [*axes])
             buffer = io.StringIO()
             figure.savefig(buffer, format="svg", metadata={"Date": None})
-            figure.set_layout_engine("none")  # it is laid out
-            picture = link_to("image/png", _png(figure)) if saved else ""
             shown = link_to("text/csv", (table or curves_csv([*axes])).encode()) if saved else ""
         svg = Markup(self._inline(buffer.getvalue(), caption))
-        return piece("figure", svg, caption, width < WIDE, picture, shown, f"picture-{self._count}")
+        return piece("figure", svg, caption, width < WIDE, shown, f"picture-{self._count}")
 
     def _translate(self, axes: Sequence[Axes]) -> None:
         """Put labels and legends into the report's language and words; titles are names that a user gave."""
@@ -115,8 +118,41 @@ def _spoken(inner: Formatter, say: Say) -> Formatter:
     return Spoken()
 
 
-def _png(figure: Figure) -> bytes:
-    """Return the picture on white, in ink."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+def _arrange(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Give axes the room that their labels need, from the letters of these: drawing them to measure it takes far longer."""
+    size = float(axes[0].xaxis.label.get_fontsize()) / 72.0
+    width, height = figure.get_size_inches()
+    left = max(_beside(ax, size) for ax in axes)
+    tops = [_above(ax, size) for ax in axes]
+    bottoms = [_below(ax, size) for ax in axes]
+    right = 1.2 * size
+    panel = (height - sum(tops) - sum(bottoms)) / len(axes)
+    edge = height
+    for ax, top, bottom in zip(axes, tops, bottoms, strict=True):
+        edge -= top + panel
+        ax.set_position((left / width, edge / height, (width - left - right) / width, panel / height))
+        edge -= bottom
+
+
+def _beside(ax: Axes, size: float) -> float:
+    """Room for the labels of the vertical axis and its ticks [in]."""
+    low, high = sorted(ax.get_ylim())
+    places = [place for place in ax.yaxis.get_majorticklocs() if low <= place <= high]
+    texts = [MATH.sub("", text) for text in ax.yaxis.get_major_formatter().format_ticks(places)]
+    label = 1.7 * size if ax.get_ylabel() else 0.0
+    return LETTER * size * max(map(len, texts), default=0) + label + 1.2 * size
+
+
+def _above(ax: Axes, size: float) -> float:
+    """Room for a legend, or a title [in]."""
+    return 2.2 * size if ax.get_legend() is not None or ax.get_title(loc="left") else 0.8 * size
+
+
+def _below(ax: Axes, size: float) -> float:
+    """Room for the labels of the horizontal axis and its ticks [in]."""
+    ticks = (
+        1.6 * size
+        if any(tick.label1.get_visible() for tick in ax.xaxis.get_major_ticks()[:1])
+        else 0.4 * size
+    )
+    return ticks + (1.7 * size if ax.get_xlabel() else 0.0)

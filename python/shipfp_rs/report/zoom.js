@@ -330,15 +330,7 @@
         }));
         lines.push([(row * this.step).toPrecision(9), ...cells].join(","));
       }
-      this.offer(`${about.split(":")[0]}.csv`, new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
-    }
-
-    offer(name, blob) {
-      const link = document.createElement("a");
-      link.download = name;
-      link.href = URL.createObjectURL(blob);
-      link.click();
-      URL.revokeObjectURL(link.href);
+      offer(`${about.split(":")[0]}.csv`, new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
     }
 
     // What the zoom shows as a picture, twice as fine, in the page's present light.
@@ -350,19 +342,7 @@
         for (const name of ["fill", "stroke", "stroke-width", "opacity", "font", "paint-order", "visibility"]) element.style.setProperty(name, style.getPropertyValue(name));
       });
       const [, , width, height] = shown.getAttribute("viewBox").split(" ").map(Number);
-      copy.setAttribute("width", 2 * width);
-      copy.setAttribute("height", 2 * height);
-      const image = new Image();
-      image.onload = () => {
-        const canvas = document.createElement("canvas");
-        [canvas.width, canvas.height] = [2 * width, 2 * height];
-        const context = canvas.getContext("2d");
-        context.fillStyle = getComputedStyle(document.body).backgroundColor;
-        context.fillRect(0, 0, canvas.width, canvas.height);
-        context.drawImage(image, 0, 0);
-        canvas.toBlob((blob) => this.offer(`${about.split(":")[0]}.png`, blob));
-      };
-      image.src = `data:image/svg+xml,${encodeURIComponent(new XMLSerializer().serializeToString(copy))}`;
+      savePicture(`${about.split(":")[0]}.png`, copy, [2 * width, 2 * height], getComputedStyle(document.body).backgroundColor);
     }
 
     select(x, width) {

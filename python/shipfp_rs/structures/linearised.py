@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import comb, factorial
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from shipfp_rs.structures.transfer import DERIVATIVE_FILTER, Place, TransferFunc
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 Form = Array
-"""A signal as what it takes of each state and, last, of the set point."""
+"""A signal as what it takes of each state and, last, of the input."""
 
 KINDS = ("linear", "ship")
 """Structures that have a linearisation in these terms."""
@@ -24,7 +25,7 @@ MOST_STATES = 64
 
 @dataclass(frozen=True)
 class StateSpace:
-    """x' = A x + B dn_set, y = C x + D dn_set, with y the outputs in their order."""
+    """x' = A x + B u, y = C x + D u, with u the set point or a load and y the outputs in their order."""
 
     A: Array
     B: Array
@@ -39,7 +40,7 @@ class StateSpace:
         return np.asarray(self.C @ states.T + self.D[:, None], dtype=np.complex128)
 
     def step(self, times: Array) -> Array:
-        """Return the outputs (O, N) after a step of the set point at time 0, at times (N,) [s]."""
+        """Return the outputs (O, N) after a step of the input at time 0, at times (N,) [s]."""
         poles, modes = np.linalg.eig(self.A)
         parts = np.linalg.solve(modes, self.B)
         grown = np.expm1(np.outer(poles, times)) * (parts / poles)[:, None]
@@ -73,8 +74,13 @@ def open_loop(structure: Structure, values: Values, frequency_hz: npt.ArrayLike)
     return np.asarray(equations.return_difference(known, s) - 1.0)
 
 
-def state_space(structure: Structure, values: Values, order: int = 3) -> StateSpace:
-    """Return the linearisation as a state space from the set point to the outputs.
+def state_space(
+    structure: Structure,
+    values: Values,
+    order: int = 3,
+    driven_by: Literal["set point", "load"] = "set point",
+) -> StateSpace:
+    """Return the linearisation as a state space from the set point, or from a load, to the outputs.
 
     Parameters
     ----------
@@ -84,6 +90,8 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
         Parameters by name.
     order
         Order of the Pade approximation of each dead time; a governor that samples and holds is late by half its period.
+    driven_by
+        What moves it; a load is over the operating torque, and acts on the propeller's side.
 
     Raises
     ------
@@ -98,7 +106,9 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
     """
     equations, q = loop_of(structure, values)
     wiring = _Wiring(order)
-    set_point = wiring.delayed(wiring.set_point, q.get("T_set", 0.0))
+    still = np.zeros(MOST_STATES + 1)
+    set_point, load = (still, wiring.input) if driven_by == "load" else (wiring.input, still)
+    set_point = wiring.delayed(set_point, q.get("T_set", 0.0))
     n_e, error = wiring.state(), wiring.state()
     v = q.get("v", 1.0)
     gains = {name: q.get(f"v{name}", v * q.get(name, 0.0)) for name in ("K_p", "K_i", "K_d")}
@@ -117,11 +127,11 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
         gauge = wiring.form(twist) + q.get("zeta_twist", 0.0) * slip
         wiring.rates[n_e] = (brake - gauge) / (q["tau_n"] - tau_prop)
         wiring.rates[twist] = slip / q["tau_twist"]
-        wiring.rates[n_s] = (gauge - q["p"] * propeller) / tau_prop
+        wiring.rates[n_s] = (gauge - q["p"] * propeller - load) / tau_prop
     else:
         propeller = wiring.form(n_e)
-        wiring.rates[n_e] = (brake - q["p"] * propeller) / q["tau_n"]
-        gauge = q["p"] * propeller + tau_prop * wiring.rates[n_e]
+        wiring.rates[n_e] = (brake - q["p"] * propeller - load) / q["tau_n"]
+        gauge = q["p"] * propeller + load + tau_prop * wiring.rates[n_e]
     speed = wiring.form(n_e) if equations.speed == "engine" else propeller
     rows = {
         "dn": wiring.delayed(speed, q.get("T_n", 0.0)),
@@ -133,14 +143,14 @@ def state_space(structure: Structure, values: Values, order: int = 3) -> StateSp
 
 
 class _Wiring:
-    """Signals as linear combinations of the states and the set point; an element adds the states that it needs."""
+    """Signals as linear combinations of the states and the input; an element adds the states that it needs."""
 
     def __init__(self, order: int) -> None:
         self.order = order
         self.count = 0
         self.rates: dict[int, Form] = {}
-        self.set_point = np.zeros(MOST_STATES + 1)
-        self.set_point[-1] = 1.0
+        self.input = np.zeros(MOST_STATES + 1)
+        self.input[-1] = 1.0
 
     def state(self) -> int:
         self.count += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from shipfp_rs.structures import glossary
@@ -44,6 +44,14 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "dM_g(0)": ("torque over speed, for slow motions", "Moment je Drehzahl, bei langsamen Bewegungen"),
     "dM_b(inf)": ("torque over set point, for fast motions", "Moment je Sollwert, bei schnellen Bewegungen"),
     "dM_g(inf)": ("torque over set point, for fast motions", "Moment je Sollwert, bei schnellen Bewegungen"),
+    "ultimate gain": (
+        "proportional gain of the loop at which it swings (K_u)",
+        "P-Verstärkung, bei der der Kreis schwingt (K_u)",
+    ),
+    "ultimate period": (
+        "period with which it swings then (P_u)",
+        "Periode, mit der er dann schwingt (P_u)",
+    ),
     "K_p/K_i": ("reset time of the governor", "Nachstellzeit des Reglers"),
     "p-g": ("self-regulation", "Selbstausgleich"),
     "(p-g)/tau_n": ("corner frequency without governor", "Eckfrequenz ohne Regler"),
@@ -60,6 +68,24 @@ NAMES: Mapping[str, tuple[str, str]] = {
     ),
 }
 """Symbol, or figure of the loop, to its plain name in English and in German."""
+
+LOOKED_AT = (
+    *("k_L", "tau_prop", "T_M", "T_n", "T_0"),
+    *("v", "T_set", "T_d", "hold", "T_s", "tau_act", "M_max", "M_soft", "rate"),
+    *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
+    *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
+)
+"""Parameters in the order in which an engineer looks: sensors and their places, actuation, drive train and load, gains."""
+
+
+def as_looked_at(names: Iterable[str]) -> list[str]:
+    """Return parameters in the order in which an engineer looks at them; a user's own last, as they came."""
+
+    def place(name: str) -> int:
+        own = name.partition(" (")[0]
+        return LOOKED_AT.index(own) if own in LOOKED_AT else len(LOOKED_AT)
+
+    return sorted(names, key=place)
 
 
 def plain_name(symbol: str, language: Language = "en") -> str:

@@ -129,7 +129,7 @@ export class Row {
       context.stroke();
       const large = Math.abs(mark) >= 1e6 || step < 1e-6;
       context.fillStyle = colours.soft;
-      if (at > 7 && at < tall - 5) context.fillText(large ? mark.toExponential(2) : (Math.abs(mark) < 1e-9 * step ? 0 : mark).toFixed(digits(step)), LEFT - 6, at);
+      if (at > 7 && at < tall - 5) context.fillText(large ? mark.toExponential(2) : (Math.abs(mark) < 1e-9 * step ? 0 : mark).toFixed(digits(step)), LEFT - 6, at, LEFT - 8);
     }
   }
 

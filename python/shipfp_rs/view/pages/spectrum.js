@@ -62,13 +62,14 @@ export class SpectrumPanel {
     context.textAlign = "center";
     for (let power = Math.ceil(x0); power <= x1; power++) {
       context.strokeRect(x(power), 6, 0, tall - bottom - 6);
-      context.fillText(power === 0 ? "1 Hz" : power > 3 || power < -2 ? `1e${power} Hz` : `${10 ** power} Hz`, Math.min(x(power), wide - 18), tall - 8);
+      const text = power === 0 ? "1 Hz" : power > 3 || power < -2 ? `1e${power} Hz` : `${10 ** power} Hz`;
+      context.fillText(text, Math.min(x(power), wide - 0.5 * context.measureText(text).width - 1), tall - 8);
     }
     context.textAlign = "right";
     for (let k = 0; k <= 4; k++) {
       const value = y0 + (k / 4) * (y1 - y0);
       context.strokeRect(left, y(value), wide - left - 6, 0);
-      context.fillText(short(this.log ? 10 ** value : value, 2), left - 4, Math.min(Math.max(y(value) + 4, 12), tall - bottom));
+      context.fillText(short(this.log ? 10 ** value : value, 2), left - 4, Math.min(Math.max(y(value) + 4, 12), tall - bottom), left - 6);
     }
     context.strokeStyle = colours.raw;
     context.lineWidth = 1.2;

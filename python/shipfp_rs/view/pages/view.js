@@ -213,7 +213,7 @@ export class View extends EventTarget {
     }
     context.textAlign = "left";
     const zone = start === null ? "since the log's start" : `${day(this.from, start)} UTC`;
-    context.fillText(`${zone} · ${short(span, 4)} s shown`, LEFT, 34);
+    context.fillText(`${zone} · ${short(span, 4)} s shown`, LEFT, 34, wide - LEFT);
     for (const mark of this.marks) {
       const x = Math.max(this.xOf(mark.start_s), LEFT), right = Math.min(this.xOf(mark.stop_s), LEFT + this.inner);
       if (right <= x) continue;
