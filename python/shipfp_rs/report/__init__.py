@@ -16,6 +16,7 @@ from markupsafe import Markup
 from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report import answer, elements, fate, findings, loop, markup
 from shipfp_rs.report.charts import charts
@@ -138,7 +139,7 @@ def render(
     ship = say(
         "{vessel}; model: {name}",
         vessel=fingerprint.vessel or say("drive train not named"),
-        name=_structure_name(str(fingerprint.structure.get("name", "")), say),
+        name=_structure_name(fingerprint, say),
     )
     scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
     # Whatever slipped through the escaping could neither run nor call anyone.
@@ -162,8 +163,11 @@ def render(
     return say.cells(page)
 
 
-def _structure_name(name: str, say: Say) -> str:
+def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
     """Return what a structure is called: of the ship's, which elements the drive train has."""
+    if fingerprint.settings.get("structure") == FULL_SHIP:
+        return say("the whole drive train")
+    name = str(fingerprint.structure.get("name", ""))
     kind, _, elements = name.partition(": ")
     if kind != "ship":
         return say.word(name)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 SENTENCES: Mapping[str, str] = {
     "{vessel}; model: {name}": "{vessel}; Modell: {name}",
+    "the whole drive train": "der ganze Antriebsstrang",
     "drive train without further elements": "Antriebsstrang ohne weitere Elemente",
     "drive train with {elements}": "Antriebsstrang mit {elements}",
     "Skip to the parameters": "Zu den Parametern springen",
