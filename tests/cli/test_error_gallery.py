@@ -207,7 +207,7 @@ CALLS: list[tuple[Callable[[], object], str]] = [
     ),
     (
         lambda: experiment(signals={"n_e": np.ones(10)}),
-        "experiment 'C11': no signal 'n_set', found ['n_e']; expected the set point among them, it drives the model",
+        "experiment 'C11': neither of 'n_set' and 'command' among ['n_e']; expected a governor's set point, or the command of a drive without one",
     ),
     (
         lambda: fit(response(2.0)),
