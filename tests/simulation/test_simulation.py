@@ -149,7 +149,7 @@ def test_euler_is_one_step_a_sample_and_less_exact() -> None:
 def test_an_experiment_says_where_it_comes_from() -> None:
     sequence = signals.sine_sequence([0.5, 1.0], 2, 13.0)
     experiment = simulate(LAUNCH, sequence)
-    assert set(experiment.signals) == set(experiment.operating_point) == set(UNITS) - {"M_load"}
+    assert set(experiment.signals) == set(experiment.operating_point) == set(UNITS) - {"M_load", "command"}
     assert experiment.kind == "sines"
     assert experiment.hold == "first"
     assert experiment.provenance["vessel"] == "Stan Launch 804"
