@@ -242,13 +242,15 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
         else (ends[1] - ends[0]) / (high - low)
     )
     c, found = fit.likelihood.coordinates, fit.best.products
-    if name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0:
+    flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
+    if name in LIMITS and (flat or ends[1] >= high):
+        # Far above all that was reached no profile finds where it would begin to act.
+        reason = "the data come near no limit" + ("" if flat else f": any above {ends[0]:.4g} will do")
+        return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+    if flat:
         return Estimate(None, unit=unit, status="unidentifiable", reason="the data do not depend on it")
     if width > UNTOLD:
         reason = f"the data allow everything between {ends[0]:.3g} and {ends[1]:.3g}"
-        return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
-    if name in LIMITS and ends[1] >= high:
-        reason = f"the data come near no limit: any above {ends[0]:.4g} will do"
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
     prior = name in fit.question.priors or name in PRIORS
     ends = min(ends[0], value), max(ends[1], value)
