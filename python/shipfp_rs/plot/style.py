@@ -43,7 +43,7 @@ QUANTITIES: Mapping[str, str] = {
 """Axis label of each unit; signals of one unit share a panel."""
 COLOURS: Mapping[str, str] = {
     "n_set": SET_POINT,
-    "command": SET_POINT,
+    "command": GREY,
     "n_e": BLUE,
     "n_s": BLUE,
     "M_s": ORANGE,
