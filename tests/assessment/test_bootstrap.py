@@ -95,7 +95,7 @@ def test_it_is_shown_as_a_table_and_as_json(drawn):
     ("change", "message"),
     [
         ({"draws": 5}, "draws is 5, expected 20 to 1000000"),
-        ({"block_s": 100.0}, "blocks of 100 s, expected at least a sample and a tenth of its 60 s at most"),
+        ({"block_s": 40.0}, "blocks of 40 s, expected at least a sample and a tenth of its 60 s at most"),
         ({"block_s": 0.001}, "blocks of 0 s, expected at least a sample"),
     ],
 )
