@@ -136,3 +136,9 @@ def test_a_torque_of_the_wrong_sign_is_refused_where_the_set_point_moves(made):
     point, torque = made.operating_point["M_b"], made.signals["M_b"]
     with pytest.raises(fp.InputError, match="M_b falls while the shaft speeds up"):
         gates.require_excited([with_signal(kept, "M_b", 2.0 * point - torque, point)])
+
+
+def test_a_speed_that_falls_when_the_set_point_rises_names_whose_sign_to_turn(made):
+    turned = 2.0 * made.operating_point["n_set"] - made.signals["n_set"]
+    with pytest.raises(fp.InputError, match="turn the sign of the set point's calibration"):
+        gates.require_excited([replace(made, signals={**made.signals, "n_set": turned})])

@@ -156,7 +156,7 @@ def _require_following(experiment: Experiment) -> None:
     if best < 0.0:
         raise InputError(
             f"{experiment.name!r}: {name} falls when the {what} rises (correlation {best:.2g}), expected it to rise; "
-            "turn the sign of the {what}'s calibration"
+            f"turn the sign of the {what}'s calibration"
         )
 
 
