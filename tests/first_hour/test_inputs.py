@@ -26,6 +26,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.sweeps.store import opened
 from shipfp_rs.tacho.speed import interval_gain, resample
+from shipfp_rs.vessel.steady_state import steady_state
 from tests.cli.small_trial import SMALL, SWEEP, small_log
 from tests.view.serving import served
 
@@ -467,7 +468,7 @@ TIMES = np.arange(100) * 0.05
 LARGE_CALLS: dict[str, Callable[[Any], object]] = {
     "substeps": lambda value: fp.simulate(LAUNCH, STEPS, substeps=value),
     "set-point": lambda value: fp.simulate(LAUNCH, STEPS, n_e_rpm=value),
-    "steady-state": lambda value: fp.steady_state(LAUNCH, n_e_rpm=value),
+    "steady-state": lambda value: steady_state(LAUNCH, n_e_rpm=value),
     "resample-rate": lambda value: resample(fp.tacho.speed_from_pulses(TIMES, 4), value, 0.0, 4.0),
     "resample-stop": lambda value: resample(fp.tacho.speed_from_pulses(TIMES, 4), 100.0, 0.0, value),
     "pulses-a-turn": lambda value: fp.tacho.speed_from_pulses(TIMES, value),

@@ -13,6 +13,14 @@ from typing import Any
 import numpy as np
 
 import shipfp_rs as fp
+from shipfp_rs.assessment.bootstrap import bootstrap
+from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.profile_likelihood import profile_likelihood
+from shipfp_rs.assessment.ship_parameters import parameters_of, with_parameters
+from shipfp_rs.assessment.validation import cross_validation
+from shipfp_rs.identification.fingerprint import Estimate
+from shipfp_rs.support.calibration import torque_factor
+from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
 from tests.gallery.slips import VALUES
 
 Base = tuple[Callable[..., Any], dict[str, Any]]
@@ -116,11 +124,11 @@ def _of_ships() -> dict[str, Base]:
     launch = fp.Vessel.load("stan-launch-804")
     short = fp.signals.steps([13.0, -13.0], 1.0)
     model = fp.linearise(launch)
-    values = fp.parameters_of(launch)
+    values = parameters_of(launch)
     return {
         "Vessel.load": (fp.Vessel.load, {"name_or_path": "stan-launch-804"}),
-        "steady_state": (fp.steady_state, {"vessel": launch, "n_e_rpm": 1200.0}),
-        "bollard_curve": (fp.bollard_curve, {"vessel": launch, "n_e_rpm": [1000.0, 1200.0]}),
+        "steady_state": (steady_state, {"vessel": launch, "n_e_rpm": 1200.0}),
+        "bollard_curve": (bollard_curve, {"vessel": launch, "n_e_rpm": [1000.0, 1200.0]}),
         "linearise": (fp.linearise, {"vessel": launch, "n_e_rpm": 1200.0}),
         "frequency_response": (model.frequency_response, {"frequency_hz": [0.1, 1.0]}),
         "LinearModel": (
@@ -139,8 +147,8 @@ def _of_ships() -> dict[str, Base]:
             ),
             {"rate_hz": 200.0},
         ),
-        "parameters_of": (fp.parameters_of, {"vessel": launch}),
-        "with_parameters": (fp.with_parameters, {"vessel": launch, "values": {"tau_n": values["tau_n"]}}),
+        "parameters_of": (parameters_of, {"vessel": launch}),
+        "with_parameters": (with_parameters, {"vessel": launch, "values": {"tau_n": values["tau_n"]}}),
         "design": (fp.design, {"expected": launch, "duration_s": 100.0}),
     }
 
@@ -163,7 +171,7 @@ def _of_logs(log: fp.Log, trial: fp.Trial, record: fp.Experiment) -> dict[str, B
             {"recorded": [0.0, 1.0, 2.0], "values": [1.0, 3.0, 5.1]},
         ),
         "torque_factor": (
-            fp.torque_factor,
+            torque_factor,
             {
                 "shear_modulus": 8e10,
                 "outer_diameter": 0.1,
@@ -257,16 +265,15 @@ def _of_fits(record: fp.Experiment, fingerprint: fp.Fingerprint) -> dict[str, Ba
         "identify, chosen": (fp.identify, {"data": record}),
         "validate": (fp.validate, {"fingerprint": fingerprint, "experiment": record}),
         "cross_validation": (
-            fp.cross_validation,
+            cross_validation,
             {"experiments": [record, record.window(0.0, 20.0, name="B")], **fit},
         ),
-        "bootstrap": (fp.bootstrap, {"experiments": record, "structure": structure, "draws": 20}),
+        "bootstrap": (bootstrap, {"experiments": record, "structure": structure, "draws": 20}),
         "profile_likelihood": (
-            fp.profile_likelihood,
+            profile_likelihood,
             {"data": record, "structure": structure, "parameters": ["p"]},
         ),
-        "ladder": (fp.ladder, {"data": record, "structures": [structure, structure.with_fixed(p=2.0)]}),
-        "closed_loop": (fp.closed_loop, {"fingerprint": fingerprint}),
+        "closed_loop": (closed_loop, {"fingerprint": fingerprint}),
         "compare": (fp.compare, {"before": fingerprint, "after": fingerprint}),
         "trend": (
             fp.trend,
@@ -277,6 +284,6 @@ def _of_fits(record: fp.Experiment, fingerprint: fp.Fingerprint) -> dict[str, Ba
         "Fingerprint.predict": (fingerprint.predict, {"experiment": record}),
         "Fingerprint.simulate": (fingerprint.simulate, {"drive": short}),
         "Fingerprint.fit_report": (fingerprint.fit_report, {}),
-        "Estimate": (fp.Estimate, {"value": 1.0, "std": 0.1, "ci95": (0.8, 1.2)}),
+        "Estimate": (Estimate, {"value": 1.0, "std": 0.1, "ci95": (0.8, 1.2)}),
         "sweep": (fp.sweep, {"plan": "SWEEP.toml", "out": "out", "executor": "threads", "workers": 1}),
     }

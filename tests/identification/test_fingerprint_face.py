@@ -15,7 +15,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.designs.subject import Subject
-from shipfp_rs.identification.fingerprint import Estimate
+from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.structures.elements import ELEMENTS
 
@@ -219,15 +219,15 @@ def test_breakage_a9_a_plan_from_a_fingerprint_holds_what_the_fingerprint_held(f
 )
 def test_breakage_e2_an_estimate_holds_what_its_fields_say(given, said) -> None:
     with pytest.raises(fp.InputError) as caught:
-        fp.Estimate(**({"value": 1.0} | given))
+        Estimate(**({"value": 1.0} | given))
     assert said in str(caught.value)
 
 
 def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None:
     with pytest.raises(fp.InputError, match="identifiability: rank is 3, expected 0 to 2"):
-        fp.Identifiability(3, 2, 1.0)
+        Identifiability(3, 2, 1.0)
     with pytest.raises(fp.InputError, match=r"fingerprint: parameters.* is 1.0, expected an Estimate"):
-        fp.Fingerprint({"tau_n": 1.0}, {}, fp.Identifiability(0, 0, 1.0), {}, {})
+        fp.Fingerprint({"tau_n": 1.0}, {}, Identifiability(0, 0, 1.0), {}, {})
     with pytest.raises(fp.InputError, match=r"linear model: .*nan.*, expected finite numbers"):
         type(fp.linearise(LAUNCH))(float("nan"), -0.5, 1.5, 10.0, 1.0, 2.0, 0.4)
 

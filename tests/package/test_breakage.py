@@ -17,10 +17,13 @@ import typer
 
 import shipfp_rs as fp
 from shipfp_rs import _core, cli
+from shipfp_rs.assessment.ship_parameters import parameters_of, with_parameters
 from shipfp_rs.assessment.si import in_si
+from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.processing.trial_tables import Identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.sweeps import Plan
+from shipfp_rs.vessel.steady_state import steady_state
 
 FOLDER = Path(fp.__file__).parent
 TUG = fp.Vessel.load("stan-tug-1205-full")
@@ -45,16 +48,16 @@ def chirp() -> fp.Experiment:
 def test_breakage_a10_tau_n_has_one_meaning_beside_a_drag(chirp) -> None:
     """Eq. 3.23: the inertia's torque is that of the shaft, behind the drag, wherever tau_n is computed or taken apart."""
     assert TUG.gearbox.drag_Nm > 0.0
-    point, model = fp.steady_state(TUG), fp.linearise(TUG)
+    point, model = steady_state(TUG), fp.linearise(TUG)
     expected = 2.0 * math.pi * point.n_s * TUG.inertia / point.M_s
     assert model.tau_n == pytest.approx(expected, rel=1e-12)
-    assert fp.parameters_of(TUG)["tau_n"] == pytest.approx(expected, rel=1e-12)
-    twice = fp.with_parameters(TUG, {"tau_n": 2.0 * expected})
+    assert parameters_of(TUG)["tau_n"] == pytest.approx(expected, rel=1e-12)
+    twice = with_parameters(TUG, {"tau_n": 2.0 * expected})
     assert twice.inertia == pytest.approx(2.0 * TUG.inertia, rel=1e-9)
     found = fp.Fingerprint(
-        {"tau_n": fp.Estimate(expected, unit="s", status="fixed")},
+        {"tau_n": Estimate(expected, unit="s", status="fixed")},
         {},
-        fp.Identifiability(0, 0, 1.0),
+        Identifiability(0, 0, 1.0),
         {},
         {},
         data=({"operating_point": dict(chirp.operating_point), "signals": {"dM": "M_g"}},),

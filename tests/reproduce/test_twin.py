@@ -20,7 +20,7 @@ from shipfp_rs.identification.fingerprint import Estimate
 from shipfp_rs.reproduce import twin
 from shipfp_rs.reproduce.twin import ALL, CHIRP, FREE, PARTS, Outcome
 from shipfp_rs.reproduce.twin_trial import LAST_HZ, PAUSE_S, STEADY_S, Twin, drawn
-from shipfp_rs.simulation.replay import answered
+from shipfp_rs.simulation.replay import replay
 
 CHOICES = {"": (CHIRP,), "joint": (CHIRP, ALL), "everything": (*PARTS, ALL)}
 SEED = 80_000
@@ -85,7 +85,7 @@ def test_a_log_shows_what_the_ship_did() -> None:
     """Pulses, calibrations and filters of the raw log change a simulated answer by less than a part in a thousand."""
     still = Twin.of(3, ("S11",), still=True)
     (record,) = still.experiments(("S11",), 6.25)  # without the ripple of the shaft
-    answer = answered(still.vessel, record, at_the_shaft=True)
+    answer = replay(still.vessel, record, at_the_shaft=True)
     inner = slice(None, -8)  # the low-pass looks ahead, beyond the record's end
     for name in ("n_e", "M_g"):
         difference = answer.normalised(name)[inner] - record.normalised(name)[inner]

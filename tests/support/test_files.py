@@ -10,6 +10,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError
+from shipfp_rs.identification.fingerprint import Identifiability
 from shipfp_rs.support.files import replacing, write_text_atomically
 
 
@@ -71,7 +72,7 @@ def test_what_goes_wrong_while_writing_is_told_as_it_is(tmp_path: Path) -> None:
 def test_breakage_c6_no_log_is_replaced_by_what_has_another_kind_of_name(tmp_path: Path) -> None:
     log = fp.Log.from_arrays({"speed": np.ones(9)}, rate_hz=2.0).write(tmp_path / "log.parquet")
     before = log.read_bytes()
-    found = fp.Fingerprint({}, {}, fp.Identifiability(0, 0, 1.0), {}, {})
+    found = fp.Fingerprint({}, {}, Identifiability(0, 0, 1.0), {}, {})
     steps = fp.signals.steps([1.0, -1.0], 1.0)
     record = fp.Experiment("S", 2.0, {"n_set": np.ones(9)}, {"n_set": 1.0})
     for write, ending in (

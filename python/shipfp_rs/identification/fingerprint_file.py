@@ -42,7 +42,6 @@ SETTINGS: Mapping[str, tuple[Any, str]] = {
     "starts": (Count, "a whole number of 1 or more"),
     "time_limit_s": (Positive | None, "null or a positive number"),
     "structure": (str, "a text"),
-    "ladder": (Sequence[Mapping[str, Any]], "a list of tables"),
     "optimum": (Mapping[str, float], "a table of numbers"),
     "criterion": (float | None, "null or a number"),
     "converged": (bool, "true or false"),

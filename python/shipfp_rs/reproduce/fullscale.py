@@ -114,7 +114,7 @@ def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structur
     )
 
 
-def rungs() -> tuple[Structure, ...]:
+def steps() -> tuple[Structure, ...]:
     """Return structures from the thesis's to the richest that the sine fits may carry."""
     gauge = Structure.linear(torque="gauge", name="gauge-side torque")
     times = ((False, False), (True, False), (False, True), (True, True))
@@ -151,7 +151,7 @@ def _jobs() -> tuple[_Job, ...]:
         ),
         _Job("ii, ten points", sound, thesis_structure(), "white", "thesis", ten),
         _Job("ii, ten points", sound, extended_structure(), "white", "ours", ten),
-        *(_Job(WEIGHTED, usable, structure, "std", "ours", weighted) for structure in rungs()),
+        *(_Job(WEIGHTED, usable, structure, "std", "ours", weighted) for structure in steps()),
         _Job(
             WITH_PRIOR,
             usable,

@@ -91,7 +91,7 @@ PICTURES: tuple[Picture[Material], ...] = (
         6.0,
     ),
     Picture("fig_7_22.png", "Figure 7.22: inertia on either side of the gauge", painters.inertias, 4.0),
-    Picture("fig_7_23.png", "Figure 7.23: why the fits failed", painters.ladder_of, 4.2),
+    Picture("fig_7_23.png", "Figure 7.23: why the fits failed", painters.causes, 4.2),
 )
 FILES = tuple(picture.file for picture in PICTURES)
 """Names of the files that `draw` writes."""

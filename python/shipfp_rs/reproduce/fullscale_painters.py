@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs import plot, published
-from shipfp_rs.assessment.ladder import climb
 from shipfp_rs.assessment.prediction import predict_response, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -19,6 +18,7 @@ from shipfp_rs.reproduce.fullscale import WEIGHTED, best_of, measured_response, 
 from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2
 from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.reproduce.fullscale_validation import printed_parameters
+from shipfp_rs.reproduce.fullscale_verdict import bic, chi_squared
 from shipfp_rs.reproduce.pictures import Stretch, legend_above, stretches_of
 from shipfp_rs.signals import sine_sequence
 from shipfp_rs.simulation.sensors import EQUATION_6_7
@@ -270,15 +270,16 @@ def inertias(material: Material, figure: Figure) -> str:
     )
 
 
-def ladder_of(material: Material, figure: Figure) -> str:
+def causes(material: Material, figure: Figure) -> str:
     """Figure 7.23: in place of a list of possible causes, how much each accounts for."""
     ax = figure.subplots()
     found = [value for name, value in material.fingerprints.items() if name.startswith(f"{WEIGHTED}:")]
-    rungs = climb(found).rungs
-    for place, rung in enumerate(reversed(rungs)):
-        ax.barh(place, rung.deviance, color=style.BLUE if rung.supported else style.GREY, height=0.6)
-        ax.text(rung.deviance * 1.05, place, f"{rung.deviance:.0f}", va="center")
-    ax.set_yticks(range(len(rungs)), [rung.structure for rung in reversed(rungs)])
+    best = min(map(bic, found))
+    for place, fit in enumerate(reversed(found)):
+        left = chi_squared(fit)
+        ax.barh(place, left, color=style.BLUE if bic(fit) == best else style.GREY, height=0.6)
+        ax.text(left * 1.05, place, f"{left:.0f}", va="center")
+    ax.set_yticks(range(len(found)), [fit.structure["name"] for fit in reversed(found)])
     ax.set_xscale("log")
     ax.set_xlim(10.0, 3000.0)
     freedom = found[-1].fit["overall"]["degrees_of_freedom"] or 0.0

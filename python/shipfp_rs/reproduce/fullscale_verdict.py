@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from shipfp_rs.assessment.closed_loop import closed_loop
-from shipfp_rs.assessment.ladder import climb
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.reproduce import Row
 
@@ -29,13 +29,13 @@ def of(
     """
     weighted, held = extended
     structure = extended[weighted].structure["name"]
-    ladder = climb([found for name, found in fingerprints.items() if name.startswith(f"{weighted}:")])
+    steps = [found for name, found in fingerprints.items() if name.startswith(f"{weighted}:")]
     return (
         "What the published sine fits tell of the tug:",
         *(f"  {line}" for line in _told(extended[weighted])),
         *(f"  {line}" for line in _with_prior(extended[held])),
         "Why the thesis's fits failed:",
-        *(f"  {line}" for line in _failure(list(rows), ladder.rungs[0].deviance, ladder.rungs[1].deviance)),
+        *(f"  {line}" for line in _failure(list(rows), *map(chi_squared, steps[:2]))),
         "The thesis's structure, fitted to its own sine fits:",
         *(f"  {line}" for line in fingerprints["ii: thesis"].verdict),
         "The extended structure (gauge-side torque, free exponent, two dead times) on the same trial:",
@@ -44,9 +44,28 @@ def of(
         *(f"  {line}" for line in extended[weighted].verdict),
         "The same, with tau_n from the torsional calculation:",
         *(f"  {line}" for line in extended[held].verdict),
-        "From the thesis's structure to that one, each point weighted; what the data support has a star:",
-        *(f"  {line}" for line in str(ladder).splitlines()),
+        "From the thesis's structure to that one, each point weighted; the least BIC has a star:",
+        *(f"  {line}" for line in _steps(steps)),
     )
+
+
+def chi_squared(found: Fingerprint) -> float:
+    """Return what a fit of weighted points leaves unexplained."""
+    return float(found.fit["overall"]["chi_squared"] or 0.0)
+
+
+def bic(found: Fingerprint) -> float:
+    """Return Schwarz's criterion: chi-squared + rank ln N."""
+    return chi_squared(found) + found.identifiability.rank * math.log(found.fit["overall"]["samples"] or 1.0)
+
+
+def _steps(steps: Sequence[Fingerprint]) -> Iterator[str]:
+    best = min(map(bic, steps))
+    yield f"{'structure':26}  rank  chi-squared        BIC"
+    for found in steps:
+        star = " *" if bic(found) == best else ""
+        rank, name = found.identifiability.rank, found.structure["name"]
+        yield f"{name:26}  {rank:4d}  {chi_squared(found):11.4g} {bic(found):10.4g}{star}"
 
 
 def _shown(fingerprint: Fingerprint, name: str, unit: str = "") -> str:
@@ -90,7 +109,7 @@ def _failure(rows: list[Row], thesis: float, gauge: float) -> tuple[str, ...]:
         "The gauge sits between the inertias, so its torque is not the engine's; the governor's dead time and that of the "
         "set point's path are not in the structure; phases from 0.1 Hz up are lost to each channel's own fitted frequency.",
         f"None of these alone mends it: chi-squared {thesis:.0f} with the thesis's structure, {gauge:.0f} with gauge-side "
-        "torque only; the ladder below adds one at a time.",
+        "torque only; the table below adds one at a time.",
         f"Tables 7.2 and 7.3 print one and the same fit for three different parameter sets (95.85 % to the steps); on the "
         f"simulated tug these sets fit its steps to {', '.join(f'{fit:.1f}' for fit in steps)} %.",
         f"There case ii fits the speed of the short chirp to {worst:.0f} %, our best structure to {best:.0f} %.",

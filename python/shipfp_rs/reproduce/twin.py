@@ -22,7 +22,7 @@ from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
 from shipfp_rs.reproduce.fullscale_trial import VESSEL
 from shipfp_rs.reproduce.twin_trial import EVERYTHING, Twin
-from shipfp_rs.simulation.replay import answered
+from shipfp_rs.simulation.replay import replay
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.vessel.vessel import Vessel
@@ -220,7 +220,7 @@ def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})
     found: dict[str, dict[str, float]] = {}
     for record in twin.experiments(STEPS):
-        model = answered(ship, record, at_the_shaft=True)
+        model = replay(ship, record, at_the_shaft=True)
         found[record.name] = {}
         for signal in ("n_e", "M_g"):
             measured, simulated = record.normalised(signal), model.normalised(signal)

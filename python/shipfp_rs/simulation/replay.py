@@ -26,7 +26,7 @@ LEAD_S = 10.0
 
 
 @checked
-def answered(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
+def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
     """Return what a vessel answers to a record's set point in still water, sampled and masked as the record.
 
     A set point that is straight between samples (hold "first", as of processed logs) is taken as low-passed, and so is
