@@ -45,7 +45,7 @@ SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Figures that are a parameter, of a ship without further elements: its interval is theirs."""
 
 Figure = Callable[[Values], float]
-Told = TypeVar("Told")
+Result = TypeVar("Result")
 
 
 @checked
@@ -148,9 +148,9 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
     }
 
 
-def once(told: Callable[[Values], Told]) -> Callable[[Values], Told]:
+def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
     """Return a function of a ship's values that is worked out once for each ship."""
-    known = cache(lambda items: told(dict(items)))
+    known = cache(lambda items: function(dict(items)))
     return lambda values: known(tuple(values.items()))
 
 

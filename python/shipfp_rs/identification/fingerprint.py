@@ -14,8 +14,8 @@ from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
 from shipfp_rs.identification.fingerprint_file import require_layout
-from shipfp_rs.identification.modelled import Modelled
-from shipfp_rs.identification.told import Told
+from shipfp_rs.identification.fingerprint_simulation import SimulationMixin
+from shipfp_rs.identification.fingerprint_tables import FingerprintTables
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.json_files import json_text, read_json
@@ -28,7 +28,7 @@ ALARM = 0.01
 
 
 @dataclass(frozen=True, repr=False)
-class Fingerprint(Told, Modelled):
+class Fingerprint(FingerprintTables, SimulationMixin):
     """The result of an identification.
 
     Parameters

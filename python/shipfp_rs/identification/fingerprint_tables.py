@@ -32,7 +32,7 @@ GREEK = ("tau", "eta", "rho")
 LATEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "&%$#_{}"}, "~": r"\textasciitilde{}"}
 
 
-class Told:
+class FingerprintTables:
     """Text and tables of a fingerprint; mixed into `Fingerprint`."""
 
     parameters: Mapping[str, Estimate]

@@ -25,7 +25,7 @@ SHORT_S = 1e-3
 """A delay found below this is none that a loop notices [s]."""
 
 
-class Modelled:
+class SimulationMixin:
     """Simulations with a fingerprint's model; mixed into `Fingerprint`."""
 
     structure: Mapping[str, Any]
