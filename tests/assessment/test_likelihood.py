@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from shipfp_rs import plot, profile_likelihood, signals
-from shipfp_rs.assessment.profile_likelihood import LEVEL
+from shipfp_rs import plot, signals
+from shipfp_rs.assessment.profile_likelihood import LEVEL, profile_likelihood
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response

@@ -24,6 +24,7 @@ from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 from tests.logger_files import START
+from tests.logs.test_buses import DBC, mf4
 from tests.twins.ship import vector
 
 Columns = Mapping[tuple[str, str], np.ndarray]
@@ -31,6 +32,8 @@ Columns = Mapping[tuple[str, str], np.ndarray]
 
 FINER = 10
 """Steps of the simulation to a sample of the log: no logger's clock is that of the steps."""
+FULL_NM = 400.0
+"""Torque of an engine on a bus of which it tells per cent [Nm]."""
 NOISE = {"n_e": 0.01, "M_g": 0.02, "M_b": 0.02}
 """Standard deviations over those of the clean signals."""
 
@@ -183,6 +186,8 @@ class Row:
         Channels beside: name and unit to a mean, noise about it.
     share
         Size of the excitation over the operating point.
+    answers
+        What `init` leaves to be answered to what a person writes in its place.
     """
 
     name: str
@@ -193,6 +198,7 @@ class Row:
     signals: Mapping[str, tuple[str, str]]
     others: Mapping[tuple[str, str], float] = field(default_factory=dict)
     share: float = 0.03
+    answers: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def truth(self) -> dict[str, float]:
@@ -212,12 +218,24 @@ class Row:
         return fp.simulate(vessel, asked, noise=noise, seed=len(self.name)).signals
 
     def trial(self, folder: Path) -> Path:
-        """Write the log and let `init` write its trial; return that."""
-        assert cli.main(["init", str(folder), "--log", str(self.written(folder))]) == 0
-        return folder / "TRIAL.toml"
+        """Write the log and let `init` write its trial; return that, with a person's answers."""
+        logs = [part for path in self.written(folder) for part in ("--log", str(path))]
+        assert cli.main(["init", str(folder), *logs, *self.options(folder)]) == 0
+        path = folder / "TRIAL.toml"
+        text = path.read_text(encoding="utf-8")
+        assert text.count('"to be given"') == sum("to be given" in question for question in self.answers)
+        for question, answer in self.answers.items():
+            assert text.count(question) == 1
+            text = text.replace(question, answer)
+        path.write_text(text, encoding="utf-8")
+        return path
 
-    def written(self, folder: Path) -> Path:
-        """Write the log; return its path."""
+    def options(self, folder: Path) -> list[str]:
+        """Return options of `init` beside the log."""
+        return []
+
+    def columns(self) -> dict[tuple[str, str], Any]:
+        """Return what a logger records, by name and unit."""
         recorded, draw = self.recorded(), np.random.default_rng(len(self.name))
         columns: dict[tuple[str, str], Any] = {}
         for signal, (name, unit) in self.signals.items():
@@ -228,9 +246,13 @@ class Row:
         columns |= {
             key: mean * (1.0 + 1e-3 * draw.standard_normal(count)) for key, mean in self.others.items()
         }
+        return columns
+
+    def written(self, folder: Path) -> list[Path]:
+        """Write the log; return its path, or those of each logger."""
         path = folder / f"log{SUFFIXES[self.write]}"
-        self.write(path, self.rate_hz, columns)
-        return path
+        self.write(path, self.rate_hz, self.columns())
+        return [path]
 
 
 LEVELS = (1.0, 0.6, 0.9, 0.3, 1.1, 0.7, 0.2, 0.8)
@@ -290,16 +312,59 @@ class Loaded(Row):
 class TwoLoggers(Loaded):
     """Set point and speed stand in one log, torque and load in another one, on the same clock."""
 
-    def trial(self, folder: Path) -> Path:
-        path = super().trial(folder)
-        table = pyarrow.parquet.read_table(folder / "log.parquet")
-        for name, columns in (("speed", [0, 1, 2]), ("load", [0, 3, 4])):
-            pyarrow.parquet.write_table(table.select(columns), folder / f"{name}.parquet")
-        text = path.read_text(encoding="utf-8").replace(
-            f'log = "{folder / "log.parquet"}"', 'log = ["speed.parquet", "load.parquet"]'
-        )
-        path.write_text(f'{text}\n[align]\nreference = "speed.parquet"\n', encoding="utf-8")
-        return path
+    def written(self, folder: Path) -> list[Path]:
+        columns = list(self.columns().items())
+        paths = [folder / f"{name}{SUFFIXES[self.write]}" for name in ("speed", "load")]
+        for path, part in zip(paths, (columns[:2], columns[2:]), strict=True):
+            self.write(path, self.rate_hz, dict(part))
+        return paths
+
+
+@dataclass(frozen=True)
+class Encoder(Row):
+    """A row whose speed is a train of pulses, and whose torque is in volts: a raw log of the measuring system.
+
+    Parameters
+    ----------
+    pulses
+        Of a turn of the engine.
+    nm_a_volt
+        Scale of the torque.
+    """
+
+    pulses: int = 8
+    nm_a_volt: float = 200.0
+
+    def recorded(self) -> Mapping[str, np.ndarray]:
+        signals = super().recorded()
+        turns = np.cumsum(signals["n_e"]) / (60.0 * FINER * self.rate_hz)
+        high = (self.pulses * turns) % 1.0 < 0.4
+        return {
+            **signals,
+            "n_e": 0.1 + 4.8 * high + 0.02 * np.random.default_rng(5).standard_normal(len(turns)),
+            "M_b": signals["M_b"] / self.nm_a_volt,
+        }
+
+
+@dataclass(frozen=True)
+class Bus(Row):
+    """A row of an engine's bus by SAE J1939: its torque is in per cent of one that is to be given."""
+
+    def options(self, folder: Path) -> list[str]:
+        (folder / "engine.dbc").write_text(DBC)
+        return ["--names", str(folder / "engine.dbc")]
+
+    def written(self, folder: Path) -> list[Path]:
+        told, frames = self.recorded(), []
+        for k in range(len(told["n_e"]) // FINER):
+            asked, speed = (
+                round(told[name][k * FINER] / 0.125).to_bytes(2, "little") for name in ("n_set", "n_e")
+            )
+            torque = bytes([round(100.0 * told["M_b"][k * FINER] / FULL_NM) + 125])
+            frames.append((k / self.rate_hz, 0x0C000003, b"\xfd" + asked + b"\xe1" + b"\xff" * 4))
+            frames.append((k / self.rate_hz, 0x0CF00400, b"\xff\x7d" + torque + speed + b"\x00\xff\x7d"))
+        mf4(folder / "bus.mf4", frames)
+        return [folder / "bus.mf4"]
 
 
 @dataclass(frozen=True)
@@ -390,6 +455,18 @@ ROWS = (
     Commanded("Voltage steps beside a torque, in open loop", hdf5, lab_drive, steps, 50.0,
         {"command": ("Torque demand", "V"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")},
         own={"g": -0.8, "v": 1.6, "tau_act": 0.06}, command=4.0),
+    Encoder("An encoder's pulses and a torque in volts, at 2 kHz", parquet, launch, chirp, 2000.0,
+        {"n_set": ("Speed demand", "rpm"), "n_e": ("Encoder track A", "V"), "M_b": ("Engine torque", "V")},
+        answers={'calibration = "to be given"': "calibration = { scale = 200.0, offset = 0.0 }"}),
+    Bus("An engine's bus, its torque in per cent", mdf, launch, multisine, 50.0,
+        {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("EngSpeed", "rpm"), "M_b": ("ActualEngPercentTorque", "%")},
+        answers={'calibration = "to be given"': "calibration = { scale = 4.0, offset = 0.0 }"}),
+    Commanded("German torque steps of a laboratory drive in open loop", csv_with_commas, lab_drive, steps, 50.0,
+        {"command": ("Motormoment Sollwert", "Nm"), "n_e": ("Motordrehzahl", "1/min"),
+         "M_b": ("Motormoment Istwert", "Nm")}),
+    TwoLoggers("German load steps by two loggers, one for the load", tdms, genset, steps, 50.0,
+        {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_b": ("Motormoment", "Nm"),
+         "M_load": ("Generatorleistung", "kW")}, share=0.0),
 )  # fmt: skip
 QUICK = tuple(ROWS[number] for number in (1, 2, 8, 13, 14, 15))
 """Rows that are fitted in every run of the tests."""

@@ -6,7 +6,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
 from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.record import BAND_HZ, LEAST_HZ
+from shipfp_rs.identification.record import BAND_HZ, LEAST_HZ, _interpolated
 
 RATE_HZ = 50.0
 
@@ -58,3 +58,23 @@ def test_the_accuracy_of_a_gauge_comes_with_the_experiment():
     said = recorded(0.01 * np.sin(np.arange(2000.0)), gauge_accuracy={"M_b": 0.01})
     usual, worse = question_of([said]).likelihood((), 0.01, "band-limited").accuracy
     assert (usual, worse) == (ACCURACY, 0.01)
+
+
+@pytest.mark.parametrize("part", [0.02, 0.1, 0.3, 0.42])
+def test_an_interpolation_keeps_every_sine_of_the_band(part):
+    at = np.arange(1000)
+    fine = _interpolated(np.sin(2.0 * np.pi * part * at), 4)
+    inside = slice(4 * 100, -4 * 100)
+    wanted = np.sin(2.0 * np.pi * part * np.arange(len(fine)) / 4.0)
+    assert np.abs(fine - wanted)[inside].max() < 3e-5
+
+
+def test_a_chirp_with_hardly_any_noise_tells_the_exponent_of_the_ship_that_made_it():
+    launch = fp.Vessel.load("stan-launch-804")
+    chirp = fp.signals.chirp(0.1, 1.4, 60.0, 39.0, rate_hz=RATE_HZ * 10)
+    record = fp.simulate(launch, chirp, noise={"n_e": 1e-4, "M_b": 1e-4}, seed=1)
+    thinned = {name: record.signals[name][5::10] for name in ("n_set", "n_e", "M_b")}
+    found = fp.identify(fp.Experiment("C1", RATE_HZ, thinned, record.operating_point, "first", "chirp"))
+    low, high = found["p"].ci95
+    assert low < 2.0 < high
+    assert found["p"].value == pytest.approx(2.0, abs=5e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,8 +18,13 @@ def init(
         Path, typer.Argument(metavar="DIR", parser=a_path, help="Folder of the trial.")
     ] = Path(),
     log: Annotated[
-        Path | None,
-        typer.Option("--log", metavar="LOG", parser=a_path, help="Log whose windows are to be found."),
+        list[Path] | None,
+        typer.Option(
+            "--log",
+            metavar="LOG",
+            parser=a_path,
+            help="Log whose windows are to be found; once for each logger, where several share a clock.",
+        ),
     ] = None,
     set_point: Annotated[
         str | None,
@@ -36,10 +42,10 @@ def init(
     from shipfp_rs.support.toml import TO_BE_GIVEN, template
 
     given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}
-    if log is None and (idle := [option for option, value in given.items() if value is not None]):
+    if not log and (idle := [option for option, value in given.items() if value is not None]):
         raise InputError(f"{idle[0]}: expected --log with it, the log that it is about")
     if sweep:
-        if log is not None:
+        if log:
             raise InputError("--sweep: expected it without --log; a sweep has no log")
         path = folder / "SWEEP.toml"
         _write(path, template("SWEEP"), f"Fill in ship, factors and noise, then: shipfp sweep {path}")
@@ -53,17 +59,22 @@ def init(
         return
     path = _new(folder / "TRIAL.toml")
     text, what = template("TRIAL"), "Fill in ship, calibrations and pulses"
-    if log is not None:
-        text = _of_log(text, log, set_point, rate_hz, time, names)
+    if log:
+        text = _of_logs(text, log, set_point, rate_hz, time, names)
         left = text.count(f'= "{TO_BE_GIVEN}"')
         what = f"Give what is marked {TO_BE_GIVEN!r} ({left})" if left else "Look it through"
     _write(path, text, f"{what}, then: shipfp run {path}")
 
 
-def _of_log(
-    text: str, path: Path, set_point: str | None, rate_hz: float | None, time: str | None, names: Path | None
+def _of_logs(
+    text: str,
+    paths: Sequence[Path],
+    set_point: str | None,
+    rate_hz: float | None,
+    time: str | None,
+    names: Path | None,
 ) -> str:
-    """Write what a log tells; what it does not tell is marked, and said."""
+    """Write what logs tell; what they do not tell is marked, and said."""
     from shipfp_rs.inspection.pulse_channels import pulse_rate
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log
@@ -71,7 +82,8 @@ def _of_log(
     from shipfp_rs.processing.trial_template import drafted, moved
     from shipfp_rs.processing.windows import FoundWindow
 
-    log = Log.open(path, rate_hz=rate_hz, time=time, names=names)
+    logs = [Log.open(path, rate_hz=rate_hz, time=time, names=names) for path in paths]
+    log = logs[0] if len(logs) == 1 else Log.merge(*logs)
     if set_point is not None:
         log.channel(set_point)
     found: list[FoundWindow] = []
@@ -82,7 +94,7 @@ def _of_log(
         try:
             mover, found = moved(log, roles)
             kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
-            told = f"{path}, {mover}: {kinds}"
+            told = f"{', '.join(map(str, paths))}, {mover}: {kinds}"
             if all(window.kind == "steady" for window in found):
                 told += "; nothing but rest"
         except InputError as error:
@@ -96,7 +108,15 @@ def _of_log(
     else:
         print_text("no channel is a pulse train or a speed by its unit; give one in the file")
     return drafted(
-        text, log, path.resolve(), roles, found, mover=mover, rate_hz=rate_hz, time=time, names=names
+        text,
+        log,
+        [path.resolve() for path in paths],
+        roles,
+        found,
+        mover=mover,
+        rate_hz=rate_hz,
+        time=time,
+        names=names,
     )
 
 

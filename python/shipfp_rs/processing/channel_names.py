@@ -99,7 +99,9 @@ def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
     for quantity, units in (("speed", TO_RPM), ("torque", TO_NM), ("power", TO_W), ("angle", TO_REV)):
         if unit in units:
             return quantity
-    return None if unit in ELECTRIC else "other"
+    # An engine tells its torque in per cent of one that is to be given.
+    by_name = unit in ELECTRIC or (unit == "%" and "torque" in tells)
+    return None if by_name else "other"
 
 
 def _told_by(name: str) -> frozenset[str]:

@@ -64,7 +64,7 @@ def moved(log: Log, roles: Roles) -> tuple[str, list[FoundWindow]]:
 def drafted(
     template: str,
     log: Log,
-    path: Path,
+    paths: Sequence[Path],
     roles: Roles,
     windows: Sequence[FoundWindow],
     *,
@@ -79,8 +79,8 @@ def drafted(
     ----------
     template
         That of `support.toml.template`, whose tables stand apart by an empty line each.
-    log, path
-        The log and where it lies.
+    log, paths
+        The log and where it lies; several loggers' where it is their channels side by side.
     roles
         What its channels are taken for, and why.
     windows, mover
@@ -95,8 +95,14 @@ def drafted(
         "time_column": time,
         "names": None if names is None else str(names.resolve()),
     }
-    header = {"name": path.stem[:200], "log": str(path), **given}
+    places = [str(path) for path in paths]
+    header = {"name": paths[0].stem[:200], "log": places[0] if len(places) == 1 else places, **given}
     trial = "[trial]\n" + _keys({key: value for key, value in header.items() if value is not None})
+    clock = (
+        ["[align]  # the loggers share one clock\n" + _keys({"reference": paths[0].name})]
+        if len(paths) > 1
+        else []
+    )
     if "propeller" in roles.speeds.values():
         trial += (
             "\n# vessel = the path of a vessel file with the gear ratio: the speed is that of the other shaft"
@@ -104,6 +110,7 @@ def drafted(
     tables = [
         "# A trial: one ship, its raw log, and what to find in it. Run it with `shipfp run TRIAL.toml`.",
         trial,
+        *clock,
         _about(log, roles),
         *_channels(log, roles),
         _operating_point(log, roles, windows, mover),
