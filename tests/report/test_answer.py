@@ -20,6 +20,7 @@ from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_ro
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.loop import _step, figures
 from shipfp_rs.report.pictures import Pictures
+from shipfp_rs.support.sentences import Sentence, listed
 
 TUG = fp.Vessel.load("stan-tug-1205")
 ELEMENTS = {
@@ -260,10 +261,21 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
 
 
 SENTENCES = {
-    "all": "Usable for simulation, control tuning and comparison: the data determine every parameter, g only roughly.",
-    "some": "Usable for simulation and comparison, but the data do not determine tau_n and g: other values fit as well.",
-    "misfit": "Not usable, because the model misses 12.5 % of the response to the set point.",
-    "nothing explained": "Not usable, because the model explains nothing of the torque.",
+    "all": Sentence(
+        "Usable for simulation, control tuning and comparison: the data determine every parameter, {rough} only roughly.",
+        rough="g",
+    ),
+    "some": Sentence(
+        "Usable for simulation and comparison, but the data do not determine {unknown}: other values fit as well.",
+        unknown=listed(["tau_n", "g"]),
+    ),
+    "misfit": Sentence(
+        "Not usable, because the model misses {share} % of the response to the set point.", share="12.5"
+    ),
+    "nothing explained": Sentence(
+        "Not usable, because the model explains nothing of {outputs}.",
+        outputs=Sentence("the {name}", name=Sentence("torque")),
+    ),
     "nothing told": "Not usable, because the data determine no parameter.",
     "no minimum": "Not usable, because the search did not end in a minimum; no figure is an estimate.",
 }
@@ -351,11 +363,12 @@ def test_the_colour_goes_by_the_state_and_not_by_words(found, which, tone) -> No
 
 
 @pytest.mark.parametrize("which", ["found", "partly"])
-def test_the_german_page_is_german(which, trial, request) -> None:
+def test_the_german_page_is_german_for_a_saved_fingerprint_too(which, trial, request, tmp_path) -> None:
     found = replace(
         request.getfixturevalue(which),
         usable="Usable for simulation, control tuning and comparison: the data determine every parameter.",
     )
+    found = fp.Fingerprint.load(found.save(tmp_path / "fingerprint.json"))
     page = render(found, [trial], simulated=[found.predict(trial)], language="de")
     assert '<html lang="de">' in page
     told = text_of(page[page.index("<main>") : page.index('id="settings"')])

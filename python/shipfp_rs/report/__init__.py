@@ -20,10 +20,9 @@ from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report import answer, elements, fate, findings, loop, markup
 from shipfp_rs.report.charts import charts
-from shipfp_rs.report.driven import replacements
+from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.pictures import Pictures
-from shipfp_rs.structures.names import Language
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import environment
@@ -44,7 +43,7 @@ class Content(TypedDict, total=False):
     responses: Responses
     truth: Mapping[str, float] | None
     title: str
-    language: Language
+    language: str
     structure: Structure | None
     vessel: Vessel | None
 
@@ -74,7 +73,7 @@ def write_report(
     title
         Headline.
     language
-        "en" or "de".
+        One of `shipfp_rs.support.languages.LANGUAGES`.
     structure
         The fingerprint's, where its equations are a user's own; None rebuilds it.
     vessel
@@ -96,12 +95,12 @@ def render(
     responses: Responses = (),
     truth: Mapping[str, float] | None = None,
     title: str = "Fingerprint",
-    language: Language = "en",
+    language: str = "en",
     structure: Structure | None = None,
     vessel: Vessel | None = None,
 ) -> str:
     """Return the page of `write_report` as a string."""
-    say = Say(language, replacements(vessel, experiments, language))
+    say = Say(language, instead(vessel, experiments))
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
     step = loop.step_response(fingerprint, structure, figures, pictures, say)
@@ -170,10 +169,10 @@ def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
     name = str(fingerprint.structure.get("name", ""))
     kind, _, elements = name.partition(": ")
     if kind != "ship":
-        return say.word(name)
+        return say(name)
     if not elements:
         return say("drive train without further elements")
-    named = ", ".join(say.word(element) for element in elements.split(", "))
+    named = ", ".join(say(element) for element in elements.split(", "))
     return say("drive train with {elements}", elements=named)
 
 

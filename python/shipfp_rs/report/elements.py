@@ -26,13 +26,13 @@ def choice(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
             "no room for none, and is undecided where the interval reaches from none to something that would matter."
         )
     )
-    head = [say(text) for text in ("element", "found", "change of the deviance", "limit at 95 %")]
+    head = say.each("element", "found", "change of the deviance", "limit at 95 %")
     yield table(
         say("elements of the model"),
         head,
         [
             [
-                Cell(say.word(str(row["words"]))),
+                Cell(say(row["words"])),
                 Cell(say(STATES[row["state"]]), tone="" if fingerprint.why_not else TONES[row["state"]]),
                 number("" if row["evidence"] is None else f"{_gain(row):.3g}", key=row["evidence"]),
                 Cell(_limit(name, row, say)),

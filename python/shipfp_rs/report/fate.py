@@ -16,7 +16,7 @@ from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
 from shipfp_rs.support.arrays import Array
 
-_FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
+FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
 """What can become of a recorded sample; of two the one with the higher code counts."""
 SPANS_SHOWN = 100
 """Places of one kind of repair that are listed; experiments.parquet holds all."""
@@ -96,12 +96,12 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
                     Cell(channel, code=True),
                     Cell(log),
                     count(len(fate)),
-                    *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in _FATES),
+                    *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in FATES),
                 ]
             )
     if not rows:
         return ""
-    head = [say(text) for text in ("channel", "log", "recorded", *_FATES.values())]
+    head = say.each("channel", "log", "recorded", *FATES.values())
     return paragraph(
         say(
             "Samples as the logger recorded them; each is counted once. Repaired ones are fitted; cut ones are not, "
@@ -111,7 +111,7 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
-    """Return the code of `_FATES` of each recorded sample of a channel, shape (N,); the highest counts."""
+    """Return the code of `FATES` of each recorded sample of a channel, shape (N,); the highest counts."""
     fate = np.zeros(experiments[0].provenance["recorded"][channel]["samples"], dtype=np.uint8)
 
     def raise_to(code: int, first: int, stop: int) -> None:
@@ -157,9 +157,9 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
         )
     if not rows:
         return ""
-    head = ["experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why"]
+    head = say.each("experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why")
     return paragraph(say("Samples of the experiments that were cut from the logs, after filtering.")) + table(
-        say("samples of each experiment in the fit"), [say(text) for text in head], rows
+        say("samples of each experiment in the fit"), head, rows
     )
 
 
@@ -167,7 +167,7 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
     rows, places = [], []
     for experiment in experiments:
         for fault in faults(experiment):
-            kind = say.word(wording.FAULTS.get(fault.kind, fault.kind))
+            kind = say(wording.FAULTS.get(fault.kind, fault.kind))
             per_minute = 60.0 * len(fault.spans) / experiment.duration
             rows.append(
                 [
@@ -186,15 +186,15 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
             places.append(f"{experiment.name}, {kind}, {fault.channel}: {shown}{more}")
     if not rows:
         return paragraph(say("No fault is on record."))
-    head = ["fault", "experiment", "channel", "what was done", "count", "a minute", "samples"]
-    return table(say("faults by experiment and channel"), [say(text) for text in head], rows) + details(
+    head = say.each("fault", "experiment", "channel", "what was done", "count", "a minute", "samples")
+    return table(say("faults by experiment and channel"), head, rows) + details(
         say("Which samples, counted from each channel's first"), bullets(places), printed=False
     )
 
 
 def _done(fault: Fault, say: Say) -> str:
     """Say what was done about a fault."""
-    method = say.word(fault.method)
+    method = say(fault.method)
     return method if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: {method}"
 
 
@@ -222,7 +222,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             ]
         )
     if rows:
-        head = [
+        head = say.each(
             "experiment",
             "pulse train",
             "pulses a turn",
@@ -230,10 +230,10 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             "trains apart by [%]",
             "reflectors off even places by [%]",
             "",
-        ]
+        )
         yield table(
             say("pulse trains that the speed was taken from"),
-            [say(text) if text else "" for text in head],
+            head,
             rows,
         )
     for experiment in experiments:

@@ -17,6 +17,7 @@ from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
+from shipfp_rs.support.sentences import Sentence
 
 TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 FIGURES: Mapping[str, str] = {
@@ -168,10 +169,11 @@ def _estimates(
     formula: bool = False,
     failed: bool = False,
 ) -> str:
-    truths = ["truth"] if truth else []
-    formulas = ["formula"] if formula else []
-    value = "value of the model" if failed else "estimate"
-    head = ["symbol", "name", value, "std", "95 % interval", "unit", *truths, *formulas, "status"]
+    value = say("value of the model") if failed else say("estimate")
+    head = [*say.each("symbol", "name"), value, *say.each("std", "95 % interval", "unit")]
+    head += [say("truth")] if truth else []
+    head += [say("formula")] if formula else []
+    head.append(say("status"))
     rows = []
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
@@ -193,21 +195,21 @@ def _estimates(
             )
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
-        reason = f": {row.reason}" if row.reason not in ("", "given", row.status) else ""
+        reason = row.reason not in ("", "given", row.status)
         end = "" if none or row.status != "estimated" else at_an_end(estimate, say)
-        told = say.word(row.status) + say.sentence(reason) + (f", {end}" if end else "")
+        told = say(row.status) + (f": {say(row.reason)}" if reason else "") + (f", {end}" if end else "")
         if failed and row.status != "given":
             told = say("not to be used")
         cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
         rows.append(cells)
-    return table(about, [say(text) for text in head], rows)
+    return table(about, head, rows)
 
 
 def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
     """Yield what is behind a fold: the verdict in full, rank, fits and residual tests."""
     if fingerprint.verdict:
         yield piece("heading", say("The verdict in full"))
-        yield bullets(say.sentence(line) for line in fingerprint.verdict)
+        yield bullets(say(line) for line in fingerprint.verdict)
     yield piece("heading", say("How well the model follows"))
     yield from _fits(fingerprint, say)
     yield piece("heading", say("What the data distinguish"))
@@ -218,27 +220,15 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
 
 def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     found = fingerprint.identifiability
-    if found.rank == found.free:
-        yield paragraph(
-            say(
-                "The data distinguish all {free} free parameters (condition number of the scaled sensitivities "
-                "{condition}).",
-                free=found.free,
-                condition=f"{found.condition:.3g}",
-            )
-        )
-    else:
-        yield paragraph(
-            say("The data distinguish {rank} of {free} free parameters.", rank=found.rank, free=found.free)
-        )
+    yield paragraph(say(wording.rank(found)))
     if found.null_space:
         yield paragraph(
             say("The model's outputs stay the same when these change together, in the proportion given:")
         )
-        yield bullets(say.number(str(entry["combination"])) for entry in found.null_space)
+        yield bullets(say(entry["combination"]) for entry in found.null_space)
     if found.closes_gap:
         yield paragraph(say("Any one of these, known from elsewhere, would settle the rest:"))
-        yield bullets(found.closes_gap)
+        yield bullets(say(names) for names in found.closes_gap)
 
 
 def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
@@ -256,11 +246,11 @@ def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
                 say(
                     "The model explains {share} % of the variation of the {output} (root mean square), noise included.",
                     share=f"{row['nrmse_pct']:.1f}",
-                    output=say.word(wording.OUTPUTS.get(output, output)),
+                    output=say(wording.OUTPUTS.get(output, output)),
                 )
             )
     rows = [
-        [Cell(name), Cell(say.word(wording.OUTPUTS.get(output, output))), number(_two(row["nrmse_pct"]))]
+        [Cell(name), Cell(say(wording.OUTPUTS.get(output, output))), number(_two(row["nrmse_pct"]))]
         for name, output, row in lines
     ]
     yield table(
@@ -299,7 +289,7 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
     )
     rows = [
         [
-            Cell(say.word(wording.OUTPUTS.get(output, output))),
+            Cell(say(wording.OUTPUTS.get(output, output))),
             *_tested(
                 row.get("input_correlation_p"),
                 threshold,
@@ -311,33 +301,36 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
         ]
         for output, row in tested.items()
     ]
-    head = ["output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"]
-    yield table(say("residual tests of each output"), [say(text) for text in head], rows)
-    for output, correlations in fingerprint.residuals.items():
-        output_words = say.word(wording.OUTPUTS.get(output, output))
-        by_set_point = _outside(correlations["set_point"], say)
-        if "autocorrelation" in correlations:
-            words = say(
-                "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
-                "{by_set_point}. Of noise one lag in twenty is outside.",
-                output=output_words,
-                own=_outside(correlations["autocorrelation"], say),
-                by_set_point=by_set_point,
-            )
-        else:
-            words = say(
-                "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in "
-                "twenty is outside.",
-                output=output_words,
-                by_set_point=by_set_point,
-            )
-        yield pictures.draw(
-            len(correlations),
-            partial(plot.correlogram, fingerprint, output),
-            words,
-            height=1.7,
-            sharex=False,
+    head = say.each(
+        "output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"
+    )
+    yield table(say("residual tests of each output"), head, rows)
+    for output in fingerprint.residuals:
+        yield _correlogram(fingerprint, output, pictures, say)
+
+
+def _correlogram(fingerprint: Fingerprint, output: str, pictures: Pictures, say: Say) -> str:
+    correlations = fingerprint.residuals[output]
+    said = (
+        Sentence(
+            "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
+            "{by_set_point}. Of noise one lag in twenty is outside."
         )
+        if "autocorrelation" in correlations
+        else Sentence(
+            "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in twenty "
+            "is outside."
+        )
+    )
+    own = _outside(correlations["autocorrelation"], say) if "autocorrelation" in correlations else ""
+    by_set_point = _outside(correlations["set_point"], say)
+    return pictures.draw(
+        len(correlations),
+        partial(plot.correlogram, fingerprint, output),
+        say(said, output=say(wording.OUTPUTS.get(output, output)), own=own, by_set_point=by_set_point),
+        height=1.7,
+        sharex=False,
+    )
 
 
 def _outside(test: Mapping[str, Sequence[float]], say: Say) -> str:

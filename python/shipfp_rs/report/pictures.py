@@ -80,7 +80,7 @@ class Pictures:
     def _translate(self, axes: Sequence[Axes]) -> None:
         """Put labels and legends into the report's language and words; titles are names that a user gave."""
         for ax in axes:
-            for axis in (ax.xaxis, ax.yaxis) if self._say.language != "en" else ():
+            for axis in (ax.xaxis, ax.yaxis) if self._say.number("1.5") != "1.5" else ():
                 axis.set_major_formatter(_spoken(axis.get_major_formatter(), self._say))
             for text in ax.texts:
                 text.set_text(self._say.number(text.get_text()))
