@@ -21,9 +21,8 @@ from shipfp_rs.identification.estimate import ALONG, STATUS
 from shipfp_rs.plot import style
 from shipfp_rs.processing.trial_tables import KINDS as WINDOWS
 from shipfp_rs.report.charts import BUTTONS, HELP
-from shipfp_rs.report.elements import STATES
 from shipfp_rs.report.fate import FATES
-from shipfp_rs.report.findings import FIGURES, IN_FORMULAS
+from shipfp_rs.report.findings import FIGURES, STATES
 from shipfp_rs.report.language import KINDS, LABEL
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.elements import ELEMENTS
@@ -49,8 +48,8 @@ LABELS = (
 )
 """Words of axes and legends that `plot` writes."""
 TABLES: tuple[Iterable[str], ...] = (
-    *(BUTTONS, [HELP], STATES.values(), FIGURES.values(), IN_FORMULAS.values(), LABELS),
-    *(NAMES.values(), [one.meaning for one in glossary.LINEAR]),
+    *(BUTTONS, [HELP], STATES.values(), FIGURES.values(), LABELS),
+    *(NAMES.values(), [one.meaning for one in (*glossary.LINEAR, *glossary.FORMULAS)]),
     *([one.words for one in ELEMENTS.values()], STATUS.values(), [ALONG], wording.OUTPUTS.values()),
     *(FATES.values(), wording.FAULTS.values(), [KINDS.get(kind, kind) for kind in WINDOWS]),
     [LABEL.fullmatch(label)[1] for label in (*style.LABELS.values(), *style.QUANTITIES.values())],

@@ -13,7 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report import driven
 from shipfp_rs.report.driven import instead
-from shipfp_rs.report.findings import FIGURES, IN_FORMULAS
+from shipfp_rs.report.findings import FIGURES
 from shipfp_rs.report.language import Say
 from shipfp_rs.structures import glossary, names
 from shipfp_rs.support import languages
@@ -89,7 +89,9 @@ def test_every_figure_of_a_fit_has_a_name() -> None:
 
 def test_every_symbol_in_a_formula_is_explained() -> None:
     named = {symbol for term in glossary.LINEAR for symbol in re.findall(r"[^\W\d]\w*", term.formula)}
-    assert named - {term.symbol for term in glossary.LINEAR} - {"exp", "n", "π"} == set(IN_FORMULAS)
+    assert named - {term.symbol for term in glossary.LINEAR} - {"exp", "n", "π"} == {
+        term.symbol for term in glossary.FORMULAS
+    }
 
 
 DIRECT = Vessel.load("direct-drive")

@@ -18,7 +18,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.report import answer, elements, fate, findings, loop, markup
+from shipfp_rs.report import answer, fate, findings, loop, markup
 from shipfp_rs.report.charts import charts
 from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
@@ -26,6 +26,7 @@ from shipfp_rs.report.pictures import Pictures
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import environment
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = ["render", "write_report"]
@@ -107,7 +108,7 @@ def render(
     contents: list[tuple[str, str, Iterable[str]]] = [
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
-        ("elements", say("Elements of the model"), elements.choice(fingerprint, say)),
+        ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
         (
             "loop",
             say("The speed loop"),
@@ -203,25 +204,12 @@ def _signals(
         if index >= STILL_PICTURES:
             continue
         if simulated:
-            still = pictures.draw(
-                len(simulated[index].outputs),
-                partial(plot.fit, experiment, simulated[index]),
-                say(
-                    "{name}: measured signals, and the model's answer to the same set point.",
-                    name=name,
-                ),
-                saved=False,
-            )
+            panels, paint = len(simulated[index].outputs), partial(plot.fit, experiment, simulated[index])
+            said = Sentence("{name}: measured signals, and the model's answer to the same set point.")
         else:
-            still = pictures.draw(
-                len(plot.signals.units(experiment)),
-                partial(plot.time_series, experiment),
-                say(
-                    "{name}: signals; masked samples, marked at the bottom, are not fitted.",
-                    name=name,
-                ),
-                saved=False,
-            )
+            panels, paint = len(plot.signals.units(experiment)), partial(plot.time_series, experiment)
+            said = Sentence("{name}: signals; masked samples, marked at the bottom, are not fitted.")
+        still = pictures.draw(panels, paint, say(said, name=name), saved=False)
         yield markup.piece("unscripted", still)
 
 
@@ -243,7 +231,7 @@ def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     yield markup.table(
         say("versions of the software that made this page"),
         [say("software"), say("version")],
-        [[markup.Cell(name), markup.Cell(version)] for name, version in fingerprint.versions.items()],
+        [[name, version] for name, version in fingerprint.versions.items()],
     )
     content = {
         "structure": fingerprint.structure,

@@ -13,7 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
+from shipfp_rs.report.markup import Cell, Row, bullets, count, details, number, paragraph, plain, table
 from shipfp_rs.support.arrays import Array
 
 FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
@@ -86,7 +86,7 @@ def of_every_sample(fingerprint: Fingerprint, experiments: Sequence[Experiment],
 
 def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
     """Count the samples of each channel as recorded; each is in exactly one column."""
-    rows = []
+    rows: list[Row] = []
     for log, group in groupby(experiments, key=lambda e: str(e.provenance.get("log", ""))):
         cut_from = [e for e in group if "recorded" in e.provenance]
         for channel in dict.fromkeys(name for e in cut_from for name in e.provenance["recorded"]):
@@ -94,7 +94,7 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
             rows.append(
                 [
                     Cell(channel, code=True),
-                    Cell(log),
+                    log,
                     count(len(fate)),
                     *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in FATES),
                 ]
@@ -133,7 +133,7 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
 def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> str:
     """Count the samples that the fit saw; a masked one takes its neighbours within the filter with it."""
     records = {str(record.get("name", "")): record for record in fingerprint.data}
-    rows = []
+    rows: list[Row] = []
     for experiment in experiments:
         masked = {name: np.isnan(samples) for name, samples in experiment.signals.items()}
         why = ", ".join(
@@ -145,8 +145,8 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
         left_out = samples - int(records.get(experiment.name, {}).get("used", samples))
         rows.append(
             [
-                Cell(experiment.name),
-                Cell(experiment.kind),
+                experiment.name,
+                experiment.kind,
                 number(f"{experiment.duration:g}"),
                 number(f"{experiment.rate_hz:g}"),
                 count(samples),
@@ -164,17 +164,18 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
 
 
 def _faults(experiments: Sequence[Experiment], say: Say) -> str:
-    rows, places = [], []
+    rows: list[Row] = []
+    places = []
     for experiment in experiments:
         for fault in faults(experiment):
             kind = say(wording.FAULTS.get(fault.kind, fault.kind))
             per_minute = 60.0 * len(fault.spans) / experiment.duration
             rows.append(
                 [
-                    Cell(kind),
-                    Cell(experiment.name),
+                    kind,
+                    experiment.name,
                     Cell(fault.channel, code=True),
-                    Cell(_done(fault, say)),
+                    _done(fault, say),
                     number(str(len(fault.spans))),
                     number(f"{per_minute:.3g}"),
                     number(str(fault.samples)),
@@ -200,7 +201,7 @@ def _done(fault: Fault, say: Say) -> str:
 
 def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
     """Yield what the log's sensors were worth: pulse trains, calibrations, filter, operating points."""
-    rows = []
+    rows: list[Row] = []
     for experiment in experiments:
         speed = experiment.provenance.get("speed", {})
         if not isinstance(speed.get("median_rpm"), Mapping):
@@ -212,7 +213,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
         off = f"{100.0 * np.abs(fractions * fractions.size - 1.0).max():.2f}" if fractions.size > 1 else ""
         rows.append(
             [
-                Cell(experiment.name),
+                experiment.name,
                 Cell(str(speed.get("train", "")), code=True),
                 number(str(speed.get("pulses_per_rev", ""))),
                 number(f"{speed.get('bandwidth_hz', float('nan')):.3g}"),
@@ -242,7 +243,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             say("{name}: operating point {point}.", name=experiment.name, point=say.number(about))
         )
         account = [
-            [Cell(str(key)), Cell(plain(value))]
+            [str(key), plain(value)]
             for key, value in experiment.provenance.items()
             if key not in ("faults", "recorded") and value is not None
         ]

@@ -14,7 +14,7 @@ from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.report.answer import at_an_end, interval, may_be_none, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
+from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
 from shipfp_rs.support.sentences import Sentence
@@ -35,34 +35,13 @@ FIGURES: Mapping[str, str] = {
     "degrees_of_freedom": "degrees of freedom",
 }
 """Figure of a fit to what the report calls it."""
-IN_FORMULAS: Mapping[str, str] = {
-    "I": "inertia of the whole drive train, seen from the propeller shaft [kg m²]",
-    "I_prop": "inertia on the propeller's side of the torque gauge [kg m²]",
-    "n_0": "speed at the operating point",
-    "n_s0": "shaft speed at the operating point [rev/s]",
-    "n_e0": "engine speed at the operating point [rpm]",
-    "M_s0": "engine torque at the operating point, at the shaft [Nm]",
-    "M_b0": "engine torque at the operating point [Nm]",
-    "M_load0": "load torque at the operating point [Nm]",
-    "X_0": "fuel rack at the operating point [mm]",
-    "n_s": "shaft speed [rev/s]",
-    "n_e": "engine speed [rpm]",
-    "M_p": "propeller torque [Nm]",
-    "M_b": "engine torque [Nm]",
-    "M_load": "measured load torque [Nm]",
-    "X_f": "fuel rack [mm]",
-    "dX": "change of the engine torque by the fuel rack, over its operating point",
-    "dt": "step of time [s]",
-    "Kp_abs": "proportional gain as set in the governor [mm/rpm]",
-    "Ki_abs": "integral gain as set in the governor [mm/(rpm s)]",
-    "Kd_abs": "derivative gain as set in the governor [mm s/rpm]",
-    "shaft_stiffness": "torsional stiffness of the shaft [Nm/rad]",
-    "s": "variable of the Laplace transform [1/s]",
-}
-"""Symbol in a parameter's formula, if no parameter itself, to what it is."""
 UNEVEN = 1.5
 """How many times the longer side of an interval is the shorter one before it is explained."""
 NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
+
+
+STATES = {"on": "acts", "off": "not found to act", "open": "undecided"}
+TONES_OF_STATES = {"on": "good", "off": "", "open": "warn"}
 
 
 def parameters(
@@ -128,7 +107,11 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     yield piece("heading", say("What the symbols mean"))
     formulas = " ".join(glossary.term(name).formula for name in fingerprint.parameters)
     named = set(re.findall(r"[^\W\d]\w*", formulas))
-    others = [f"{symbol}: {say(meaning)}" for symbol, meaning in IN_FORMULAS.items() if symbol in named]
+    others = [
+        f"{term.symbol}: {say(term.meaning)}" + (f" [{unit_shown(term.unit)}]" if term.unit != "-" else "")
+        for term in glossary.FORMULAS
+        if term.symbol in named
+    ]
     notes = []
     if set(NORMALISED) & set(fingerprint.parameters):
         notes.append(
@@ -174,20 +157,20 @@ def _estimates(
     head += [say("truth")] if truth else []
     head += [say("formula")] if formula else []
     head.append(say("status"))
-    rows = []
+    rows: list[Row] = []
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
         none = may_be_none(row, estimate)
-        cells = [
+        cells: list[Cell | str] = [
             Cell(row.name, code=True),
-            Cell(say.name(row.name)),
+            say.name(row.name),
             number(say("at most {high}", high=row.high) if none else row.value, key=estimate.value),
             number("" if none else row.std, key=estimate.std),
             number(
                 say("may be none") if none else interval(row, estimate, say, with_end=False),
                 key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
             ),
-            Cell(unit_shown(row.unit)),
+            unit_shown(row.unit),
         ]
         if truth:
             cells.append(
@@ -203,6 +186,50 @@ def _estimates(
         cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
         rows.append(cells)
     return table(about, head, rows)
+
+
+def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
+    """Yield the elements as a table."""
+    if not fingerprint.elements:
+        return
+    yield from not_to_be_used(fingerprint, say)
+    yield paragraph(
+        say(
+            "An element is a part of the model that may act or not, such as a dead time. It acts where its interval leaves "
+            "no room for none, and is undecided where the interval reaches from none to something that would matter."
+        )
+    )
+    head = say.each("element", "found", "change of the deviance", "limit at 95 %")
+    yield table(
+        say("elements of the model"),
+        head,
+        [
+            [
+                say(row["words"]),
+                Cell(
+                    say(STATES[row["state"]]),
+                    tone="" if fingerprint.why_not else TONES_OF_STATES[row["state"]],
+                ),
+                number("" if row["evidence"] is None else f"{_gain(row):.3g}", key=row["evidence"]),
+                _limit(name, row, say),
+            ]
+            for name, row in fingerprint.elements.items()
+        ],
+    )
+
+
+def _gain(row: Mapping[str, Any]) -> float:
+    """What an element buys; one whose trial fitted worse than none bought nothing."""
+    return max(float(row["evidence"] or 0.0), 0.0)
+
+
+def _limit(name: str, row: Mapping[str, Any], say: Say) -> str:
+    limit = row["limit"]
+    if not limit:
+        return ""
+    side = say("above") if name == "torque_limit" else say("below")
+    value = say.number(f"{limit['value']:.3g}")
+    return f"{limit['parameter']} {side} {value} {unit_shown(limit['unit'])}".strip()
 
 
 def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
@@ -249,8 +276,8 @@ def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
                     output=say(wording.OUTPUTS.get(output, output)),
                 )
             )
-    rows = [
-        [Cell(name), Cell(say(wording.OUTPUTS.get(output, output))), number(_two(row["nrmse_pct"]))]
+    rows: list[Row] = [
+        [name, say(wording.OUTPUTS.get(output, output)), number(_two(row["nrmse_pct"]))]
         for name, output, row in lines
     ]
     yield table(
@@ -287,9 +314,9 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
             threshold=f"{threshold:.2g}",
         )
     )
-    rows = [
+    rows: list[Row] = [
         [
-            Cell(say(wording.OUTPUTS.get(output, output))),
+            say(wording.OUTPUTS.get(output, output)),
             *_tested(
                 row.get("input_correlation_p"),
                 threshold,
@@ -338,9 +365,9 @@ def _outside(test: Mapping[str, Sequence[float]], say: Say) -> str:
     return say("{count} of {lags} lags outside the band", count=count or say("none"), lags=len(test["lags"]))
 
 
-def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell]:
+def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell | str]:
     if p is None:
-        return number(""), Cell("")
+        return number(""), ""
     text = f"{p:.2g}" if p > 1e-6 else "< 1e-6"
     return number(text, key=p), Cell(passed, tone="good") if p >= threshold else Cell(failed, tone="warn")
 

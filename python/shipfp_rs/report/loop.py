@@ -17,7 +17,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, number, paragraph, table
+from shipfp_rs.report.markup import Cell, Row, number, paragraph, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
@@ -56,10 +56,10 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
         say.each("figure", "estimate", "95 % interval", "unit", "note"),
         [
             [
-                Cell(say.name(row.name) or say(row.name)),
+                say.name(row.name) or say(row.name),
                 number(row.value, key=loop[row.name].value),
                 number(interval(row, loop[row.name], say, with_end=False)),
-                Cell(unit_shown(row.unit)),
+                unit_shown(row.unit),
                 Cell(say(row.reason) or at_an_end(loop[row.name], say), tone="note"),
             ]
             for row in rounded_rows(loop)
@@ -104,10 +104,10 @@ def classes(
     )
 
 
-def _class(name: str, found: Governing, say: Say) -> list[Cell]:
+def _class(name: str, found: Governing, say: Say) -> Row:
     states = {"pass": say("pass"), "fail": say("fail"), "open": say("open")}
     return [
-        Cell(name),
+        name,
         _told(found.deviation, say),
         number(f"{found.limits.deviation_pct:g}"),
         _told(found.recovery, say),
