@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 from babel.messages import Catalog
@@ -65,14 +66,15 @@ def marked(tree: ast.AST) -> Iterator[str]:
                 yield from (one.value for one in choices if isinstance(one, ast.Constant))
 
 
-def said() -> list[str]:
+@cache
+def said() -> tuple[str, ...]:
     """Return every text that a report can say; one without a word needs no language."""
     texts = {text for table in TABLES for text in table}
     for source in SOURCE.rglob("*.py"):
         texts |= {
             text for text in marked(ast.parse(source.read_text(encoding="utf-8"))) if isinstance(text, str)
         }
-    return sorted(text for text in texts if any(map(str.isalnum, FIELD.sub("", text))))
+    return tuple(sorted(text for text in texts if any(map(str.isalnum, FIELD.sub("", text)))))
 
 
 def po_of(language: str) -> Path:

@@ -11,9 +11,10 @@ from markupsafe import Markup
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si, operating_point
-from shipfp_rs.identification.estimate import Estimate, rounded_rows
+from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded_rows
 from shipfp_rs.identification.ship_verdict import BENT
 from shipfp_rs.identification.usability import usability
+from shipfp_rs.identification.wording import rank
 from shipfp_rs.plot import intervals
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
@@ -242,6 +243,12 @@ def test_statistics_stand_behind_a_fold_with_plain_names(page: str, found) -> No
         f"The model explains {share} % of the variation of the speed (root mean square), noise included."
         in section
     )
+
+
+def test_a_rank_without_a_condition_number_is_told_without_one() -> None:
+    told = rank(Identifiability(3, 3, np.inf))
+    assert "3 of 3" in told
+    assert "inf" not in told
 
 
 @pytest.fixture(scope="module")

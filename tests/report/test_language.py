@@ -56,7 +56,7 @@ def test_what_is_read_at_run_time_is_compiled_from_the_texts(language) -> None:
 
 def test_a_language_is_added_by_its_own_files_alone(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("tests.report.catalogues.CATALOGUES", tmp_path)
-    assert update("nl") == SAID
+    assert update("nl") == [*SAID]
     file = tmp_path / "nl" / "LC_MESSAGES" / f"{DOMAIN}.po"
     text = file.read_text().replace('msgid "speed"\nmsgstr ""', 'msgid "speed"\nmsgstr "toerental"')
     file.write_text(text.replace('msgid "1.5"\nmsgstr ""', 'msgid "1.5"\nmsgstr "1,5"'))
@@ -80,6 +80,22 @@ def test_a_sentence_is_said_from_its_parts_whatever_they_hold() -> None:
     assert "nothing" not in german
     odd = Sentence("Known: {estimates}.", estimates=joined(["{estimates} = 1.25", "1.25"], "; "))
     assert Say("de")(odd) == "Bekannt: {estimates} = 1.25; 1,25."
+
+
+@pytest.mark.parametrize(
+    ("label", "german"),
+    [
+        ("engine speed $n_e$ [rpm]", "Motordrehzahl $n_e$ [rpm]"),
+        ("set point n_set", "Sollwert n_set"),
+        ("speed [rpm]", "Drehzahl [rpm]"),
+        ("masked (0.25 %)", "ausgeblendet (0,25 %)"),
+        ("lag [samples]", "Abstand [Messwerte]"),
+        ("M_b", "M_b"),
+    ],
+)
+def test_a_label_keeps_its_symbols_and_units(label, german) -> None:
+    assert Say("de").label(label) == german
+    assert Say().label(label) == label
 
 
 def test_every_figure_of_a_fit_has_a_name() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,7 +29,7 @@ FAULTS: Mapping[str, str] = {
 
 def rank(found: Identifiability) -> Sentence:
     """Say how many of the free parameters the data distinguish."""
-    if found.rank == found.free:
+    if found.rank == found.free and math.isfinite(found.condition):
         return Sentence(
             "The data distinguish all {free} free parameters (condition number of the scaled sensitivities {condition}).",
             free=found.free,

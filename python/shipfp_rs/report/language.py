@@ -24,7 +24,7 @@ KINDS = {
     "prbs": "pseudo-random steps",
 }
 """Kind of a window to what the set point does in it; any other is a plain word, or the user's own."""
-LABEL = re.compile(r"(.*?)((?: [$\[(].*)?)")
+LABEL = re.compile(r"(.*?)((?: (?:[$\[(]|\w+_).*)?)$")
 """A label: its words, and what follows of symbols, units and shares."""
 CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
 """A table's cell of figures: what opens it, and its text."""
