@@ -89,19 +89,9 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
             if name in model:
                 fitted = model[name]
                 series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
-                left.append(
-                    _panel(
-                        say("{name} − model [{unit}]", name=name, unit=unit),
-                        [
-                            _series(
-                                say("{name} less the model", name=name),
-                                style.COLOURS[name],
-                                samples - fitted,
-                                width,
-                            )
-                        ],
-                    )
-                )
+                less = say("{name} less the model", name=name)
+                rest = _series(less, style.COLOURS[name], samples - fitted, width)
+                left.append(_panel(say("{name} − model [{unit}]", name=name, unit=unit), [rest]))
         marks = [_mark(fault, experiment, say) for fault in marked if UNITS.get(fault.signal) == unit]
         if not marks:
             marks = [_mark(fault, experiment, say) for fault in _masked(experiment, unit)]

@@ -232,11 +232,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             "reflectors off even places by [%]",
             "",
         )
-        yield table(
-            say("pulse trains that the speed was taken from"),
-            head,
-            rows,
-        )
+        yield table(say("pulse trains that the speed was taken from"), head, rows)
     for experiment in experiments:
         about = ", ".join(f"{name} = {value:.6g}" for name, value in experiment.operating_point.items())
         yield paragraph(
@@ -248,11 +244,5 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             if key not in ("faults", "recorded") and value is not None
         ]
         if account:
-            yield details(
-                say("How the signals of {name} were made", name=experiment.name),
-                table(
-                    say("how the signals of {name} were made", name=experiment.name),
-                    [say("part"), say("account")],
-                    account,
-                ),
-            )
+            made = say("How the signals of {name} were made", name=experiment.name)
+            yield details(made, table(made, say.each("part", "account"), account))
