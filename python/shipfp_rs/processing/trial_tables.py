@@ -160,7 +160,7 @@ NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed
 
 def _a_language(word: str) -> str:
     if word not in LANGUAGES:
-        raise unexpected("language", word, "one of " + ", ".join(LANGUAGES))
+        raise PydanticCustomError("language", "one of {known}", {"known": ", ".join(LANGUAGES)})
     return word
 
 
