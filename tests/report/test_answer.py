@@ -12,6 +12,7 @@ from markupsafe import Markup
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si, operating_point
 from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded_rows
+from shipfp_rs.identification.gates import doubts
 from shipfp_rs.identification.ship_verdict import BENT
 from shipfp_rs.identification.usability import usability
 from shipfp_rs.identification.wording import rank
@@ -126,10 +127,8 @@ def test_what_stands_in_the_way_is_told_in_the_order_in_which_one_looks(found) -
 
 
 def test_a_sensor_in_doubt_stands_above_all_else_that_is_open(found, trial) -> None:
-    doubt = (
-        "Set point and speed lie apart at the operating point of 'chirp', 1184 and 1243 rpm: a governor with an integral "
-        "part leaves no difference; look at the set point's calibration."
-    )
+    point = {**trial.operating_point, "n_set": 1.05 * trial.operating_point["n_e"]}
+    (doubt,) = doubts([replace(trial, operating_point=point)])
     bent = replace(found, usable=BENT, verdict=(BENT, doubt), usability="usable except")
     screen = text_of(first_screen(render(bent, [trial], simulated=[bent.predict(trial)])))
     assert screen.index("look at the set point") < screen.index("in the order in which to look: sensors")
