@@ -10,7 +10,7 @@ from shipfp_rs.assessment.compared_responses import compared_responses
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
-from shipfp_rs.report.curves import curves_csv
+from shipfp_rs.report.pictures import curves_csv
 from shipfp_rs.structures.structure import Structure
 
 

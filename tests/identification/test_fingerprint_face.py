@@ -324,6 +324,17 @@ def test_breakage_e2_parts_of_a_fingerprint_hold_what_their_fields_say() -> None
             {},
             "structure.parameters.tau.start: found None, expected a number",
         ),
+        (
+            ("sentences",),
+            {"Known.": {"template": "Known: {one}.", "values": {"one": "g"}}},
+            "sentences: found 'Known: g.', expected parts that make 'Known.'",
+        ),
+        (("sentences",), {"Known.": {"values": {}}}, "found no key 'template'"),
+        (
+            ("sentences",),
+            {"Known.": {"template": 3, "values": {}}},
+            "sentences: template: found 3, expected a text",
+        ),
     ],
 )
 def test_breakage_d3_a_damaged_fingerprint_is_refused_by_its_key(found, tmp_path, place, value, said) -> None:

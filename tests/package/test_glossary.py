@@ -6,7 +6,6 @@ import pytest
 
 from shipfp_rs import Structure
 from shipfp_rs.experiments.experiment import UNITS
-from shipfp_rs.report.german_meanings import MEANINGS
 from shipfp_rs.structures import glossary, names
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
@@ -50,18 +49,13 @@ def test_signals_are_explained_in_their_units() -> None:
     assert all(glossary.GLOSSARY[name].unit == unit for name, unit in UNITS.items())
 
 
-def test_every_parameter_and_combination_has_a_plain_name_in_both_languages() -> None:
+def test_every_parameter_and_combination_has_a_plain_name() -> None:
     declared = {parameter.name for structure in STRUCTURES.values() for parameter in structure.parameters}
     known = {term.symbol for term in (*glossary.LINEAR, *glossary.COMBINATIONS)}
     assert known <= set(names.NAMES)
     for symbol in declared | set(COMBINATIONS):
         assert names.plain_name(symbol), symbol
     assert names.plain_name("tau_n (fast)") == "inertia time constant (fast)"
-    assert names.plain_name("tau_n", "de") == "Zeitkonstante der Trägheit"
-
-
-def test_every_parameter_is_explained_in_german_too() -> None:
-    assert set(MEANINGS) == {term.symbol for term in glossary.LINEAR}
 
 
 def test_combinations_are_explained_in_their_units() -> None:

@@ -19,6 +19,7 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.sentences import Sentence
 
 TOLD = 1e-4
 """Part of a figure's own size by which it may change along a direction that the data leave open."""
@@ -130,19 +131,25 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
     crossing, turning = once(partial(_crossover, structure)), once(partial(_turning, structure))
     figures: dict[str, tuple[str, Figure]] = {}
     for place, pole in enumerate(poles(values)):
-        figures[f"pole {place + 1}, real"] = "rad/s", partial(_pole, poles, place, np.real)
+        figures[Sentence("pole {place}, real", place=place + 1)] = (
+            "rad/s",
+            partial(_pole, poles, place, np.real),
+        )
         if pole.imag > 0.0:
-            figures[f"pole {place + 1}, imaginary"] = "rad/s", partial(_pole, poles, place, np.imag)
+            figures[Sentence("pole {place}, imaginary", place=place + 1)] = (
+                "rad/s",
+                partial(_pole, poles, place, np.imag),
+            )
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
-        "crossover": ("Hz", crossing),
-        "phase margin": ("deg", partial(_phase_margin, structure, crossing)),
-        "gain margin": ("-", partial(_gain_margin, structure, turning)),
+        Sentence("crossover"): ("Hz", crossing),
+        Sentence("phase margin"): ("deg", partial(_phase_margin, structure, crossing)),
+        Sentence("gain margin"): ("-", partial(_gain_margin, structure, turning)),
         "ultimate gain": ("-", partial(_ultimate_gain, structure, turning)),
         "ultimate period": ("s", lambda known: 1.0 / turning(known)),
-        "bandwidth": ("Hz", partial(_bandwidth, structure)),
-        "recovery time": ("s", lambda known: step(known)[0]),
-        "overshoot": ("-", lambda known: step(known)[1]),
+        Sentence("bandwidth"): ("Hz", partial(_bandwidth, structure)),
+        Sentence("recovery time"): ("s", lambda known: step(known)[0]),
+        Sentence("overshoot"): ("-", lambda known: step(known)[1]),
         f"{torque}(0)": ("-", lambda known: loop_of(structure, known)[1]["p"]),
         f"{torque}(inf)": ("-", partial(_fast_torque, structure)),
     }
@@ -277,7 +284,7 @@ def estimated(
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not np.isfinite(value):
         bounded = _possible(fingerprint, figure) if endless else []
-        return unknown(ci95=(min(bounded), np.inf) if bounded else None, reason="there is none")
+        return unknown(ci95=(min(bounded), np.inf) if bounded else None, reason=Sentence("there is none"))
     free = [
         name
         for name, estimate in fingerprint.parameters.items()
@@ -291,7 +298,10 @@ def estimated(
             for name, part in entry["direction"].items()
         )
         if abs(change) > TOLD * max(abs(value), 1e-9):
-            return unknown(reason=f"changes along what the data leave open: {entry['combination']}")
+            along = Sentence(
+                "changes along what the data leave open: {direction}", direction=entry["combination"]
+            )
+            return unknown(reason=along)
     names = list(fingerprint.covariance["names"])
     gradient = np.array([slopes[name] for name in names])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
@@ -300,7 +310,7 @@ def estimated(
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
     possible = _possible(fingerprint, figure)
     if not possible and std > LARGEST * max(abs(value), 1e-6):
-        return unknown(reason="changes entirely within what the data leave open")
+        return unknown(reason=Sentence("changes entirely within what the data leave open"))
     low, high = min([value, *possible]), max([value, *possible])
     if not possible or std < STRAIGHT * abs(value):
         ends = _first_order(value, std, least)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.wording import DOUBT
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
@@ -89,8 +89,14 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
     if 1.0 / FAR_OFF < abs(torque) / expected < FAR_OFF:
         return []
     return [
-        f"The torque {signal} is {abs(torque):.4g} Nm at {abs(engine_rpm):.4g} rpm, where the vessel's file makes "
-        f"{expected:.4g} Nm: {DOUBT} its scale; inertias and gains in SI units are wrong by the same factor."
+        Sentence(
+            "The torque {signal} is {torque} Nm at {speed} rpm, where the vessel's file makes {expected} Nm: look at its "
+            "scale; inertias and gains in SI units are wrong by the same factor.",
+            signal=signal,
+            torque=f"{abs(torque):.4g}",
+            speed=f"{abs(engine_rpm):.4g}",
+            expected=f"{expected:.4g}",
+        )
     ]
 
 

@@ -14,6 +14,7 @@ import typer
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.checks import is_one_line
+from shipfp_rs.support.languages import LANGUAGES
 
 LARGEST, SMALLEST = 1e15, 1e-15
 MOST_SEED = 2**63 - 1
@@ -36,6 +37,13 @@ def a_path(text: str | Path) -> Path:
             f"found a name of {len(typed)} characters, expected at most {LONGEST_NAME} for each file or folder"
         )
     return Path(typed)
+
+
+def a_language(text: str) -> str:
+    """Return a language of reports; refuse any other word."""
+    if text not in LANGUAGES:
+        raise typer.BadParameter(f"found {text[:60]!r}, expected one of {', '.join(LANGUAGES)}")
+    return text
 
 
 def _number(refuses: Callable[[float], bool], expected: str) -> Callable[[str | float], float]:

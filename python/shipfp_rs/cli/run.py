@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import MOST_SEED, Force, Json, OutFolder, a_path
+from shipfp_rs.cli.options import MOST_SEED, Force, Json, OutFolder, a_language, a_path
 from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
-
-
-class Language(StrEnum):
-    """Languages of a report."""
-
-    en = "en"
-    de = "de"
+from shipfp_rs.support.languages import LANGUAGES
 
 
 def run(
@@ -32,18 +25,21 @@ def run(
     ] = None,
     force: Force = False,
     language: Annotated[
-        Language | None, typer.Option("--language", help="Language of the report, in place of the trial's.")
+        str | None,
+        typer.Option(
+            "--language",
+            metavar="|".join(LANGUAGES),
+            parser=a_language,
+            help="Language of the report, in place of the trial's.",
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Turn a raw log into a fingerprint: calibrate, clean, identify, report."""
     from shipfp_rs.runs import run
 
-    said: Literal["en", "de"] | None = None
-    if language is not None:
-        said = "de" if language is Language.de else "en"
     with progress() as notify:
-        result = run.run(trial, out, seed=seed, force=force, language=said, notify=notify)
+        result = run.run(trial, out, seed=seed, force=force, language=language, notify=notify)
     if json:
         print_json({"folder": str(out), **result.fingerprint.to_dict()})
         return

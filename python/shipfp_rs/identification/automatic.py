@@ -32,6 +32,7 @@ from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.sentences import Sentence
 
 TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set")
 """Combinations that a fingerprint tells beside the parameters."""
@@ -245,12 +246,20 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
     if name in LIMITS and (flat or ends[1] >= high):
         # Far above all that was reached no profile finds where it would begin to act.
-        reason = "the data come near no limit" + ("" if flat else f": any above {ends[0]:.4g} will do")
+        reason = (
+            Sentence("the data come near no limit")
+            if flat
+            else Sentence("the data come near no limit: any above {low} will do", low=f"{ends[0]:.4g}")
+        )
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
     if flat:
-        return Estimate(None, unit=unit, status="unidentifiable", reason="the data do not depend on it")
+        return Estimate(
+            None, unit=unit, status="unidentifiable", reason=Sentence("the data do not depend on it")
+        )
     if width > UNTOLD:
-        reason = f"the data allow everything between {ends[0]:.3g} and {ends[1]:.3g}"
+        reason = Sentence(
+            "the data allow everything between {low} and {high}", low=f"{ends[0]:.3g}", high=f"{ends[1]:.3g}"
+        )
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
     prior = name in fit.question.priors or name in PRIORS
     ends = min(ends[0], value), max(ends[1], value)
@@ -274,7 +283,7 @@ def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> d
     found = dict(parameters)
     if question.loaded or "tau_n" in (question.priors or {}):
         return found
-    reason = "the speed tells only ratios to tau_n; measure a torque or give the inertia"
+    reason = Sentence("the speed tells only ratios to tau_n; measure a torque or give the inertia")
     for name in ("tau_n", "g", "vK_p", "vK_i", "p"):
         if name in found:
             found[name] = Estimate(None, unit=found[name].unit, status="unidentifiable", reason=reason)

@@ -13,12 +13,13 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
-from shipfp_rs.identification.fingerprint_file import require_layout
+from shipfp_rs.identification.fingerprint_file import require_layout, sentences_of
 from shipfp_rs.identification.fingerprint_simulation import SimulationMixin
 from shipfp_rs.identification.fingerprint_tables import FingerprintTables
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.json_files import json_text, read_json
+from shipfp_rs.support.sentences import parts_of, with_parts
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
@@ -107,8 +108,8 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         return self.adequate.get("stands") if p is None else p >= ALARM
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form, the contract of `fingerprint.json`."""
-        return {
+        """Return the JSON form, the contract of `fingerprint.json`; `sentences` has the parts of its texts."""
+        content = {
             "format": FORMAT,
             "parameters": {name: estimate.to_dict() for name, estimate in self.parameters.items()},
             "derived": {name: estimate.to_dict() for name, estimate in self.derived.items()},
@@ -130,6 +131,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             "why_not": self.why_not,
             "si": {name: dict(row) for name, row in self.si.items()},
         }
+        return {**content, "sentences": parts_of(content)}
 
     @checked
     def save(self, path: str | Path) -> Path:
@@ -160,7 +162,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             return cls._from_dict(content)
         except KeyError as error:
             raise InputError(f"{path}: found no key {error}, expected {WRITTEN}") from error
-        except (TypeError, AttributeError, ValueError, IndexError) as error:
+        except (TypeError, AttributeError, ValueError, IndexError, RecursionError) as error:
             raise InputError(f"{path}: {error}; expected {WRITTEN}") from error
 
     @classmethod
@@ -168,6 +170,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         if content["format"] != FORMAT:
             raise ValueError(f"format {content['format']}, expected {FORMAT}")
         require_layout(content)
+        content = with_parts(content, sentences_of(content.get("sentences", {})))
         rank = content["identifiability"]
         return cls(
             parameters={name: estimate_of(entry) for name, entry in content["parameters"].items()},

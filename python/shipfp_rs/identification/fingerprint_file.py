@@ -13,6 +13,7 @@ from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, Positive, Whole, fits
 from shipfp_rs.support.checks import expect, is_one_line
+from shipfp_rs.support.sentences import Sentence
 
 TABLES = (
     "parameters",
@@ -130,6 +131,14 @@ def require_layout(content: Mapping[str, Any]) -> None:
     _require_settings(content["settings"])
     _require_software(content)
     _require_optimum(content)
+
+
+def sentences_of(table: Any) -> dict[str, Sentence]:
+    """Return the sentences whose parts a file holds, by their text, which the parts must make."""
+    made = {text: Sentence.from_dict(entry) for text, entry in _table(table, "sentences").items()}
+    for text, sentence in made.items():
+        expect(text == sentence, "sentences", str(sentence), f"parts that make {text[:60]!r}")
+    return made
 
 
 def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) -> None:

@@ -9,8 +9,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.sentences import Sentence
 
 LEAST_SWING = 2e-3
 """Least standard deviation of a set point or a load, relative to its operating point, that excites the ship."""
@@ -184,16 +184,20 @@ def _require_own_rack(experiment: Experiment) -> None:
             )
 
 
-def doubts(experiments: Sequence[Experiment]) -> list[str]:
+def doubts(experiments: Sequence[Experiment]) -> list[Sentence]:
     """Return a sentence for each experiment whose set point and speed lie apart at the operating point."""
     lines = []
     for experiment in experiments:
         asked, speed = (experiment.operating_point.get(name, np.nan) for name in ("n_set", "n_e"))
         if abs(asked / speed - 1.0) > APART:
             lines.append(
-                f"Set point and speed lie apart at the operating point of {experiment.name!r}, {asked:.4g} and "
-                f"{speed:.4g} rpm: a governor with an integral part leaves no difference; {DOUBT} the set "
-                "point's calibration."
+                Sentence(
+                    "Set point and speed lie apart at the operating point of {name}, {asked} and {speed} rpm: a governor "
+                    "with an integral part leaves no difference; look at the set point's calibration.",
+                    name=repr(experiment.name),
+                    asked=f"{asked:.4g}",
+                    speed=f"{speed:.4g}",
+                )
             )
     return lines
 

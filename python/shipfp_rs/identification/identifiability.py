@@ -13,6 +13,7 @@ from scipy.optimize import linprog
 from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.structures.ties import Ties, followed
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.sentences import Sentence, joined, listed
 
 RANK_TOLERANCE = 1e-7
 """Singular values below this part of the largest count as zero: the sensitivities are exact to about 1e-10."""
@@ -148,7 +149,7 @@ def describe(sensitivity: Sensitivity) -> Identifiability:
         for chosen in combinations(members, missing):
             columns = null[:, np.array([names.index(name) for name in chosen])]
             if np.linalg.svd(columns, compute_uv=False)[-1] > 1e-3:
-                closing.append(" and ".join(chosen))
+                closing.append(listed(chosen))
     return Identifiability(
         rank=sensitivity.rank,
         free=len(names),
@@ -160,8 +161,10 @@ def describe(sensitivity: Sensitivity) -> Identifiability:
 
 def _direction(names: Sequence[str], row: Array) -> dict[str, object]:
     part = {name: float(change) for name, change in zip(names, row, strict=True) if abs(change) > NULL_PART}
-    text = ", ".join(f"{name} {100 * change / 100:+.3g} %" for name, change in part.items())
-    return {"combination": text, "direction": part}
+    changes = [
+        Sentence("{name} {change} %", name=name, change=f"{change:+.3g}") for name, change in part.items()
+    ]
+    return {"combination": joined(changes), "direction": part}
 
 
 def without_nuisance(jacobian: Array, count: int) -> Array:
@@ -188,7 +191,9 @@ def why_unknown(everything: Sensitivity, index: int) -> str:
             if abs(part) > NULL_PART and other != everything.names[index]
         }
     )
-    return "only known together with " + ", ".join(partners) if partners else "the data do not depend on it"
+    if not partners:
+        return Sentence("the data do not depend on it")
+    return Sentence("only known together with {names}", names=joined(partners))
 
 
 def _sparse_basis(null: Array) -> Array:

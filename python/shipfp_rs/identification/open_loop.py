@@ -13,8 +13,9 @@ from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS
 from shipfp_rs.structures.commanded import commanded
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.sentences import Sentence
 
-TAKEN_FOR_TORQUE = (
+TAKEN_FOR_TORQUE = Sentence(
     "The command is taken for the drive's torque (v = 1, g = 0), since no torque was measured: of another command tau_n and "
     "p are told over v only, p as p - g."
 )

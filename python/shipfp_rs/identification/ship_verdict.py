@@ -12,23 +12,30 @@ from shipfp_rs.identification.estimate import KNOWN, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.question import BOUNDS, TRIED
 from shipfp_rs.identification.ship_found import ShipFit
-from shipfp_rs.identification.usability import Usability, listed, usability
-from shipfp_rs.identification.verdict import shown
+from shipfp_rs.identification.usability import Usability, usability
+from shipfp_rs.identification.verdict import not_identifiable, shown
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.support.sentences import Sentence, joined, listed
 
 OFF_S = 1e-3
 """A delay whose interval begins below this may be none [s]."""
 SHORT_S = 0.02
 """A delay that may be none and is at most this is called off [s]."""
 
-BENT = (
+BENT = Sentence(
     "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: they agree only "
     "if the channels are wrong by more than a calibration leaves open."
 )
-JAGGED = (
+JAGGED = Sentence(
     "Usable for simulation and comparison, but its intervals are too narrow: the rate of the fuel rack is limited, and the "
     "deviance of such a ship is not smooth."
 )
+STATES: Mapping[str, str] = {
+    "on": Sentence("Acting elements: {elements}."),
+    "off": Sentence("Not found to act: {elements}."),
+    "open": Sentence("Undecided: {elements}."),
+}
+"""State of an element to the sentence that names those in it."""
 ALWAYS = ("tau_n", "g", "p", "vK_p", "vK_i")
 """Parameters that are off on no ship, so that an end of what is searched is no value of theirs."""
 AT_BOUND = 1e-6
@@ -86,15 +93,30 @@ def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
     return {"parameter": name, "value": float(value), "unit": unit, "level": 0.95}
 
 
+def _element(row: Mapping[str, Any]) -> Sentence:
+    """Return what an element is called, with its limit where it has one."""
+    words, limit = Sentence(row["words"]), row["limit"]
+    if not limit:
+        return words
+    return Sentence(
+        "{element} ({parameter} below {value} {unit}, 95 %)",
+        element=words,
+        parameter=limit["parameter"],
+        value=f"{limit['value']:.3g}",
+        unit=limit["unit"],
+    )
+
+
 def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
     """Return the fingerprint with what it can be used for, and the sentences about it; strain: of `adequacy`."""
     found = usability(fingerprint)
     ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
     if ended and found.state != "not usable":
-        because = (
-            f"the search ended where {listed(ended)} can't go further; the ship is another one than the model"
+        sentence = Sentence(
+            "Not usable, because the search ended where {names} can't go further; the ship is another one than the model.",
+            names=listed(ended),
         )
-        found = Usability("not usable", f"Not usable, because {because}.", "misfit")
+        found = Usability("not usable", sentence, "misfit")
     elif strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
     elif fingerprint.elements.get("rack_rate", {}).get("state") == "on" and found.state == "usable":
@@ -102,26 +124,24 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
     known = [name for name, one in fingerprint.parameters.items() if one.status in KNOWN]
     lines = [found.sentence]
     if known and found.state != "not usable":
-        lines.append("Known: " + "; ".join(shown(name, fingerprint.parameters[name]) for name in known) + ".")
+        estimates = [shown(name, fingerprint.parameters[name]) for name in known]
+        lines.append(Sentence("Known: {estimates}.", estimates=joined(estimates, "; ")))
     if fingerprint.derived and found.state != "not usable":
-        lines.append(
-            "Known together: " + "; ".join(shown(*item) for item in fingerprint.derived.items()) + "."
-        )
+        estimates = [shown(*item) for item in fingerprint.derived.items()]
+        lines.append(Sentence("Known together: {estimates}.", estimates=joined(estimates, "; ")))
     for name, one in fingerprint.parameters.items():
         if one.status == "unidentifiable":
-            lines.append(f"Not identifiable from these data: {name} ({one.reason}).")
+            lines.append(not_identifiable(name, one))
     by_state: dict[str, list[str]] = {"on": [], "off": [], "open": []}
     for name, row in fingerprint.elements.items():
         if name == "sampling":
             continue
-        limit = row["limit"]
-        bound = f" ({limit['parameter']} below {limit['value']:.3g} {limit['unit']}, 95 %)" if limit else ""
-        by_state[row["state"]].append(row["words"] + bound)
-    for state, said in (("on", "Acting elements"), ("off", "Not found to act"), ("open", "Undecided")):
+        by_state[row["state"]].append(_element(row))
+    for state, said in STATES.items():
         if by_state[state]:
-            lines.append(f"{said}: " + ", ".join(by_state[state]) + ".")
+            lines.append(Sentence(said, elements=joined(by_state[state])))
     if "sampling" in fingerprint.elements:
-        lines.append("T_d holds half the sampling period of the governor, if it samples.")
+        lines.append(Sentence("T_d holds half the sampling period of the governor, if it samples."))
     return replace(
         fingerprint,
         usable=found.sentence,

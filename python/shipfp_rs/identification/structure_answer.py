@@ -21,8 +21,9 @@ from shipfp_rs.identification.structure_records import Data, Response, Seen, Spe
 from shipfp_rs.identification.usability import judged
 from shipfp_rs.identification.verdict import structure_test, verdict
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.sentences import Sentence
 
-UNSETTLED = "the search was ended before it settled"
+UNSETTLED = Sentence("the search was ended before it settled")
 
 
 def fitted(

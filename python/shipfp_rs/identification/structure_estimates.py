@@ -27,6 +27,7 @@ from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array, Mask, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.sentences import Sentence
 
 ON_BOUND = 1e-5
 """A parameter is on a bound if it is nearer than this part of its size, or of the width between its bounds, if less."""
@@ -159,9 +160,14 @@ class StructureEstimates:
 
     def _estimate(self, index: int, parameter: Parameter, reach: float) -> Estimate:
         value, unit = self.values[parameter.name], parameter.unit
-        side = "lower" if value == parameter.lower else "upper"
+        lower = value == parameter.lower
         if self.held[index]:
-            where = f"pressed against its {side} bound {value:g}"
+            said = (
+                Sentence("pressed against its lower bound {bound}")
+                if lower
+                else Sentence("pressed against its upper bound {bound}")
+            )
+            where = Sentence(said, bound=f"{value:g}")
             return Estimate(value, unit=unit, status="at_bound", reason=where)
         reason = self._unknown(index, parameter, reach)
         if reason:
@@ -169,14 +175,20 @@ class StructureEstimates:
         found = self._interval(parameter)
         low, high = max(found.low, parameter.lower), min(found.high, parameter.upper)
         if high - low > UNTOLD * (parameter.upper - parameter.lower) or not np.isfinite(high - low):
-            reason = (
-                f"the data allow everything between its bounds {parameter.lower:g} and {parameter.upper:g}"
+            reason = Sentence(
+                "the data allow everything between its bounds {low} and {high}",
+                low=f"{parameter.lower:g}",
+                high=f"{parameter.upper:g}",
             )
             return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
         ends = float(min(low, value)), float(max(high, value))
         if self.inward[index]:
-            allowed = f"up to {high:.4g}" if side == "lower" else f"down to {low:.4g}"
-            where = f"on its {side} bound {value:g}; the data allow {allowed}"
+            said = (
+                Sentence("on its lower bound {bound}; the data allow up to {end}")
+                if lower
+                else Sentence("on its upper bound {bound}; the data allow down to {end}")
+            )
+            where = Sentence(said, bound=f"{value:g}", end=f"{high if lower else low:.4g}")
             return Estimate(value, None, ends, unit, "at_bound", where)
         std = (ends[1] - ends[0]) / (2.0 * self.fit.likelihood.quantile)
         return Estimate(value, std, ends, unit, "free" if parameter.prior is None else "prior")
@@ -190,7 +202,7 @@ class StructureEstimates:
         cut = reach < min(open_over, SHORT * (parameter.upper - parameter.lower))
         reason = "" if self.on_bound[index] or cut else why_unknown(self.everything, index)
         if not reason and not np.isfinite(variance):
-            reason = "too few samples for an uncertainty"
+            reason = Sentence("too few samples for an uncertainty")
         return reason
 
     def _interval(self, parameter: Parameter) -> Interval:
@@ -281,7 +293,7 @@ def with_tied(parameters: Mapping[str, Estimate], structure: Structure) -> dict[
             None if other.ci95 is None else (low, high),
             structure[name].unit,
             other.status,
-            f"tied as {tie}",
+            Sentence("tied as {tie}", tie=tie),
         )
     return {name: found[name] for name in structure.names}
 

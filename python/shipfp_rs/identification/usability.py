@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, Usable, WhyNot, is_rough
@@ -11,6 +11,7 @@ from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.identification.residual_tests import INPUT_LAGS
 from shipfp_rs.identification.wording import OUTPUTS
 from shipfp_rs.structures.names import as_looked_at
+from shipfp_rs.support.sentences import Sentence, listed
 
 SMALL_MISS_PCT = 1.6
 """Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
@@ -26,7 +27,7 @@ class Usability:
     """What a fingerprint can be used for, in a word, and in a sentence."""
 
     state: Usable
-    sentence: str
+    sentence: Sentence
     why_not: WhyNot = ""
 
 
@@ -63,64 +64,86 @@ def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> di
 
 def usability(fingerprint: Fingerprint) -> Usability:
     """Judge a fingerprint, `adequate` included."""
-    known = [name for name, estimate in fingerprint.parameters.items() if estimate.status in KNOWN]
+    if (why := _why_not(fingerprint)) is not None:
+        return why
+    share = f"{_worst(fingerprint):.2g}"
+    if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
+        bent = Sentence(
+            "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
+            "model misses {share} % of the response to the set point."
+        )
+        return Usability("usable except", Sentence(bent, share=share))
+    estimates = fingerprint.parameters
     left_open = as_looked_at(
         name
-        for name, estimate in fingerprint.parameters.items()
+        for name, estimate in estimates.items()
         if not (estimate.status in (*KNOWN, "fixed") or _known_from_one_side(estimate))
         or is_rough(estimate, OPEN)
     )
-    worst = max(fingerprint.adequate["misses_pct"].values(), default=0.0)
+    rough = as_looked_at(
+        name
+        for name, estimate in estimates.items()
+        if estimate.status in KNOWN and name not in left_open and is_rough(estimate)
+    )
+    names = {"unknown": listed(left_open), "rough": listed(rough)}
+    if left_open and rough:
+        said = Sentence(
+            "Usable for simulation and comparison, but the data do not determine {unknown}, and determine {rough} only "
+            "roughly: other values fit as well."
+        )
+    elif left_open:
+        said = Sentence(
+            "Usable for simulation and comparison, but the data do not determine {unknown}: other values fit as well."
+        )
+    elif not fingerprint.adequate["stands"]:
+        said = Sentence(
+            "Usable for simulation and comparison, but the model misses {share} % of the response to the set point."
+        )
+    elif rough:
+        said = Sentence(
+            "Usable for simulation, control tuning and comparison: the data determine every parameter, {rough} only roughly."
+        )
+    else:
+        said = Sentence(
+            "Usable for simulation, control tuning and comparison: the data determine every parameter."
+        )
+    state: Usable = "usable" if fingerprint.adequate["stands"] and not left_open else "usable except"
+    return Usability(state, Sentence(said, share=share, **names))
+
+
+def _worst(fingerprint: Fingerprint) -> float:
+    return max(fingerprint.adequate["misses_pct"].values(), default=0.0)
+
+
+def _why_not(fingerprint: Fingerprint) -> Usability | None:
+    """Return why nothing of a fingerprint can be used; None where something can."""
     unexplained = [
-        f"the {OUTPUTS.get(name, name)}"
+        Sentence("the {name}", name=Sentence(OUTPUTS.get(name, name)))
         for name, row in fingerprint.fit.items()
         if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
     ]
+    why: WhyNot
     if not fingerprint.settings.get("converged", True):
-        return _unusable("no minimum", "the search did not end in a minimum; no figure is an estimate")
-    if unexplained:
-        return _unusable("nothing explained", f"the model explains nothing of {listed(unexplained)}")
-    if not known:
-        return _unusable("nothing told", "the data determine no parameter")
-    if not fingerprint.adequate["stands"] and worst > LARGE_MISS_PCT:
-        return _unusable("misfit", f"the model misses {worst:.2g} % of the response to the set point")
-    if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
-        return Usability(
-            "usable except",
-            "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
-            f"model misses {worst:.2g} % of the response to the set point.",
+        why = "no minimum"
+        said = Sentence("Not usable, because the search did not end in a minimum; no figure is an estimate.")
+    elif unexplained:
+        why = "nothing explained"
+        said = Sentence(
+            "Not usable, because the model explains nothing of {outputs}.", outputs=listed(unexplained)
         )
-    rough = as_looked_at(
-        name for name in known if name not in left_open and is_rough(fingerprint.parameters[name])
-    )
-    if left_open:
-        also = f", and determine {listed(rough)} only roughly" if rough else ""
-        return Usability(
-            "usable except",
-            f"Usable for simulation and comparison, but the data do not determine {listed(left_open)}{also}: "
-            "other values fit as well.",
+    elif not any(estimate.status in KNOWN for estimate in fingerprint.parameters.values()):
+        why, said = "nothing told", Sentence("Not usable, because the data determine no parameter.")
+    elif not fingerprint.adequate["stands"] and (worst := _worst(fingerprint)) > LARGE_MISS_PCT:
+        why = "misfit"
+        said = Sentence(
+            "Not usable, because the model misses {share} % of the response to the set point.",
+            share=f"{worst:.2g}",
         )
-    if not fingerprint.adequate["stands"]:
-        return Usability(
-            "usable except",
-            f"Usable for simulation and comparison, but the model misses {worst:.2g} % of the response to the set point.",
-        )
-    but = f", {listed(rough)} only roughly" if rough else ""
-    return Usability(
-        "usable",
-        f"Usable for simulation, control tuning and comparison: the data determine every parameter{but}.",
-    )
+    else:
+        return None
+    return Usability("not usable", said, why)
 
 
 def _known_from_one_side(estimate: Estimate) -> bool:
     """Whether an estimate stands on a bound from which the data allow it to go only so far, as a delay that may be none."""
     return estimate.status == "at_bound" and estimate.ci95 is not None
-
-
-def _unusable(why_not: WhyNot, because: str) -> Usability:
-    return Usability("not usable", f"Not usable, because {because}.", why_not)
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a sentence lists them."""
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

@@ -8,6 +8,7 @@ from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.sentences import Sentence, joined
 
 SMALL_PCT = 0.1
 """Part of an output's spread below which what is missed is no fault of the structure: no sensor of a ship is better [%]."""
@@ -27,7 +28,12 @@ def verdict(
     """
     lines = [
         *(
-            [f"The search did not end in a minimum, so take no figure for an estimate: {trouble}."]
+            [
+                Sentence(
+                    "The search did not end in a minimum, so take no figure for an estimate: {trouble}.",
+                    trouble=trouble,
+                )
+            ]
             if trouble
             else []
         ),
@@ -38,8 +44,12 @@ def verdict(
     ]
     if poor := _poor(fit):
         lines.append(
-            f"The structure {structure.name!r} explains the data poorly ({', '.join(poor)}): its intervals "
-            "hold for the structure, not for the drive train."
+            Sentence(
+                "The structure {structure} explains the data poorly ({figures}): its intervals hold for the structure, not "
+                "for the drive train.",
+                structure=repr(structure.name),
+                figures=joined(poor),
+            )
         )
     return tuple(lines)
 
@@ -53,44 +63,54 @@ def _known(
         if e.status in ("free", "prior") and e.value is not None
     ]
     if known:
-        yield "Known: " + "; ".join(known) + "."
+        yield Sentence("Known: {estimates}.", estimates=joined(known, "; "))
     together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
-        yield "Known only together: " + "; ".join(together) + "."
+        yield Sentence("Known only together: {estimates}.", estimates=joined(together, "; "))
 
 
 def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
     """Yield what is not known at all, and what is on a bound."""
     for name, estimate in parameters.items():
         if estimate.status == "unidentifiable":
-            yield f"Not identifiable from these data: {name} ({estimate.reason})."
+            yield not_identifiable(name, estimate)
     on_bound = {name: estimate for name, estimate in parameters.items() if estimate.status == "at_bound"}
-    pressed = [f"{name} ({e.reason})" for name, e in on_bound.items() if e.ci95 is None]
+    pressed = [_because(name, e) for name, e in on_bound.items() if e.ci95 is None]
     if pressed:
-        yield (
-            "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: "
-            + ", ".join(pressed)
-            + ". The other intervals hold only if they are there."
+        yield Sentence(
+            "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: {names}. The "
+            "other intervals hold only if they are there.",
+            names=joined(pressed),
         )
-    limited = [f"{name} ({e.reason})" for name, e in on_bound.items() if e.ci95 is not None]
+    limited = [_because(name, e) for name, e in on_bound.items() if e.ci95 is not None]
     if limited:
-        yield "On a bound that the data do not contradict, known from one side: " + ", ".join(limited) + "."
+        yield Sentence(
+            "On a bound that the data do not contradict, known from one side: {names}.", names=joined(limited)
+        )
+
+
+def not_identifiable(name: str, estimate: Estimate) -> Sentence:
+    """Say of a parameter that the data do not tell it, and why."""
+    return Sentence("Not identifiable from these data: {name}.", name=_because(name, estimate))
+
+
+def _because(name: str, estimate: Estimate) -> Sentence:
+    return Sentence("{name} ({reason})", name=name, reason=estimate.reason)
 
 
 def _gaps(identifiability: Identifiability) -> Iterator[str]:
     """Yield what the data can't tell apart, and what would settle it."""
     if identifiability.rank < identifiability.free:
-        yield (
-            f"The data distinguish {identifiability.rank} of {identifiability.free} free parameters; the response stays the "
-            "same along: "
-            + " / ".join(str(entry["combination"]) for entry in identifiability.null_space)
-            + "."
+        yield Sentence(
+            "The data distinguish {rank} of {free} free parameters; the response stays the same along: {directions}.",
+            rank=identifiability.rank,
+            free=identifiability.free,
+            directions=joined([entry["combination"] for entry in identifiability.null_space], " / "),
         )
     if identifiability.closes_gap:
-        yield (
-            "Any of these, known from elsewhere (torsional calculation, factory test), would settle the rest: "
-            + "; ".join(identifiability.closes_gap)
-            + "."
+        yield Sentence(
+            "Any of these, known from elsewhere (torsional calculation, factory test), would settle the rest: {names}.",
+            names=joined(identifiability.closes_gap, "; "),
         )
 
 
@@ -101,10 +121,15 @@ def _poor(fit: Mapping[str, Mapping[str, float | None]]) -> list[str]:
     if chi_squared is not None and freedom is not None:
         # With known deviations chi-squared judges a fit better than per cent do: some points may carry no weight.
         poor = chi_squared > 2 * freedom
-        return [f"chi-squared {chi_squared:.4g} at {freedom:.0f} degrees of freedom"] if poor else []
+        told = Sentence(
+            "chi-squared {value} at {freedom} degrees of freedom",
+            value=f"{chi_squared:.4g}",
+            freedom=f"{freedom:.0f}",
+        )
+        return [told] if poor else []
     rows = {output: row["nrmse_pct"] for output, row in fit.items() if output != "overall"}
     return [
-        f"fit of {output} {value:.1f} %"
+        Sentence("fit of {output} {share} %", output=output, share=f"{value:.1f}")
         for output, value in rows.items()
         if value is not None and value < 60.0
     ]
@@ -129,39 +154,51 @@ def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: St
     threshold = ALARM / len(structure.outputs)
     rows = {output: row for output, row in fit.items() if output in structure.outputs}
     followed = [
-        f"{output} ({_chance(p)}, it explains {row['input_explained_pct']:.2g} % of what was left)"
+        Sentence(
+            "{output} ({chance}, it explains {share} % of what was left)",
+            output=output,
+            chance=_chance(p),
+            share=f"{row['input_explained_pct']:.2g}",
+        )
         for output, row in rows.items()
         if (p := row.get("input_correlation_p")) is not None and p < threshold and missed_pct(row) > SMALL_PCT
     ]
     if followed:
         return [
-            f"The residuals contradict the structure {structure.name!r}: the set point still explains some of "
-            + ", ".join(followed)
-            + ". Dynamics are missing, a dead time for instance; the intervals hold for the structure, "
-            "not for the drive train."
+            Sentence(
+                "The residuals contradict the structure {structure}: the set point still explains some of {outputs}. "
+                "Dynamics are missing, a dead time for instance; the intervals hold for the structure, not for the drive "
+                "train.",
+                structure=repr(structure.name),
+                outputs=joined(followed),
+            )
         ]
     coloured = [
-        f"{output} ({_chance(p)})"
+        Sentence("{output} ({chance})", output=output, chance=_chance(p))
         for output, row in rows.items()
         if (p := row.get("whiteness_p")) is not None and p < threshold
     ]
     if coloured:
         return [
-            "The noise is not what was assumed: whitened residuals are still correlated in "
-            + ", ".join(coloured)
-            + ", so the intervals may be too narrow."
+            Sentence(
+                "The noise is not what was assumed: whitened residuals are still correlated in {outputs}, so the intervals "
+                "may be too narrow.",
+                outputs=joined(coloured),
+            )
         ]
     return []
 
 
-def _chance(p: float) -> str:
-    return f"p = {p:.1g}" if p > 1e-6 else "p < 1e-6"
+def _chance(p: float) -> Sentence:
+    return Sentence("p = {p}", p=f"{p:.1g}") if p > 1e-6 else Sentence("p < 1e-6")
 
 
-def shown(name: str, estimate: Estimate) -> str:
+def shown(name: str, estimate: Estimate) -> Sentence:
     """Return a parameter with its value, interval and unit, as a sentence has it."""
     assert estimate.value is not None
     (row,) = rounded_rows({name: estimate})
-    spread = "" if estimate.ci95 is None else f" ({row.low} to {row.high})"
+    spread: str = ""
+    if estimate.ci95 is not None:
+        spread = Sentence(" ({ends})", ends=Sentence("{low} to {high}", low=row.low, high=row.high))
     unit = "" if estimate.unit == "-" else f" {estimate.unit}"
-    return f"{name} = {row.value}{spread}{unit}"
+    return Sentence("{name} = {value}{spread}{unit}", name=name, value=row.value, spread=spread, unit=unit)

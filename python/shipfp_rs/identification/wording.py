@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.logs.faults.record import KINDS
+from shipfp_rs.support.sentences import Sentence, joined
 
 OUTPUTS: Mapping[str, str] = {
     "dn": "speed",
@@ -25,22 +27,34 @@ FAULTS: Mapping[str, str] = {
 """Faults of a log, those of Table 6.10 with their letters."""
 
 
-def rank(found: Identifiability) -> str:
+def rank(found: Identifiability) -> Sentence:
     """Say how many of the free parameters the data distinguish."""
-    if found.rank == found.free:
-        return (
-            f"The data distinguish all {found.free} free parameters (condition number of the scaled "
-            f"sensitivities {found.condition:.3g})."
+    if found.rank == found.free and math.isfinite(found.condition):
+        return Sentence(
+            "The data distinguish all {free} free parameters (condition number of the scaled sensitivities {condition}).",
+            free=found.free,
+            condition=f"{found.condition:.3g}",
         )
-    return f"The data distinguish {found.rank} of {found.free} free parameters."
+    return Sentence(
+        "The data distinguish {rank} of {free} free parameters.", rank=found.rank, free=found.free
+    )
 
 
 def something_missing(adequate: Mapping[str, Any]) -> str:
     """Say what a model that is not quite the ship's misses of each output; empty where nothing is missed."""
     if adequate.get("dispersion", 1.0) <= 1.0:
         return ""
-    missed = ", ".join(
-        f"{value:.2g} % of the {OUTPUTS.get(name, name)}" for name, value in adequate["misses_pct"].items()
+    missed = [
+        Sentence("{share} % of the {output}", share=f"{value:.2g}", output=Sentence(OUTPUTS.get(name, name)))
+        for name, value in adequate["misses_pct"].items()
+    ]
+    said = (
+        Sentence(
+            "The residuals show that something small is missing ({outputs}); every interval is widened by what that can do."
+        )
+        if adequate["stands"]
+        else Sentence(
+            "The residuals show that something is missing ({outputs}); every interval is widened by what that can do."
+        )
     )
-    size = "something small" if adequate["stands"] else "something"
-    return f"The residuals show that {size} is missing ({missed}); every interval is widened by what that can do."
+    return Sentence(said, outputs=joined(missed))

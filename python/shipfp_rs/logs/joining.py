@@ -17,6 +17,7 @@ from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.clock import FILL
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_joiner
+from shipfp_rs.support.sentences import Sentence
 
 RATES_AGREE = 1e-4
 """Two pieces have the same rate where their rates, each estimated from its own times, differ by less, relative."""
@@ -96,7 +97,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
         channels.append(replace(own, rate_hz=rate, start_s=start_s, samples=end))
         pieces[own.name] = placed
         if holes:
-            gaps.append(Fault("time_gap", own.name, "masked: between two files", np.array(holes)))
+            gaps.append(Fault("time_gap", own.name, Sentence("masked: between two files"), np.array(holes)))
     notes = (
         f"{len(logs)} files as one: {', '.join(Path(log.name).name for log in logs)}{told}",
         *first.notes,

@@ -14,6 +14,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Blocks, Samples
 from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.support.sentences import Sentence
 
 Array = npt.NDArray[np.float64]
 Times = Callable[[], Iterable[Array]]
@@ -196,7 +197,9 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> Tim
     at = (np.column_stack([times[gaps], times[gaps + 1]]) - times[0]) * rate
     spans = np.column_stack([np.floor(at[:, 0] + 1e-6) + 1, np.ceil(at[:, 1] - 1e-6)]).astype(np.int64)
     spans = spans[spans[:, 1] > spans[:, 0]]
-    fault = Fault("time_gap", column, f"masked: steps of more than {GAP * long:.3g} s", spans)
+    fault = Fault(
+        "time_gap", column, Sentence("masked: steps of more than {step} s", step=f"{GAP * long:.3g}"), spans
+    )
     note = (
         f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "
         "straight lines, means where samples are denser; give rate_hz (--rate) to take the rows as even"

@@ -19,6 +19,7 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.low_pass import LowPass, nearest_rate
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.tacho import pulse_times
 
 COARSE_HZ, FINE_HZ = 10.0, 100.0
@@ -115,7 +116,11 @@ def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool =
             own = name if name not in channels else f"{name} ({Path(log.name).name})"
             channels[own] = replace(channel, name=own)
             sources[own] = (moved, name)
-        told = f"offset {alignment.offset_s:.6g} s and drift {1e6 * alignment.drift:.4g} ppm taken off"
+        told = Sentence(
+            "offset {offset} s and drift {drift} ppm taken off",
+            offset=f"{alignment.offset_s:.6g}",
+            drift=f"{1e6 * alignment.drift:.4g}",
+        )
         whole = np.array([[0, log.channel(common).samples]])
         faults.append(Fault("drift", f"{common} ({Path(log.name).name})", told, whole, excluded=False))
 

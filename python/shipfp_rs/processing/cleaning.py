@@ -17,6 +17,7 @@ from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetP
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 
@@ -133,16 +134,22 @@ class Cleaner:
 
     def faults(self) -> list[Fault]:
         """Return what was found, after all samples of the stretch were asked for."""
-        method = "bridged by straight lines" if self.drives else "masked"
+        method = Sentence("bridged by straight lines") if self.drives else Sentence("masked")
         name = self.channel.name
         found = [Fault(self._spike, name, method, self._within(joined(self._spikes)))]
         found += [Fault(lost, name, method, self._within(spans)) for lost, spans in self._found.items()]
         found.append(
-            Fault("D2", name, f"{self.mains_hz:g} Hz taken out", self._within(self._hum), excluded=False)
+            Fault(
+                "D2",
+                name,
+                Sentence("{frequency} Hz taken out", frequency=f"{self.mains_hz:g}"),
+                self._within(self._hum),
+                excluded=False,
+            )
         )
         if self.still and not self._may_rest:
             whole = np.array([[self.first, self.last]])
-            found.append(Fault("stuck", name, "kept: constant throughout", whole, excluded=False))
+            found.append(Fault("stuck", name, Sentence("kept: constant throughout"), whole, excluded=False))
         return [fault for fault in found if len(fault.spans)]
 
     def _within(self, spans: Spans) -> Spans:

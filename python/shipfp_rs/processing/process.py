@@ -37,6 +37,7 @@ from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.threads import side_by_side
@@ -296,7 +297,9 @@ class _Recording:
             calibration[kind] = dataclasses.asdict(cleaned.calibration)
             if is_torque and np.nansum(cleaned.samples) < 0.0:
                 rows = np.array([self._within(self._rows(sensor), label)])
-                kept = "kept: negative on average; normalised with a negative mean it tells the same"
+                kept = Sentence(
+                    "kept: negative on average; normalised with a negative mean it tells the same"
+                )
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
         require_sense(label, signals, self.vessel)
         answers = [name for name in signals if name not in DRIVES]
@@ -363,7 +366,9 @@ class _Recording:
 
     def _no_chirp(self, label: str, frequency_hz: float) -> Fault:
         rows = np.array([self._within(self._base, label)])
-        kept = f"kept: no chirp, its frequency stays at {frequency_hz:.3g} Hz"
+        kept = Sentence(
+            "kept: no chirp, its frequency stays at {frequency} Hz", frequency=f"{frequency_hz:.3g}"
+        )
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: Grid) -> _EngineSpeed:

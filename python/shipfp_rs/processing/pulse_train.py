@@ -12,6 +12,7 @@ from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import runs
 from shipfp_rs.tacho import (
     IntervalSpeed,
@@ -131,13 +132,25 @@ class PulseTrain:
         extra = runs((speed.flags & PulseFlag.EXTRA) > 0)
         missed = runs((speed.flags & PulseFlag.MISSED) > 0)
         found = [
-            fault("A", "second crossings removed", begins[extra[:, 0]], ends[extra[:, 1] - 1]),
-            fault("B", "lost pulses put in at equal shares", begins[missed[:, 0]], ends[missed[:, 1] - 1]),
-            fault("B", "masked: no pulses to count", *_silent(begins, ends, gaps, start_s, stop_s).T),
+            fault("A", Sentence("second crossings removed"), begins[extra[:, 0]], ends[extra[:, 1] - 1]),
             fault(
-                "faint", f"masked: lower than {self.pulses[label].limit:.3g} and uneven, or none", *faint.T
+                "B",
+                Sentence("lost pulses put in at equal shares"),
+                begins[missed[:, 0]],
+                ends[missed[:, 1] - 1],
             ),
-            fault("gap", "masked", *self.pulses[label].missing_s.T),
+            fault(
+                "B", Sentence("masked: no pulses to count"), *_silent(begins, ends, gaps, start_s, stop_s).T
+            ),
+            fault(
+                "faint",
+                Sentence(
+                    "masked: lower than {height} and uneven, or none",
+                    height=f"{self.pulses[label].limit:.3g}",
+                ),
+                *faint.T,
+            ),
+            fault("gap", Sentence("masked"), *self.pulses[label].missing_s.T),
         ]
         return [fault for fault in found if len(fault.spans)]
 

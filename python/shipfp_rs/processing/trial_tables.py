@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from shipfp_rs.processing.trial_channels import Pair, Positive, Rate
 from shipfp_rs.support.hints import nearest
+from shipfp_rs.support.languages import LANGUAGES
 from shipfp_rs.support.toml import FilePath, Name, Section, Seed, Starts, unexpected
 
 Relation = Annotated[
@@ -157,10 +158,16 @@ NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed
 """Keys of [identify] that narrow the choice that the data make; any other key declares the structure."""
 
 
+def _a_language(word: str) -> str:
+    if word not in LANGUAGES:
+        raise PydanticCustomError("language", "one of {known}", {"known": ", ".join(LANGUAGES)})
+    return word
+
+
 class Report(Section):
     """What report.html is like."""
 
-    language: Literal["en", "de"] = "en"
+    language: Annotated[str, AfterValidator(_a_language)] = "en"
 
 
 class Identify(Section):

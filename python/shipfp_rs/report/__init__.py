@@ -18,15 +18,15 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.report import answer, elements, fate, findings, loop, markup
+from shipfp_rs.report import answer, fate, findings, loop, markup
 from shipfp_rs.report.charts import charts
-from shipfp_rs.report.driven import replacements
+from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.pictures import Pictures
-from shipfp_rs.structures.names import Language
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.html import environment
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = ["render", "write_report"]
@@ -44,7 +44,7 @@ class Content(TypedDict, total=False):
     responses: Responses
     truth: Mapping[str, float] | None
     title: str
-    language: Language
+    language: str
     structure: Structure | None
     vessel: Vessel | None
 
@@ -74,7 +74,7 @@ def write_report(
     title
         Headline.
     language
-        "en" or "de".
+        One of `shipfp_rs.support.languages.LANGUAGES`.
     structure
         The fingerprint's, where its equations are a user's own; None rebuilds it.
     vessel
@@ -96,19 +96,19 @@ def render(
     responses: Responses = (),
     truth: Mapping[str, float] | None = None,
     title: str = "Fingerprint",
-    language: Language = "en",
+    language: str = "en",
     structure: Structure | None = None,
     vessel: Vessel | None = None,
 ) -> str:
     """Return the page of `write_report` as a string."""
-    say = Say(language, replacements(vessel, experiments, language))
+    say = Say(language, instead(vessel, experiments))
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
     step = loop.step_response(fingerprint, structure, figures, pictures, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
-        ("elements", say("Elements of the model"), elements.choice(fingerprint, say)),
+        ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
         (
             "loop",
             say("The speed loop"),
@@ -170,10 +170,10 @@ def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
     name = str(fingerprint.structure.get("name", ""))
     kind, _, elements = name.partition(": ")
     if kind != "ship":
-        return say.word(name)
+        return say(name)
     if not elements:
         return say("drive train without further elements")
-    named = ", ".join(say.word(element) for element in elements.split(", "))
+    named = ", ".join(say(element) for element in elements.split(", "))
     return say("drive train with {elements}", elements=named)
 
 
@@ -204,25 +204,12 @@ def _signals(
         if index >= STILL_PICTURES:
             continue
         if simulated:
-            still = pictures.draw(
-                len(simulated[index].outputs),
-                partial(plot.fit, experiment, simulated[index]),
-                say(
-                    "{name}: measured signals, and the model's answer to the same set point.",
-                    name=name,
-                ),
-                saved=False,
-            )
+            panels, paint = len(simulated[index].outputs), partial(plot.fit, experiment, simulated[index])
+            said = Sentence("{name}: measured signals, and the model's answer to the same set point.")
         else:
-            still = pictures.draw(
-                len(plot.signals.units(experiment)),
-                partial(plot.time_series, experiment),
-                say(
-                    "{name}: signals; masked samples, marked at the bottom, are not fitted.",
-                    name=name,
-                ),
-                saved=False,
-            )
+            panels, paint = len(plot.signals.units(experiment)), partial(plot.time_series, experiment)
+            said = Sentence("{name}: signals; masked samples, marked at the bottom, are not fitted.")
+        still = pictures.draw(panels, paint, say(said, name=name), saved=False)
         yield markup.piece("unscripted", still)
 
 
@@ -244,7 +231,7 @@ def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     yield markup.table(
         say("versions of the software that made this page"),
         [say("software"), say("version")],
-        [[markup.Cell(name), markup.Cell(version)] for name, version in fingerprint.versions.items()],
+        [[name, version] for name, version in fingerprint.versions.items()],
     )
     content = {
         "structure": fingerprint.structure,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,6 +29,7 @@ from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.names import as_looked_at
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.sentences import joined
 
 SHOWN_S = (8.0, 30.0)
 """Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
@@ -61,9 +61,9 @@ def answer(
 
     `step` is the picture of the loop's answer to a step.
     """
-    lead = _with_names(say.sentence(fingerprint.usable), fingerprint.parameters, say)
+    lead = _with_names(fingerprint.usable, fingerprint.parameters, say)
     if not lead and fingerprint.verdict:
-        lead = say.sentence(fingerprint.verdict[0])
+        lead = say(fingerprint.verdict[0])
     failed = fingerprint.usability == "not usable"
     tone = TONES.get(fingerprint.usability, "")
     yield piece("lead", lead or say("No verdict was given."), tone)
@@ -79,7 +79,7 @@ def answer(
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
     columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
     yield piece("columns", [column for column in columns if column])
-    doubts = [say.sentence(line) for line in fingerprint.verdict if DOUBT in line]
+    doubts = [say(line) for line in fingerprint.verdict if DOUBT in line]
     for line in (
         *doubts,
         *next_steps(fingerprint, say),
@@ -120,7 +120,7 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
         return []
     named: dict[str, list[str]] = {"on": [], "open": [], "off": []}
     for row in fingerprint.elements.values():
-        named[row["state"]].append(say.word(row["words"]))
+        named[row["state"]].append(say(row["words"]))
     sentences = {
         "on": say("Elements that act: {names}.", names=", ".join(named["on"])),
         "open": say(
@@ -131,7 +131,7 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
     if little := something_missing(fingerprint.adequate):
-        told.append(say.sentence(little))
+        told.append(say(little))
     return [" ".join(told)] if told else []
 
 
@@ -205,10 +205,10 @@ def _value_and_interval(row: Row, estimate: Estimate, gap: str, say: Say) -> tup
     """Return a value with its unit and its interval; of what may be none how much it is at most."""
     unit = unit_shown(row.unit).replace(" ", "\u00a0")
     if not row.value:
-        return say.word(row.status), ""
+        return say(row.status), ""
     if may_be_none(row, estimate):
         return f"{say('at most {high}', high=row.high)}{gap}{unit}".strip(), say("may be none")
-    return f"{say.number(row.value)}{gap}{unit}".strip(), interval(row, estimate, say) or say.word(row.status)
+    return f"{say.number(row.value)}{gap}{unit}".strip(), interval(row, estimate, say) or say(row.status)
 
 
 def may_be_none(row: Row, estimate: Estimate) -> bool:
@@ -248,7 +248,7 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
             value = say("{factor} times", factor=row.value)
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
             value = say("no limit")
-        rows.append((say.word(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
+        rows.append((say(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
     return rows
 
 
@@ -320,19 +320,20 @@ def short_name(symbol: str, say: Say) -> str:
     return turning.get(symbol) or say.name(symbol) or symbol
 
 
-def _with_names(sentence: str, symbols: Iterable[str], say: Say) -> str:
+def _with_names(sentence: str, symbols: Container[str], say: Say) -> str:
     """Return a sentence with plain names for the symbols that it lists."""
-    either = "|".join(re.escape(symbol) for symbol in sorted(symbols, key=len, reverse=True))
-    if not either:
-        return sentence
-    article = "the " if say.language == "en" else ""
-    return re.sub(
-        rf"(?<![\w(/])({either})(?![\w)/])", lambda found: article + short_name(found[1], say), sentence
-    )
+
+    def named(value: str) -> str:
+        return say("the {name}", name=short_name(value, say)) if value in symbols else say.figure(value)
+
+    return say.told(sentence, named)
 
 
 def _listed(symbols: Iterable[str], say: Say) -> str:
-    return ", ".join(f"{short_name(symbol, say)} ({symbol})" for symbol in symbols)
+    def named(symbol: str) -> str:
+        return f"{short_name(symbol, say)} ({symbol})"
+
+    return say.told(joined([*symbols]), named)
 
 
 def _picture(

@@ -16,6 +16,7 @@ from shipfp_rs.report.fate import Fault, faults
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import runs
 
 VALUES = 2_600_000
@@ -88,25 +89,15 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
             if name in model:
                 fitted = model[name]
                 series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
-                left.append(
-                    _panel(
-                        say("{name} − model [{unit}]", name=name, unit=unit),
-                        [
-                            _series(
-                                say("{name} less the model", name=name),
-                                style.COLOURS[name],
-                                samples - fitted,
-                                width,
-                            )
-                        ],
-                    )
-                )
+                less = say("{name} less the model", name=name)
+                rest = _series(less, style.COLOURS[name], samples - fitted, width)
+                left.append(_panel(say("{name} − model [{unit}]", name=name, unit=unit), [rest]))
         marks = [_mark(fault, experiment, say) for fault in marked if UNITS.get(fault.signal) == unit]
         if not marks:
             marks = [_mark(fault, experiment, say) for fault in _masked(experiment, unit)]
         panels += [_panel(say.label(style.QUANTITIES[unit]), series, marks), *left]
     content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
-    content["words"] = {} if say.language == "en" else {text: say(text) for text in BUTTONS}
+    content["words"] = {text: said for text in BUTTONS if (said := say(text)) != text}
     about = say("{name}: signals, model, and what the model leaves over, against time", name=experiment.name)
     detail = say("every sample is in the page")
     if width > 1:
@@ -123,7 +114,14 @@ def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
     for name, samples in experiment.signals.items():
         if UNITS[name] == unit and np.isnan(samples).any():
             spans = runs(np.isnan(samples))
-            yield Fault("masked samples", name, "not fitted", name, spans, spans / experiment.rate_hz)
+            yield Fault(
+                Sentence("masked samples"),
+                name,
+                Sentence("not fitted"),
+                name,
+                spans,
+                spans / experiment.rate_hz,
+            )
 
 
 def _panel(
@@ -166,9 +164,9 @@ def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
     begins = np.flatnonzero(apart)
     last = np.append(begins[1:], len(spans)) - 1
     places = np.round(np.column_stack([spans[begins, 0], ends[last]]), 4)
-    what = say.word(wording.FAULTS.get(fault.kind, fault.kind))
+    what = say(wording.FAULTS.get(fault.kind, fault.kind))
     return {
-        "label": f"{what}, {fault.channel}: {say.word(fault.method)}",
+        "label": f"{what}, {fault.channel}: {say(fault.method)}",
         "cut": fault.cut,
         "count": len(spans),
         "spans": places.tolist(),

@@ -13,10 +13,10 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, bullets, count, details, number, paragraph, plain, table
+from shipfp_rs.report.markup import Cell, Row, bullets, count, details, number, paragraph, plain, table
 from shipfp_rs.support.arrays import Array
 
-_FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
+FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
 """What can become of a recorded sample; of two the one with the higher code counts."""
 SPANS_SHOWN = 100
 """Places of one kind of repair that are listed; experiments.parquet holds all."""
@@ -86,7 +86,7 @@ def of_every_sample(fingerprint: Fingerprint, experiments: Sequence[Experiment],
 
 def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
     """Count the samples of each channel as recorded; each is in exactly one column."""
-    rows = []
+    rows: list[Row] = []
     for log, group in groupby(experiments, key=lambda e: str(e.provenance.get("log", ""))):
         cut_from = [e for e in group if "recorded" in e.provenance]
         for channel in dict.fromkeys(name for e in cut_from for name in e.provenance["recorded"]):
@@ -94,14 +94,14 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
             rows.append(
                 [
                     Cell(channel, code=True),
-                    Cell(log),
+                    log,
                     count(len(fate)),
-                    *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in _FATES),
+                    *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in FATES),
                 ]
             )
     if not rows:
         return ""
-    head = [say(text) for text in ("channel", "log", "recorded", *_FATES.values())]
+    head = say.each("channel", "log", "recorded", *FATES.values())
     return paragraph(
         say(
             "Samples as the logger recorded them; each is counted once. Repaired ones are fitted; cut ones are not, "
@@ -111,7 +111,7 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
-    """Return the code of `_FATES` of each recorded sample of a channel, shape (N,); the highest counts."""
+    """Return the code of `FATES` of each recorded sample of a channel, shape (N,); the highest counts."""
     fate = np.zeros(experiments[0].provenance["recorded"][channel]["samples"], dtype=np.uint8)
 
     def raise_to(code: int, first: int, stop: int) -> None:
@@ -133,7 +133,7 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
 def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> str:
     """Count the samples that the fit saw; a masked one takes its neighbours within the filter with it."""
     records = {str(record.get("name", "")): record for record in fingerprint.data}
-    rows = []
+    rows: list[Row] = []
     for experiment in experiments:
         masked = {name: np.isnan(samples) for name, samples in experiment.signals.items()}
         why = ", ".join(
@@ -145,8 +145,8 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
         left_out = samples - int(records.get(experiment.name, {}).get("used", samples))
         rows.append(
             [
-                Cell(experiment.name),
-                Cell(experiment.kind),
+                experiment.name,
+                experiment.kind,
                 number(f"{experiment.duration:g}"),
                 number(f"{experiment.rate_hz:g}"),
                 count(samples),
@@ -157,24 +157,25 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
         )
     if not rows:
         return ""
-    head = ["experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why"]
+    head = say.each("experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why")
     return paragraph(say("Samples of the experiments that were cut from the logs, after filtering.")) + table(
-        say("samples of each experiment in the fit"), [say(text) for text in head], rows
+        say("samples of each experiment in the fit"), head, rows
     )
 
 
 def _faults(experiments: Sequence[Experiment], say: Say) -> str:
-    rows, places = [], []
+    rows: list[Row] = []
+    places = []
     for experiment in experiments:
         for fault in faults(experiment):
-            kind = say.word(wording.FAULTS.get(fault.kind, fault.kind))
+            kind = say(wording.FAULTS.get(fault.kind, fault.kind))
             per_minute = 60.0 * len(fault.spans) / experiment.duration
             rows.append(
                 [
-                    Cell(kind),
-                    Cell(experiment.name),
+                    kind,
+                    experiment.name,
                     Cell(fault.channel, code=True),
-                    Cell(_done(fault, say)),
+                    _done(fault, say),
                     number(str(len(fault.spans))),
                     number(f"{per_minute:.3g}"),
                     number(str(fault.samples)),
@@ -186,21 +187,21 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
             places.append(f"{experiment.name}, {kind}, {fault.channel}: {shown}{more}")
     if not rows:
         return paragraph(say("No fault is on record."))
-    head = ["fault", "experiment", "channel", "what was done", "count", "a minute", "samples"]
-    return table(say("faults by experiment and channel"), [say(text) for text in head], rows) + details(
+    head = say.each("fault", "experiment", "channel", "what was done", "count", "a minute", "samples")
+    return table(say("faults by experiment and channel"), head, rows) + details(
         say("Which samples, counted from each channel's first"), bullets(places), printed=False
     )
 
 
 def _done(fault: Fault, say: Say) -> str:
     """Say what was done about a fault."""
-    method = say.word(fault.method)
+    method = say(fault.method)
     return method if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: {method}"
 
 
 def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
     """Yield what the log's sensors were worth: pulse trains, calibrations, filter, operating points."""
-    rows = []
+    rows: list[Row] = []
     for experiment in experiments:
         speed = experiment.provenance.get("speed", {})
         if not isinstance(speed.get("median_rpm"), Mapping):
@@ -212,7 +213,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
         off = f"{100.0 * np.abs(fractions * fractions.size - 1.0).max():.2f}" if fractions.size > 1 else ""
         rows.append(
             [
-                Cell(experiment.name),
+                experiment.name,
                 Cell(str(speed.get("train", "")), code=True),
                 number(str(speed.get("pulses_per_rev", ""))),
                 number(f"{speed.get('bandwidth_hz', float('nan')):.3g}"),
@@ -222,7 +223,7 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             ]
         )
     if rows:
-        head = [
+        head = say.each(
             "experiment",
             "pulse train",
             "pulses a turn",
@@ -230,28 +231,18 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             "trains apart by [%]",
             "reflectors off even places by [%]",
             "",
-        ]
-        yield table(
-            say("pulse trains that the speed was taken from"),
-            [say(text) if text else "" for text in head],
-            rows,
         )
+        yield table(say("pulse trains that the speed was taken from"), head, rows)
     for experiment in experiments:
         about = ", ".join(f"{name} = {value:.6g}" for name, value in experiment.operating_point.items())
         yield paragraph(
             say("{name}: operating point {point}.", name=experiment.name, point=say.number(about))
         )
         account = [
-            [Cell(str(key)), Cell(plain(value))]
+            [str(key), plain(value)]
             for key, value in experiment.provenance.items()
             if key not in ("faults", "recorded") and value is not None
         ]
         if account:
-            yield details(
-                say("How the signals of {name} were made", name=experiment.name),
-                table(
-                    say("how the signals of {name} were made", name=experiment.name),
-                    [say("part"), say("account")],
-                    account,
-                ),
-            )
+            made = say("How the signals of {name} were made", name=experiment.name)
+            yield details(made, table(made, say.each("part", "account"), account))

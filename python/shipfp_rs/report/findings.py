@@ -14,9 +14,10 @@ from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.report.answer import at_an_end, interval, may_be_none, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, bullets, link, number, paragraph, piece, table
+from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
+from shipfp_rs.support.sentences import Sentence
 
 TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
 FIGURES: Mapping[str, str] = {
@@ -34,34 +35,13 @@ FIGURES: Mapping[str, str] = {
     "degrees_of_freedom": "degrees of freedom",
 }
 """Figure of a fit to what the report calls it."""
-IN_FORMULAS: Mapping[str, str] = {
-    "I": "inertia of the whole drive train, seen from the propeller shaft [kg m²]",
-    "I_prop": "inertia on the propeller's side of the torque gauge [kg m²]",
-    "n_0": "speed at the operating point",
-    "n_s0": "shaft speed at the operating point [rev/s]",
-    "n_e0": "engine speed at the operating point [rpm]",
-    "M_s0": "engine torque at the operating point, at the shaft [Nm]",
-    "M_b0": "engine torque at the operating point [Nm]",
-    "M_load0": "load torque at the operating point [Nm]",
-    "X_0": "fuel rack at the operating point [mm]",
-    "n_s": "shaft speed [rev/s]",
-    "n_e": "engine speed [rpm]",
-    "M_p": "propeller torque [Nm]",
-    "M_b": "engine torque [Nm]",
-    "M_load": "measured load torque [Nm]",
-    "X_f": "fuel rack [mm]",
-    "dX": "change of the engine torque by the fuel rack, over its operating point",
-    "dt": "step of time [s]",
-    "Kp_abs": "proportional gain as set in the governor [mm/rpm]",
-    "Ki_abs": "integral gain as set in the governor [mm/(rpm s)]",
-    "Kd_abs": "derivative gain as set in the governor [mm s/rpm]",
-    "shaft_stiffness": "torsional stiffness of the shaft [Nm/rad]",
-    "s": "variable of the Laplace transform [1/s]",
-}
-"""Symbol in a parameter's formula, if no parameter itself, to what it is."""
 UNEVEN = 1.5
 """How many times the longer side of an interval is the shorter one before it is explained."""
 NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
+
+
+STATES = {"on": "acts", "off": "not found to act", "open": "undecided"}
+TONES_OF_STATES = {"on": "good", "off": "", "open": "warn"}
 
 
 def parameters(
@@ -127,7 +107,11 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     yield piece("heading", say("What the symbols mean"))
     formulas = " ".join(glossary.term(name).formula for name in fingerprint.parameters)
     named = set(re.findall(r"[^\W\d]\w*", formulas))
-    others = [f"{symbol}: {say(meaning)}" for symbol, meaning in IN_FORMULAS.items() if symbol in named]
+    others = [
+        f"{term.symbol}: {say(term.meaning)}" + (f" [{unit_shown(term.unit)}]" if term.unit != "-" else "")
+        for term in glossary.FORMULAS
+        if term.symbol in named
+    ]
     notes = []
     if set(NORMALISED) & set(fingerprint.parameters):
         notes.append(
@@ -168,24 +152,25 @@ def _estimates(
     formula: bool = False,
     failed: bool = False,
 ) -> str:
-    truths = ["truth"] if truth else []
-    formulas = ["formula"] if formula else []
-    value = "value of the model" if failed else "estimate"
-    head = ["symbol", "name", value, "std", "95 % interval", "unit", *truths, *formulas, "status"]
-    rows = []
+    value = say("value of the model") if failed else say("estimate")
+    head = [*say.each("symbol", "name"), value, *say.each("std", "95 % interval", "unit")]
+    head += [say("truth")] if truth else []
+    head += [say("formula")] if formula else []
+    head.append(say("status"))
+    rows: list[Row] = []
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
         none = may_be_none(row, estimate)
-        cells = [
+        cells: list[Cell | str] = [
             Cell(row.name, code=True),
-            Cell(say.name(row.name)),
+            say.name(row.name),
             number(say("at most {high}", high=row.high) if none else row.value, key=estimate.value),
             number("" if none else row.std, key=estimate.std),
             number(
                 say("may be none") if none else interval(row, estimate, say, with_end=False),
                 key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
             ),
-            Cell(unit_shown(row.unit)),
+            unit_shown(row.unit),
         ]
         if truth:
             cells.append(
@@ -193,21 +178,65 @@ def _estimates(
             )
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
-        reason = f": {row.reason}" if row.reason not in ("", "given", row.status) else ""
+        reason = row.reason not in ("", "given", row.status)
         end = "" if none or row.status != "estimated" else at_an_end(estimate, say)
-        told = say.word(row.status) + say.sentence(reason) + (f", {end}" if end else "")
+        told = say(row.status) + (f": {say(row.reason)}" if reason else "") + (f", {end}" if end else "")
         if failed and row.status != "given":
             told = say("not to be used")
         cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
         rows.append(cells)
-    return table(about, [say(text) for text in head], rows)
+    return table(about, head, rows)
+
+
+def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
+    """Yield the elements as a table."""
+    if not fingerprint.elements:
+        return
+    yield from not_to_be_used(fingerprint, say)
+    yield paragraph(
+        say(
+            "An element is a part of the model that may act or not, such as a dead time. It acts where its interval leaves "
+            "no room for none, and is undecided where the interval reaches from none to something that would matter."
+        )
+    )
+    head = say.each("element", "found", "change of the deviance", "limit at 95 %")
+    yield table(
+        say("elements of the model"),
+        head,
+        [
+            [
+                say(row["words"]),
+                Cell(
+                    say(STATES[row["state"]]),
+                    tone="" if fingerprint.why_not else TONES_OF_STATES[row["state"]],
+                ),
+                number("" if row["evidence"] is None else f"{_gain(row):.3g}", key=row["evidence"]),
+                _limit(name, row, say),
+            ]
+            for name, row in fingerprint.elements.items()
+        ],
+    )
+
+
+def _gain(row: Mapping[str, Any]) -> float:
+    """What an element buys; one whose trial fitted worse than none bought nothing."""
+    return max(float(row["evidence"] or 0.0), 0.0)
+
+
+def _limit(name: str, row: Mapping[str, Any], say: Say) -> str:
+    limit = row["limit"]
+    if not limit:
+        return ""
+    side = say("above") if name == "torque_limit" else say("below")
+    value = say.number(f"{limit['value']:.3g}")
+    return f"{limit['parameter']} {side} {value} {unit_shown(limit['unit'])}".strip()
 
 
 def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
     """Yield what is behind a fold: the verdict in full, rank, fits and residual tests."""
     if fingerprint.verdict:
         yield piece("heading", say("The verdict in full"))
-        yield bullets(say.sentence(line) for line in fingerprint.verdict)
+        yield bullets(say(line) for line in fingerprint.verdict)
     yield piece("heading", say("How well the model follows"))
     yield from _fits(fingerprint, say)
     yield piece("heading", say("What the data distinguish"))
@@ -218,27 +247,15 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
 
 def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     found = fingerprint.identifiability
-    if found.rank == found.free:
-        yield paragraph(
-            say(
-                "The data distinguish all {free} free parameters (condition number of the scaled sensitivities "
-                "{condition}).",
-                free=found.free,
-                condition=f"{found.condition:.3g}",
-            )
-        )
-    else:
-        yield paragraph(
-            say("The data distinguish {rank} of {free} free parameters.", rank=found.rank, free=found.free)
-        )
+    yield paragraph(say(wording.rank(found)))
     if found.null_space:
         yield paragraph(
             say("The model's outputs stay the same when these change together, in the proportion given:")
         )
-        yield bullets(say.number(str(entry["combination"])) for entry in found.null_space)
+        yield bullets(say(entry["combination"]) for entry in found.null_space)
     if found.closes_gap:
         yield paragraph(say("Any one of these, known from elsewhere, would settle the rest:"))
-        yield bullets(found.closes_gap)
+        yield bullets(say(names) for names in found.closes_gap)
 
 
 def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
@@ -256,11 +273,11 @@ def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
                 say(
                     "The model explains {share} % of the variation of the {output} (root mean square), noise included.",
                     share=f"{row['nrmse_pct']:.1f}",
-                    output=say.word(wording.OUTPUTS.get(output, output)),
+                    output=say(wording.OUTPUTS.get(output, output)),
                 )
             )
-    rows = [
-        [Cell(name), Cell(say.word(wording.OUTPUTS.get(output, output))), number(_two(row["nrmse_pct"]))]
+    rows: list[Row] = [
+        [name, say(wording.OUTPUTS.get(output, output)), number(_two(row["nrmse_pct"]))]
         for name, output, row in lines
     ]
     yield table(
@@ -297,9 +314,9 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
             threshold=f"{threshold:.2g}",
         )
     )
-    rows = [
+    rows: list[Row] = [
         [
-            Cell(say.word(wording.OUTPUTS.get(output, output))),
+            say(wording.OUTPUTS.get(output, output)),
             *_tested(
                 row.get("input_correlation_p"),
                 threshold,
@@ -311,33 +328,36 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
         ]
         for output, row in tested.items()
     ]
-    head = ["output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"]
-    yield table(say("residual tests of each output"), [say(text) for text in head], rows)
-    for output, correlations in fingerprint.residuals.items():
-        output_words = say.word(wording.OUTPUTS.get(output, output))
-        by_set_point = _outside(correlations["set_point"], say)
-        if "autocorrelation" in correlations:
-            words = say(
-                "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
-                "{by_set_point}. Of noise one lag in twenty is outside.",
-                output=output_words,
-                own=_outside(correlations["autocorrelation"], say),
-                by_set_point=by_set_point,
-            )
-        else:
-            words = say(
-                "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in "
-                "twenty is outside.",
-                output=output_words,
-                by_set_point=by_set_point,
-            )
-        yield pictures.draw(
-            len(correlations),
-            partial(plot.correlogram, fingerprint, output),
-            words,
-            height=1.7,
-            sharex=False,
+    head = say.each(
+        "output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"
+    )
+    yield table(say("residual tests of each output"), head, rows)
+    for output in fingerprint.residuals:
+        yield _correlogram(fingerprint, output, pictures, say)
+
+
+def _correlogram(fingerprint: Fingerprint, output: str, pictures: Pictures, say: Say) -> str:
+    correlations = fingerprint.residuals[output]
+    said = (
+        Sentence(
+            "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
+            "{by_set_point}. Of noise one lag in twenty is outside."
         )
+        if "autocorrelation" in correlations
+        else Sentence(
+            "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in twenty "
+            "is outside."
+        )
+    )
+    own = _outside(correlations["autocorrelation"], say) if "autocorrelation" in correlations else ""
+    by_set_point = _outside(correlations["set_point"], say)
+    return pictures.draw(
+        len(correlations),
+        partial(plot.correlogram, fingerprint, output),
+        say(said, output=say(wording.OUTPUTS.get(output, output)), own=own, by_set_point=by_set_point),
+        height=1.7,
+        sharex=False,
+    )
 
 
 def _outside(test: Mapping[str, Sequence[float]], say: Say) -> str:
@@ -345,9 +365,9 @@ def _outside(test: Mapping[str, Sequence[float]], say: Say) -> str:
     return say("{count} of {lags} lags outside the band", count=count or say("none"), lags=len(test["lags"]))
 
 
-def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell]:
+def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell | str]:
     if p is None:
-        return number(""), Cell("")
+        return number(""), ""
     text = f"{p:.2g}" if p > 1e-6 else "< 1e-6"
     return number(text, key=p), Cell(passed, tone="good") if p >= threshold else Cell(failed, tone="warn")
 

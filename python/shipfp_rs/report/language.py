@@ -1,23 +1,20 @@
-"""The language of a report: English sentences are their own keys, German ones stand in one table."""
+"""The language of a report: English texts, said as a catalogue has them and in words that go with the trial."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from shipfp_rs.report.german import SENTENCES
-from shipfp_rs.report.german_meanings import MEANINGS
-from shipfp_rs.report.german_verdicts import PHRASES
-from shipfp_rs.report.german_words import LABELS, WORDS
 from shipfp_rs.structures import glossary
-from shipfp_rs.structures.names import Language, plain_name
+from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support.checks import one_of
+from shipfp_rs.support.languages import LANGUAGES, catalogue
+from shipfp_rs.support.sentences import Sentence, filled
 
-LANGUAGES = ("en", "de")
-NUMBER = re.compile(r"-?\d+\.\d+(e-?\d+)?")
+NUMBER = re.compile(r"[-+]?\d+\.\d+(e[-+]?\d+)?")
 POINT = re.compile(r"(?<=\d)\.(?=\d)")
-"""A decimal point; a section of a book has one, too, but no sentence that a fingerprint holds names any."""
+"""A decimal point between two digits."""
 KINDS = {
     "sine": "one sine",
     "sines": "sines one after the other",
@@ -27,6 +24,8 @@ KINDS = {
     "prbs": "pseudo-random steps",
 }
 """Kind of a window to what the set point does in it; any other is a plain word, or the user's own."""
+LABEL = re.compile(r"(.*?)((?: (?:[$\[(]|\w+_).*)?)$")
+"""A label: its words, and what follows of symbols, units and shares."""
 CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
 """A table's cell of figures: what opens it, and its text."""
 
@@ -37,68 +36,74 @@ class Say:
     Parameters
     ----------
     language
-        "en" or "de".
-    replacements
-        Patterns of words that do not go with the trial's drive or load, each with what to write instead.
+        One of `LANGUAGES`.
+    instead
+        Words that do not go with the trial's drive or load, with what to write in place of them, as `driven` lists them.
     """
 
-    def __init__(
-        self, language: Language = "en", replacements: Sequence[tuple[re.Pattern[str], str]] = ()
-    ) -> None:
+    def __init__(self, language: str = "en", instead: Iterable[str] = ()) -> None:
         one_of("language", language, LANGUAGES)
         self.language = language
-        self.replacements = replacements
+        self._translated = catalogue(language).gettext
+        self._decimal = self._translated("1.5")[1]
+        pairs = [pair.split(" = ") for words in instead for pair in self._translated(words).split("; ")]
+        self._instead = [(re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs]
+
+    def __call__(self, text: str, /, **values: Any) -> str:
+        """Return a text, its fields in braces filled in; as it is where the catalogue does not know it."""
+        return self.told(Sentence(text, **values) if values else text, self.figure)
+
+    def each(self, *texts: str) -> list[str]:
+        """Return texts one by one, as heads of a table; an empty one stays empty."""
+        return [self(text) for text in texts]
+
+    def told(self, text: str, leaf: Callable[[str], str]) -> str:
+        """Return a text; `leaf` writes the values in it that are no sentences themselves."""
+        template = text.template if isinstance(text, Sentence) else text
+        said = self.fitting(self._translated(template)) if template else ""
+        if not isinstance(text, Sentence):
+            return said
+        values = {
+            name: self.told(one, leaf) if isinstance(one, Sentence) else leaf(one)
+            for name, one in text.values.items()
+        }
+        return filled(said, values)
 
     def fitting(self, text: str) -> str:
         """Return a text of the report in words that go with the trial's drive and load."""
-        for pattern, word in self.replacements:
+        for pattern, word in self._instead:
             text = pattern.sub(word, text)
         return text
 
-    def __call__(self, text: str, **values: Any) -> str:
-        """Return a sentence of the report, its names in braces filled in."""
-        said = self.fitting(SENTENCES[text] if self.language == "de" else text)
-        shown = {
-            key: self.number(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
-            for key, value in values.items()
-        }
-        return said.format(**shown) if values else said
+    def figure(self, text: str) -> str:
+        """Return a value; of a number with the language's decimal sign."""
+        return self.number(text) if NUMBER.fullmatch(text) else text
 
     def number(self, text: str) -> str:
         """Return text whose numbers have the language's decimal sign."""
-        return POINT.sub(",", text) if self.language == "de" else text
+        return POINT.sub(self._decimal, text)
 
     def cells(self, page: str) -> str:
         """Return a page whose cells of figures have the language's decimal sign."""
         return CELL.sub(lambda found: found[1] + self.number(found[2]), page)
 
-    def word(self, text: str) -> str:
-        """Return a word or name that a fingerprint or an experiment holds; as it is where it has no translation."""
-        return self.fitting(WORDS.get(text, text) if self.language == "de" else text)
-
     def called(self, experiment: str, kind: str) -> str:
         """Return an experiment's name and what the set point did in it, where that is known."""
         if not kind:
             return experiment
-        return f"{experiment} ({self('set point: {kind}', kind=self.word(KINDS.get(kind, kind)))})"
+        return f"{experiment} ({self('set point: {kind}', kind=self(KINDS.get(kind, kind)))})"
 
     def name(self, symbol: str) -> str:
-        """Return the plain name of a parameter or combination."""
-        return self.fitting(plain_name(symbol, self.language))
+        """Return the plain name of a parameter or combination, the part of a joint structure in brackets behind it."""
+        own, bracket, part = symbol.partition(" (")
+        return self(plain_name(own)) + bracket + part if plain_name(symbol) else ""
 
     def meaning(self, symbol: str) -> str:
         """Return what a parameter means; empty for a parameter of a user's own."""
-        own = symbol.partition(" (")[0]
-        return self.fitting(MEANINGS.get(own, "") if self.language == "de" else glossary.meaning(own))
+        return self(glossary.meaning(symbol.partition(" (")[0]))
 
     def label(self, text: str) -> str:
         """Return the label of an axis or of a legend, its symbols and units as they are."""
-        for english, german in LABELS:
-            text = re.sub(rf"\b{re.escape(english)}\b", german, text) if self.language == "de" else text
-        return self.fitting(text)
-
-    def sentence(self, text: str) -> str:
-        """Return a sentence of a fingerprint's verdict; as it is where none of the patterns is its own."""
-        for pattern, said in PHRASES if self.language == "de" else ():
-            text = re.sub(pattern, said, text)
-        return self.fitting(self.number(text))
+        if (said := self(text)) != text:
+            return said
+        return LABEL.sub(lambda found: self(found[1]) + self.number(found[2]), text, count=1)

@@ -17,7 +17,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, number, paragraph, table
+from shipfp_rs.report.markup import Cell, Row, number, paragraph, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
@@ -53,14 +53,14 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
     yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
     yield table(
         say("poles, margins and gains of the loop"),
-        [say(text) for text in ("figure", "estimate", "95 % interval", "unit", "note")],
+        say.each("figure", "estimate", "95 % interval", "unit", "note"),
         [
             [
-                Cell(say.name(row.name) or say.word(row.name)),
+                say.name(row.name) or say(row.name),
                 number(row.value, key=loop[row.name].value),
                 number(interval(row, loop[row.name], say, with_end=False)),
-                Cell(unit_shown(row.unit)),
-                Cell(say.word(say.sentence(row.reason)) or at_an_end(loop[row.name], say), tone="note"),
+                unit_shown(row.unit),
+                Cell(say(row.reason) or at_an_end(loop[row.name], say), tone="note"),
             ]
             for row in rounded_rows(loop)
         ],
@@ -88,18 +88,15 @@ def classes(
             step=f"{STEP_PCT:g}",
         )
     )
-    head = [
-        say(text)
-        for text in (
-            "class",
-            "speed falls by [%]",
-            "at most [%]",
-            "recovers within [s]",
-            "at most [s]",
-            "result",
-            "met up to a step of [%]",
-        )
-    ]
+    head = say.each(
+        "class",
+        "speed falls by [%]",
+        "at most [%]",
+        "recovers within [s]",
+        "at most [s]",
+        "result",
+        "met up to a step of [%]",
+    )
     yield table(
         say("classes of governing by ISO 8528-5, speed after a load step"),
         head,
@@ -107,10 +104,10 @@ def classes(
     )
 
 
-def _class(name: str, found: Governing, say: Say) -> list[Cell]:
+def _class(name: str, found: Governing, say: Say) -> Row:
     states = {"pass": say("pass"), "fail": say("fail"), "open": say("open")}
     return [
-        Cell(name),
+        name,
         _told(found.deviation, say),
         number(f"{found.limits.deviation_pct:g}"),
         _told(found.recovery, say),
@@ -177,6 +174,6 @@ def _draw(axes: Sequence[Axes], times: Array, rows: Mapping[str, Array], recover
         if output == "dn":
             ax.axhline(1.0, color=SET_POINT, lw=1.0, ls="--")
             ax.axvline(recovery, color=GREY, lw=1.0, ls=":")
-        dress(ax, f"{say.word(wording.OUTPUTS.get(output, output))} [%]", legend=False)
+        dress(ax, f"{say(wording.OUTPUTS.get(output, output))} [%]", legend=False)
     axes[-1].set_xlabel(say("time [s]"))
     axes[-1].set_xlim(0.0, times[-1])

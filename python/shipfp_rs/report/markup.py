@@ -52,6 +52,10 @@ class Cell:
         return repr(self.key)
 
 
+Row = Sequence[Cell | str]
+"""Cells of a row of a table; a text is a cell of its own."""
+
+
 def piece(name: str, *content: object) -> Markup:
     """Return one of the macros of `markup.html`, filled in."""
     macro = getattr(environment().get_template("markup.html").module, name)
@@ -63,8 +67,8 @@ def number(text: str, tone: str = "", key: float | None = None) -> Cell:
     return Cell(text, number=True, tone=tone, key=key)
 
 
-def table(about: str, head: Sequence[str], rows: Iterable[Sequence[Cell]], *, tail: int = 0) -> Markup:
-    """Return a table that sorts by a click on its heads; `tail` rows at its end stay there.
+def table(about: str, head: Sequence[str], rows: Iterable[Row]) -> Markup:
+    """Return a table that sorts by a click on its heads.
 
     Parameters
     ----------
@@ -74,12 +78,9 @@ def table(about: str, head: Sequence[str], rows: Iterable[Sequence[Cell]], *, ta
         Names of the columns; those above figures are aligned to the right, as the figures of the first row are.
     rows
         Cells of each row, the first one its name.
-    tail
-        Number of last rows that are no part of what is sorted.
     """
-    lines = [*rows]
-    end = len(lines) - tail
-    return piece("table", about, head, lines[:end], lines[end:])
+    lines = [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in rows]
+    return piece("table", about, head, lines)
 
 
 def bullets(lines: Iterable[str]) -> Markup:

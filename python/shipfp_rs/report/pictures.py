@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup, escape
 
-from shipfp_rs.report.curves import curves_csv
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import link_to, piece
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
     from matplotlib.ticker import Formatter
 
 WIDE = 8.0
@@ -28,6 +30,9 @@ MATH = re.compile(r"\\\w+|[${}^_]")
 """What a label's formulas are written with, but not shown."""
 INK = "#010203"
 """Colour of text and axes in a picture; the page replaces it by its own, light or dark."""
+
+
+Point = tuple[str, str, str, float, float, float | str, float | str]
 
 
 class Pictures:
@@ -80,7 +85,7 @@ class Pictures:
     def _translate(self, axes: Sequence[Axes]) -> None:
         """Put labels and legends into the report's language and words; titles are names that a user gave."""
         for ax in axes:
-            for axis in (ax.xaxis, ax.yaxis) if self._say.language != "en" else ():
+            for axis in (ax.xaxis, ax.yaxis) if self._say.number("1.5") != "1.5" else ():
                 axis.set_major_formatter(_spoken(axis.get_major_formatter(), self._say))
             for text in ax.texts:
                 text.set_text(self._say.number(text.get_text()))
@@ -156,3 +161,41 @@ def _below(ax: Axes, size: float) -> float:
         else 0.4 * size
     )
     return ticks + (1.7 * size if ax.get_xlabel() else 0.0)
+
+
+def curves_csv(axes: Sequence[Axes]) -> str:
+    """Return every point of the panels' lines: both axes' names, series, place, value, ends of its bar."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["value_of", "against", "series", "place", "value", "low", "high"])
+    for ax in axes:
+        for row in _rows(ax, ax.get_xlabel() or axes[-1].get_xlabel()):
+            writer.writerow(
+                [f"{cell:.9g}" if isinstance(cell, float | np.floating) else cell for cell in row]
+            )
+    return text.getvalue()
+
+
+def _rows(ax: Axes, against: str) -> Iterator[Point]:
+    """Yield the rows of a panel; lines across all of it, such as a limit's, are no data."""
+    from matplotlib.container import ErrorbarContainer
+
+    panel = ax.get_ylabel()
+    barred = {one.lines[0]: one for one in ax.containers if isinstance(one, ErrorbarContainer)}
+    caps = {cap for container in barred.values() for cap in container.lines[1]}
+    for line in ax.lines:
+        if line in caps or line.get_transform() != ax.transData:
+            continue
+        container = barred.get(line)
+        label = str(container.get_label() if container is not None else line.get_label())
+        series = "" if label.startswith("_") else label
+        ends = [bar for bars in container.lines[2] for bar in bars.get_segments()] if container else []
+        x, y = _points(line)
+        for place, (across, value) in enumerate(zip(x, y, strict=True)):
+            low, high = (ends[place][0][1], ends[place][1][1]) if place < len(ends) else ("", "")
+            yield panel, against, series, across, value, low, high
+
+
+def _points(line: Line2D) -> tuple[Sequence[float], Sequence[float]]:
+    x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
+    return x.tolist(), y.tolist()

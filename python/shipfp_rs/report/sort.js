@@ -1,5 +1,5 @@
 "use strict";
-// Tables sort by a click on a head, up, then down; rows in the foot stay there.
+// Tables sort by a click on a head, up, then down.
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells];
   const body = table.tBodies[0];

@@ -211,7 +211,7 @@ def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
         fingerprints[f"4.2 {case}"] = fingerprint
         estimates = {**fingerprint.parameters, **fingerprint.derived}
         closing = fingerprint.identifiability.closes_gap
-        notes = rank(fingerprint.identifiability)
+        notes = str(rank(fingerprint.identifiability))
         if closing:
             notes += f" One known from elsewhere would settle the rest: {', '.join(closing)}."
         found.append(

@@ -18,15 +18,15 @@ from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import write_report
 from shipfp_rs.runs.fit import choice, located, structure_from
-from shipfp_rs.structures.names import Language
 from shipfp_rs.support.files import replacing_folder
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 MARKER = "fingerprint.json"
 RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")
 """Names of the files in the folder of a run."""
 
-NO_TORQUE = (
+NO_TORQUE = Sentence(
     "No torque was fitted, since the trial has no table [channels.torque]: the speed alone determines only ratios of "
     "tau_n, g and the gains."
 )
@@ -48,7 +48,7 @@ def run(
     *,
     seed: int | None = None,
     force: bool = False,
-    language: Language | None = None,
+    language: str | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
     """Process and identify a trial and write `RESULTS` into a folder, which appears whole or not at all.
@@ -87,7 +87,7 @@ def evaluate(
     *,
     seed: int | None = None,
     truth: Mapping[str, float] | None = None,
-    language: Language | None = None,
+    language: str | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
     """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""

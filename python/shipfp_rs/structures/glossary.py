@@ -51,6 +51,8 @@ COMBINATIONS = _GROUPS["combinations"]
 """What is known where its members are not."""
 OBJECTS = _GROUPS["objects"]
 """What the package hands around, and the figure that a fit is judged by."""
+FORMULAS = _GROUPS["formulas"]
+"""Symbols in the formulas of parameters that are no parameters themselves."""
 
 GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *OBJECTS)}
 """All terms by symbol."""

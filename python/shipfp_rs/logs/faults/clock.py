@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.support.sentences import Sentence
 
 Array = npt.NDArray[np.float64]
 Samples = npt.NDArray[Any]
@@ -215,12 +216,12 @@ class ClockScan:
                 segments.append(Segment(skipped_to, stop - skipped_to, at))
         end = segments[-1].sample + segments[-1].count
         faults = [
-            Fault("time_gap", column, "masked: missing rows put in", np.array(gaps)),
-            Fault("repeated", column, "second copies left out", np.array(twice), excluded=False),
+            Fault("time_gap", column, Sentence("masked: missing rows put in"), np.array(gaps)),
+            Fault("repeated", column, Sentence("second copies left out"), np.array(twice), excluded=False),
             Fault(
                 "time_back",
                 column,
-                "counted on from sample to sample; the file's own times are behind here",
+                Sentence("counted on from sample to sample; the file's own times are behind here"),
                 np.array([(start, end if stop < 0 else stop) for start, stop in back]),
                 excluded=False,
             ),
