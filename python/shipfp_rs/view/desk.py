@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import re
 import stat
@@ -88,13 +89,30 @@ class Desk:
 
     def open_trial(self, path: Path) -> list[int]:
         """Return the documents of a trial's logs, in order; relative names count from its folder."""
-        header = read_tables(path).get("trial")
-        logs = header.get("log", []) if isinstance(header, dict) else []
-        logs = [logs] if isinstance(logs, str) else logs
-        rate_hz = header.get("rate_hz") if isinstance(header, dict) else None
-        if not logs or not all(isinstance(log, str) for log in logs):
-            raise InputError(f"{path}: trial.log: found no log, expected the path of one")
-        return [self.open(path.parent / log, rate_hz, path) for log in logs]
+        logs, rate_hz = _logs_of(path)
+        return [self.open(log, rate_hz, path) for log in logs]
+
+    def open_log(self, path: Path, rate_hz: float | None = None) -> int:
+        """Return the document of a log, with the newest TRIAL.toml of the folder that names it, where there is one."""
+        for trial in self.trials_of(path):
+            return self.open(path, rate_hz or _logs_of(trial)[1], trial)
+        return self.open(path, rate_hz)
+
+    def trials_of(self, path: Path) -> list[Path]:
+        """Return the trials of the folder that name a log, the newest first."""
+        found, log = [], path.resolve()
+        for file, _ in self._files(".toml"):
+            with contextlib.suppress(*UNREADABLE):
+                if log in [one.resolve() for one in _logs_of(file)[0]]:
+                    drafts.read_draft(file)  # one that the page can't edit is none
+                    found.append((file.stat().st_mtime_ns, file))
+        return [file for _, file in sorted(found, reverse=True)]
+
+    def document(self, number: int) -> Document:
+        """Return a document by its number; `InputError` where there is none."""
+        if number >= len(self._open):
+            raise InputError(f"doc: {number}, expected a document that is open")
+        return self._open[number]
 
     def tiles(self, asked: Asked) -> bytes:
         """Return tiles one after the other; `want` names them as series.level.index, with commas between."""
@@ -119,10 +137,7 @@ class Desk:
         return b"".join(parts)
 
     def _document(self, asked: Mapping[str, Any]) -> Document:
-        number = _whole(asked, "doc")
-        if number >= len(self._open):
-            raise InputError(f"doc: {number}, expected a document that is open")
-        return self._open[number]
+        return self.document(_whole(asked, "doc"))
 
     def _folder(self, _: Asked) -> dict[str, Any]:
         logs: list[dict[str, Any]] = []
@@ -131,7 +146,7 @@ class Desk:
         for file, size in self._files():
             try:
                 if file.suffix.lower() in suffixes() and size:
-                    logs.append({"name": file.name, "doc": self.open(file), "bytes": size})
+                    logs.append({"name": file.name, "doc": self.open_log(file), "bytes": size})
                 if file.suffix == ".toml" and size < LARGEST_TOML:
                     trials += [
                         {"name": file.name, "log": self._open[number].path.name, "doc": number}
@@ -142,12 +157,17 @@ class Desk:
         shown: dict[str, list[Any]] = {"logs": logs, "trials": trials, "others": others}
         return {"folder": self.folder.name, **{key: found[:MOST_ENTRIES] for key, found in shown.items()}}
 
-    def _files(self) -> Iterator[tuple[Path, int]]:
-        """Give the ordinary files of the folder, in order, with their sizes: no pipes, devices and links to nothing."""
+    def _files(self, suffix: str = "") -> Iterator[tuple[Path, int]]:
+        """Give the ordinary files of the folder, in order, with their sizes: no pipes, devices and links to nothing.
+
+        Those of a suffix are small enough to be configuration.
+        """
         for entry in sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]:
             with contextlib.suppress(OSError):
                 status = entry.stat()
-                if stat.S_ISREG(status.st_mode) and not entry.name.startswith("."):
+                if not stat.S_ISREG(status.st_mode) or entry.name.startswith("."):
+                    continue
+                if not suffix or (entry.suffix == suffix and status.st_size < LARGEST_TOML):
                     yield entry, status.st_size
 
     def _faults(self, asked: Asked) -> dict[str, Any]:
@@ -172,6 +192,11 @@ class Desk:
             "to_rpm": dict(TO_RPM),
             "to_nm": dict(TO_NM),
             "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
+            "others": [
+                {"name": other.name, "doc": self.open(document.path, _logs_of(other)[1], other)}
+                for other in self.trials_of(document.path)
+                if other.resolve() != self._own(document)
+            ],
             "logs": [
                 {"name": other.path.name, "doc": number}
                 for number, other in enumerate(self._open)
@@ -187,8 +212,7 @@ class Desk:
 
     def _vessels(self) -> list[str]:
         own = []
-        tables = [file for file, size in self._files() if file.suffix == ".toml" and size < LARGEST_TOML]
-        for file in tables[:50]:
+        for file, _ in itertools.islice(self._files(".toml"), 50):
             with contextlib.suppress(*UNREADABLE):
                 if "propeller" in read_tables(file):
                     Vessel.load(str(file))
@@ -264,6 +288,16 @@ class Desk:
         if kind not in ("check", "run"):
             raise InputError(f"kind: found {kind!r}, expected check or run")
         return self.jobs.begin(kind, self._writable(content.get("file"))).told()
+
+
+def _logs_of(path: Path) -> tuple[list[Path], float | None]:
+    """Return the logs that a TRIAL.toml names, and their rate [Hz] where it tells one."""
+    header = read_tables(path).get("trial")
+    logs = header.get("log", []) if isinstance(header, dict) else []
+    logs = [logs] if isinstance(logs, str) else logs
+    if not logs or not all(isinstance(log, str) for log in logs):
+        raise InputError(f"{path}: trial.log: found no log, expected the path of one")
+    return [path.parent / log for log in logs], header.get("rate_hz")
 
 
 def _text(asked: Mapping[str, Any], key: str) -> str:

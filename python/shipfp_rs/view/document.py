@@ -109,7 +109,10 @@ class Document:
         """Everything that `shipfp inspect` lists, with the trial where there is one."""
         from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
 
-        trial = Trial.load(self.trial) if self.trial is not None else None
+        trial = None
+        if self.trial is not None:
+            with contextlib.suppress(InputError):  # one that is not complete yet: the log is looked at alone
+                trial = Trial.load(self.trial)
         found = inspect_log(self.log(), trial).faults
         channels = {one.channel.name: one.channel for one in self.raw.wait()}
         return [

@@ -14,7 +14,7 @@ export class Draft extends EventTarget {
 
   async load() {
     const told = await ask("draft", { doc: this.doc });
-    Object.assign(this, told, { state: told.draft });
+    Object.assign(this, told, { state: told.draft, from: told.version ? told.file : null });
     this.show();
     this.dispatchEvent(new Event("loaded"));
     this.findWindows();

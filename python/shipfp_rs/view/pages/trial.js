@@ -145,6 +145,11 @@ export class TrialPanel {
     const focused = document.activeElement?.getAttribute("aria-label");
     form.replaceChildren();
     const head = make(form, "div", { class: "card" });
+    if (draft.from) make(head, "p", { class: "soft told" }, `Roles, calibrations and windows are those of ${draft.from}.`);
+    if (draft.others.length) {
+      const others = make(head, "p", { class: "soft told" }, "Other trials of this log:");
+      for (const other of draft.others) { others.append(" "); make(others, "a", { href: `?doc=${other.doc}` }, other.name); }
+    }
     const one = make(head, "div", { class: "line" });
     make(one, "span", { class: "soft" }, "trial");
     field(one, "name of the trial", state.name, (text) => { state.name = text.trim() || "Trial"; draft.change(); }, { class: "grow" });
