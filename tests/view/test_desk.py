@@ -8,7 +8,7 @@ import pytest
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from tests.view.serving import served
-from tests.view.test_jobs import TRIAL
+from tests.view.test_jobs import TRIAL, follow
 
 
 @pytest.fixture
@@ -48,3 +48,49 @@ def test_what_a_log_taken_with_its_trial_saves_goes_into_that_file(folder):
         )
         assert (saved["status"], saved["file"], saved["doc"]) == (200, "new.toml", doc)
     assert 'name = "changed"' in (folder / "new.toml").read_text()
+
+
+def write_genset(path):
+    """A set point that rests, the power of a generator that goes up and down, and the speed that answers."""
+    random = np.random.default_rng(0)
+    rate_hz, steps = 50.0, np.repeat(random.choice([0.3, 0.9, 0.6], 60), 100)
+    steps[:1500] = steps[-1000:] = 0.5
+    load, speed, total = 200e3 * steps, np.empty(steps.size), 0.0
+    n = 1500.0
+    for k, power in enumerate(load):
+        total += (1500.0 - n) / rate_hz
+        n += (8.0 * (1500.0 - n) + 4.0 * total - 2e-3 * (power - 100e3)) / (2.0 * rate_hz)
+        speed[k] = n
+    channels = {
+        "n_set": np.full(steps.size, 1500.0),
+        "Generator power": load / 1e3 + random.normal(0.0, 0.3, steps.size),
+        "n_e": speed + random.normal(0.0, 0.5, steps.size),
+    }
+    units = {"n_set": "rpm", "Generator power": "kW", "n_e": "rpm"}
+    Log.from_arrays(channels, rate_hz=rate_hz, units=units).write(path)
+
+
+def test_a_log_in_which_only_the_load_moves_is_marked_and_checked_from_what_the_page_is_told(tmp_path):
+    write_genset(tmp_path / "genset.parquet")
+    with served(tmp_path) as caller:
+        doc = caller.server.desk.open_log(tmp_path / "genset.parquet")
+        told = caller.get("draft", doc=doc)
+        assert [one["role"] for one in told["guess"]] == ["set_point", "load", "speed"]
+        assert told["factors"]["Generator power"]["load"] == {"factor": 1000.0, "quantity": "power"}
+        asked = {"doc": doc, "driver": "n_set", "load": "Generator%20power"}
+        while (found := caller.get("windows", **asked))["state"] == "working":
+            pass
+        assert found["column"] == "Generator power"
+        (window,) = [one for one in found["windows"] if one["kind"] != "steady"]
+        assert found["rest"][1] <= window["start_s"] + 1.0
+        keys = ("name", "kind", "start_s", "stop_s")
+        draft = told["draft"] | {
+            "channels": told["guess"],
+            "steady_s": found["rest"],
+            "windows": [{key: window[key] for key in keys}],
+        }
+        saved = caller.post("save", {"doc": doc, "draft": draft, "file": "TRIAL.toml", "version": ""})
+        assert saved["status"] == 200, saved
+        checked = follow(caller, caller.post("job", {"kind": "check", "file": "TRIAL.toml"}))
+        assert checked["state"] == "done", checked
+        assert any(one["what"] == "load (power)" for one in checked["done"]["channels"])

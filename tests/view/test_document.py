@@ -48,7 +48,7 @@ def test_the_layer_of_faults_is_the_list_of_inspect(folder, capsys, with_trial):
 
 def test_windows_and_the_steady_stretch_are_found(folder):
     document = Document(folder / "log.parquet")
-    document.windows("U_setpoint").wait()
+    assert document.windows("U_setpoint").wait()[0] == "U_setpoint"
     told = document.told_windows("U_setpoint")
     kinds = [window["kind"] for window in told["windows"]]
     assert "chirp" in kinds

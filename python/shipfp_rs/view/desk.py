@@ -19,7 +19,6 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, read_tables, validated
-from shipfp_rs.support.units import TO_NM, TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
 from shipfp_rs.view.document import Document
@@ -59,7 +58,9 @@ class Desk:
             "folder": self._folder,
             "document": lambda asked: self._document(asked).facts(),
             "faults": self._faults,
-            "windows": lambda asked: self._document(asked).told_windows(_text(asked, "column")),
+            "windows": lambda asked: self._document(asked).told_windows(
+                _text(asked, "driver"), asked.get("load") or None
+            ),
             "within": self._within,
             "mean": lambda asked: self._document(asked).mean(_whole(asked, "series"), *_stretch(asked)),
             "spectrum": lambda asked: self._document(asked).spectrum(
@@ -189,8 +190,7 @@ class Desk:
             "file": path.name,
             "version": drafts.version_of(path) if known else "",
             "vessels": self._vessels(),
-            "to_rpm": dict(TO_RPM),
-            "to_nm": dict(TO_NM),
+            "factors": {channel.name: drafts.factors(channel.unit) for channel in channels},
             "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
             "others": [
                 {"name": other.name, "doc": self.open(document.path, _logs_of(other)[1], other)}
@@ -293,7 +293,8 @@ class Desk:
 def _logs_of(path: Path) -> tuple[list[Path], float | None]:
     """Return the logs that a TRIAL.toml names, and their rate [Hz] where it tells one."""
     header = read_tables(path).get("trial")
-    logs = header.get("log", []) if isinstance(header, dict) else []
+    header = header if isinstance(header, dict) else {}
+    logs = header.get("log", [])
     logs = [logs] if isinstance(logs, str) else logs
     if not logs or not all(isinstance(log, str) for log in logs):
         raise InputError(f"{path}: trial.log: found no log, expected the path of one")

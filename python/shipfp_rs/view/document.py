@@ -19,7 +19,8 @@ from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.processing.trial_template import moved, operating_rest
+from shipfp_rs.processing.windows import FoundWindow, find_windows
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.background import Background, Progress
 from shipfp_rs.view.series import Series
@@ -52,7 +53,7 @@ class Document:
         self.pyramid = Background(self._pyramid)
         self.raw = Background(self._raw)
         self.faults = Background(self._faults)
-        self._windows: dict[str, Background[list[FoundWindow]]] = {}
+        self._windows: dict[tuple[str, str | None], Background[tuple[str, list[FoundWindow]]]] = {}
         self._processed: Background[list[Series]] | None = None
         self.processed: list[Series] = []
         self.processed_version = 0
@@ -124,22 +125,23 @@ class Document:
             for fault in found
         ]
 
-    def windows(self, column: str) -> Background[list[FoundWindow]]:
-        """Return the windows of a set point, looked for once."""
-        self.log().channel(column)
+    def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
+        """Return the channel that moves, set point or load, and its windows, looked for once."""
+        self.log().channel(driver)
         with self._lock:
-            if column not in self._windows:
-                self._windows[column] = Background(lambda _: find_windows(self.log(), column))
-            return self._windows[column].begin()
+            if (driver, load) not in self._windows:
+                self._windows[driver, load] = Background(lambda _: moved(self.log(), driver, load))
+            return self._windows[driver, load].begin()
 
-    def told_windows(self, column: str) -> dict[str, Any]:
+    def told_windows(self, driver: str, load: str | None = None) -> dict[str, Any]:
         """Return the state of the search for windows, and what was found."""
-        search = self.windows(column)
+        search = self.windows(driver, load)
         search.done.wait(0.2)
-        found = search.result or []
-        rest = longest_rest(found)
+        mover, found = search.result or (driver, [])
+        rest = operating_rest(found, by_load=mover == load) if found else None
         return {
             **search.state(),
+            "column": mover,
             "windows": [_found(window) for window in found],
             "rest": None if rest is None else [rest.start_s, rest.stop_s],
         }
@@ -149,7 +151,7 @@ class Document:
         try:
             found = find_windows(stretch_of(self.log(), column, start_s, stop_s), column)
         except InputError:
-            known = self.windows(column).result or []
+            _, known = self.windows(column).result or (column, [])
             found = [one for one in known if one.start_s < stop_s and one.stop_s > start_s]
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)

@@ -1,10 +1,9 @@
 // Panels that say what the channels are, mark windows, save TRIAL.toml, check and run it.
 
-import { lineOf } from "./draft.js";
+import { lineOf, ROLES, unitOf } from "./draft.js";
 import { ask, button, field, hertz, make, menu, short, tell, until } from "./tools.js";
 import { verdictBox } from "./results.js";
 
-const ROLES = [["", "—"], ["set_point", "set point"], ["torque", "torque"], ["rack", "fuel rack"], ["speed", "speed"], ["train", "pulse train"]];
 const PLACES = [["gauge", "strain gauge between the inertias"], ["brake", "engine's brake torque"], ["shaft", "shaft behind the gearbox"]];
 const KINDS = [["", "any kind"], ["chirp", "chirp"], ["sine", "sine"], ["steps", "steps"], ["multisine", "multisine"], ["noise", "noise"]];
 const number = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text.replace(",", "."))) ? Number(text.replace(",", ".")) : null);
@@ -55,7 +54,7 @@ export class ChannelsPanel {
     const channel = draft.channel(series.name);
     const role = make(card, "div", { class: "line" });
     make(role, "span", { class: "soft" }, "is");
-    menu(role, `role of ${name}`, ROLES, channel?.role ?? "", (value) => draft.setRole(series.name, value, series.unit), { "data-key": `role ${name}` });
+    menu(role, `role of ${name}`, [["", "—"], ...Object.entries(ROLES)], channel?.role ?? "", (value) => draft.setRole(series.name, value, series.unit), { "data-key": `role ${name}` });
     if (channel) this.details(card, channel, series);
   }
 
@@ -76,6 +75,10 @@ export class ChannelsPanel {
       make(line, "span", { class: "soft" }, "measured by");
       menu(line, `place of ${name}`, PLACES, channel.location, (value) => { channel.location = value; draft.change(); });
     }
+    if (channel.role === "load") {
+      make(line, "span", { class: "soft" }, "measured as");
+      menu(line, `quantity of ${name}`, [["torque", "torque of the shaft"], ["power", "power"]], channel.quantity, (value) => { channel.quantity = value; draft.change(); });
+    }
     if (!series.unit || channel.unit !== series.unit) {
       make(line, "span", { class: "soft" }, "recorded in");
       field(line, `unit of ${name}`, channel.unit, (text) => { channel.unit = text.trim(); draft.change(); }, { class: "short" });
@@ -85,7 +88,7 @@ export class ChannelsPanel {
 
   calibration(card, channel, series) {
     const { draft, view } = this, { calibration } = channel, name = channel.column;
-    const unit = { set_point: "rpm", torque: "Nm", rack: "its own unit" }[channel.role];
+    const unit = unitOf(channel) || "its own unit";
     const line = make(card, "div", { class: "line" });
     make(line, "span", { class: "soft" }, `to ${unit} by`);
     menu(line, `calibration of ${name}`, [["scale", "scale and offset"], ["table", "two points or a table"]], calibration.table ? "table" : "scale", (value) => {
@@ -175,7 +178,7 @@ export class TrialPanel {
     const { draft, view } = this, { state } = draft;
     make(form, "h3", {}, "Steady stretch");
     const line = make(form, "div", { class: "line" });
-    if (state.steady_s) this.times(line, "steady", state.steady_s[0], state.steady_s[1], (start, stop) => { state.steady_s = [start, stop]; });
+    if (state.steady_s) this.times(line, "steady", state.steady_s[0], state.steady_s[1], (start, stop) => draft.setSteady(start, stop));
     else make(line, "span", { class: "soft" }, "none: drag over a stretch with a constant set point");
     button(line, "mark", () => view.setMode("steady"), { "aria-label": "mark the steady stretch" });
   }
@@ -201,7 +204,7 @@ export class TrialPanel {
     if (left.length) {
       button(line, `add all ${left.length} that were found`, () => draft.addFound());
       const told = left.slice(0, 6).map((found) => `${found.kind} ${hertz(found.frequency_hz)} at ${short(found.start_s)} s`).join("; ");
-      make(form, "p", { class: "soft told" }, `Found in the set point: ${told}${left.length > 6 ? "; …" : ""}`);
+      make(form, "p", { class: "soft told" }, `Found in ${draft.mover}: ${told}${left.length > 6 ? "; …" : ""}`);
     }
   }
 
