@@ -16,11 +16,13 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
 from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import Header
 from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, read_tables, validated
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
+from shipfp_rs.view import vessel_form
 from shipfp_rs.view.document import Document
 from shipfp_rs.view.draft import Draft
 from shipfp_rs.view.jobs import Jobs
@@ -28,6 +30,8 @@ from shipfp_rs.view.results import Results
 
 NAME = re.compile(r"[^/\\\0:.][^/\\\0:]{0,99}\.toml")
 """A file that may be written: a TOML file's name, and no path."""
+NO_VESSEL = Header.model_fields["vessel"].default
+"""The ship of a trial that names none."""
 MOST_TILES = 256
 MOST_ENTRIES = 500
 LARGEST_TOML = 1 << 20
@@ -74,6 +78,7 @@ class Desk:
         self.told: dict[str, Callable[[Mapping[str, Any]], Any]] = {
             "preview": self._preview,
             "save": self._save,
+            "vessel": self._save_vessel,
             "process": self._process,
             "job": self._begin,
             "stop": lambda content: self.jobs.stop(_number(content, "id")).told(),
@@ -190,6 +195,7 @@ class Desk:
             "file": path.name,
             "version": drafts.version_of(path) if known else "",
             "vessels": self._vessels(),
+            "vessel_form": {"fields": vessel_form.fields(), "file": self._free("vessel").name},
             "factors": {channel.name: drafts.factors(channel.unit) for channel in channels},
             "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
             "others": [
@@ -205,19 +211,25 @@ class Desk:
         }
 
     def _new_name(self, document: Document) -> Path:
-        for name in ("TRIAL.toml", f"{document.path.stem}.toml"):
-            if NAME.fullmatch(name) and not (self.folder / name).exists():
-                return self.folder / name
-        return self.folder / f"{document.path.stem}-trial.toml"
+        return self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
+
+    def _free(self, *stems: str) -> Path:
+        """Return the first of some names that no file has, the last one with a number behind it where all are taken."""
+        numbered = (f"{stems[-1]}-{number}" for number in range(2, MOST_ENTRIES))
+        for stem in (*stems, *numbered):
+            path = self.folder / f"{stem}.toml"
+            if NAME.fullmatch(path.name) and not path.exists():
+                return path
+        return self.folder / f"{stems[0]}.toml"
 
     def _vessels(self) -> list[str]:
         own = []
         for file, _ in itertools.islice(self._files(".toml"), 50):
             with contextlib.suppress(*UNREADABLE):
-                if "propeller" in read_tables(file):
+                if "gearbox" in read_tables(file):
                     Vessel.load(str(file))
                     own.append(file.name)
-        return [*built_in("vessels"), *own]
+        return [*own, *(name for name in built_in("vessels") if name != NO_VESSEL)]
 
     def _text_of(self, content: Mapping[str, Any]) -> tuple[Document, Path, str]:
         """Return the document, the file and the text that a draft makes of it."""
@@ -278,6 +290,19 @@ class Desk:
             write_text_atomically(path, text)
             trial = self.open(document.path, document.rate_hz, path)
             return {"file": path.name, "version": drafts.version_of(path), "doc": trial}
+
+    def _save_vessel(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        """Write a vessel file of what the form holds; nothing is written over."""
+        values = content.get("values")
+        if not isinstance(values, dict) or not all(isinstance(value, str) for value in values.values()):
+            raise InputError("values: expected the form's keys, each with a text")
+        with self._saving:
+            path = self._writable(content.get("file"))
+            text = vessel_form.vessel_file(values, path.name)
+            if path.exists():
+                raise InputError(f"{path.name}: exists already; choose another name for the ship's file")
+            write_text_atomically(path, text)
+        return {"file": path.name, "vessels": self._vessels()}
 
     def _process(self, content: Mapping[str, Any]) -> dict[str, Any]:
         document, path, text = self._text_of(content)

@@ -76,7 +76,8 @@ class Draft(Section):
     """What the page edits of a trial."""
 
     name: Short = "Trial"
-    vessel: Short = "direct-drive"
+    vessel: Short = ""
+    """Of the trial's header; empty: none, engine and propeller turn alike."""
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
     windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
@@ -134,7 +135,10 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         raise InputError(f"TRIAL.toml: not TOML: {error}") from error
     header = _sub_table(document, "trial")
     _put(header, "name", draft.name)
-    _put(header, "vessel", draft.vessel)
+    if draft.vessel:
+        _put(header, "vessel", draft.vessel)
+    else:
+        header.pop("vessel", None)
     if old is None:
         _put(header, "log", log)
         if rate_hz is not None:

@@ -3,6 +3,7 @@
 import { lineOf, ROLES, unitOf } from "./draft.js";
 import { ask, button, field, hertz, make, menu, short, tell, until } from "./tools.js";
 import { verdictBox } from "./results.js";
+import { vesselForm } from "./vessel.js";
 
 const PLACES = [["gauge", "strain gauge between the inertias"], ["brake", "engine's brake torque"], ["shaft", "shaft behind the gearbox"]];
 const KINDS = [["", "any kind"], ["chirp", "chirp"], ["sine", "sine"], ["steps", "steps"], ["multisine", "multisine"], ["noise", "noise"]];
@@ -130,6 +131,8 @@ export class TrialPanel {
     for (const event of ["loaded", "changed"]) draft.addEventListener(event, () => this.build());
     draft.addEventListener("previewed", () => this.tellState());
     this.form = make(this.box, "div");
+    draft.addEventListener("loaded", () => vesselForm(this.own, draft), { once: true });
+    this.own = make(this.box, "details", { class: "card" });
     this.state = make(this.box, "p", { class: "told", role: "status" });
     this.acts = make(this.box, "div", { class: "line" });
     this.work = make(this.box, "div");
@@ -158,8 +161,8 @@ export class TrialPanel {
     field(one, "name of the trial", state.name, (text) => { state.name = text.trim() || "Trial"; draft.change(); }, { class: "grow" });
     const two = make(head, "div", { class: "line" });
     make(two, "span", { class: "soft" }, "ship");
-    const vessels = draft.vessels.includes(state.vessel) ? draft.vessels : [state.vessel, ...draft.vessels];
-    menu(two, "ship", vessels.map((name) => [name, name]), state.vessel, (value) => { state.vessel = value; draft.change(); });
+    const vessels = [...new Set([state.vessel, ...draft.vessels])].filter(Boolean);
+    menu(two, "ship", [["", "none: engine and propeller turn alike"], ...vessels.map((name) => [name, name])], state.vessel, (value) => { state.vessel = value; draft.change(); });
     const three = make(head, "div", { class: "line" });
     make(three, "span", { class: "soft" }, "file");
     field(three, "file of the trial", draft.file, (text) => { if (text.trim() !== draft.file) { draft.file = text.trim(); draft.version = ""; } draft.change(); }, { class: "grow" });
