@@ -38,7 +38,7 @@ def test_the_layer_of_faults_is_the_list_of_inspect(folder, capsys, with_trial):
     assert main(["inspect", str(folder / "log.parquet"), *([str(trial)] if trial else []), "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["faults"]
     document = Document(folder / "log.parquet", trial=trial)
-    layer = document.faults.wait()
+    layer = document.faults.wait()["faults"]
     assert len(layer) == len(listed) > 0
     for drawn, fault in zip(layer, listed, strict=True):
         assert {key: drawn[key] for key in fault} == fault
@@ -123,3 +123,36 @@ def test_the_samples_under_the_finest_stored_tile_are_read_ahead(folder):
             break
         time.sleep(0.05)
     assert 0 in pieces._held
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 50.0, 10.0])
+def test_faults_that_the_eye_sees_are_listed_by_page_and_inspect_alike_at_any_rate(tmp_path, capsys, rate_hz):
+    """Spikes of a sample or two, a flat stretch and clipped tops of channels that nobody has named, and no others."""
+    random = np.random.default_rng(0)
+    count = round(max(120.0 * rate_hz, 3000))
+    noise = random.normal(0.0, 1.0, (4, count))
+    swing = 20.0 * np.sin(2.0 * np.pi * np.arange(count) / (0.1 * count))
+    channels = {
+        "spiky": 100.0 + noise[0],
+        "flat": noise[1].copy(),
+        "clipped": np.minimum(100.0 + swing + noise[2], 115.0),
+        "sound": noise[3],
+        "rounded": np.round(50.0 + noise[0]),
+        "wandering": np.cumsum(noise[3]),
+    }
+    places = [count // 5, count // 3, count // 2]
+    for place in places:
+        channels["spiky"][place : place + max(round(0.02 * rate_hz), 1)] += random.choice([-30.0, 30.0])
+    still = slice(count // 4, count // 4 + max(round(0.5 * rate_hz), 20))
+    channels["flat"][still] = channels["flat"][still.start]
+    path = tmp_path / "log.parquet"
+    Log.from_arrays(channels, rate_hz=rate_hz).write(path)
+    assert main(["inspect", str(path), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["faults"]
+    layer = Document(path).faults.wait()["faults"]
+    assert [{key: drawn[key] for key in fault} for drawn, fault in zip(layer, listed, strict=True)] == listed
+    found = {(fault["channel"], fault["kind"]): fault["spans"] for fault in listed}
+    assert [start for start, _ in found["spiky", "spike"]] == places
+    assert found["flat", "stuck"] == [[still.start, still.stop]]
+    assert ("clipped", "clipped") in found
+    assert {channel for channel, _ in found} == {"spiky", "flat", "clipped"}

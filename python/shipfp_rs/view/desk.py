@@ -179,7 +179,7 @@ class Desk:
     def _faults(self, asked: Asked) -> dict[str, Any]:
         work = self._document(asked).faults.begin()
         work.done.wait(0.2)
-        return {**work.state(), "faults": work.result or []}
+        return {**work.state(), **(work.result or {})}
 
     def _within(self, asked: Asked) -> dict[str, Any]:
         return self._document(asked).within(_text(asked, "column"), *_stretch(asked))

@@ -106,24 +106,26 @@ class Document:
             "series": [_told(one) for one in self.series()],
         }
 
-    def _faults(self, _: Progress) -> list[dict[str, Any]]:
-        """Everything that `shipfp inspect` lists, with the trial where there is one."""
+    def _faults(self, _: Progress) -> dict[str, Any]:
+        """Everything that `shipfp inspect` lists, with the trial where there is one, and what it did not look for."""
         from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
 
         trial = None
         if self.trial is not None:
             with contextlib.suppress(InputError):  # one that is not complete yet: the log is looked at alone
                 trial = Trial.load(self.trial)
-        found = inspect_log(self.log(), trial).faults
+        found = inspect_log(self.log(), trial)
+        left_out = found.checks["looked_for"]["left_out"]
         channels = {one.channel.name: one.channel for one in self.raw.wait()}
-        return [
+        faults = [
             {
                 **fault,
                 "label": KINDS.get(fault["kind"], fault["kind"]),
                 "times": _times(channels.get(fault["channel"]), fault["spans"], channels),
             }
-            for fault in found
+            for fault in found.faults
         ]
+        return {"faults": faults, "left_out": [KINDS[kind] for kind in left_out]}
 
     def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
         """Return the channel that moves, set point or load, and its windows, looked for once."""

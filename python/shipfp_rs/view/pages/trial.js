@@ -51,6 +51,7 @@ export class ChannelsPanel {
     const series = row.series[0];
     const gaps = row.layer === "raw" && series.gap_count ? `, ${series.gap_count} gaps` : "";
     make(card, "p", { class: "soft told" }, `${series.unit || "no unit"}, ${short(series.rate_hz)} Hz, ${series.samples.toLocaleString("en")} samples${gaps}`);
+    if (row.faultsTold?.length) make(card, "p", { class: "told bad" }, `Faults: ${row.faultsTold.join(", ")}`);
     if (row.layer !== "raw" || !draft.state) return;
     const channel = draft.channel(series.name);
     const role = make(card, "div", { class: "line" });
