@@ -15,7 +15,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
 from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.vessel.vessel import Vessel
-from shipfp_rs.view.document import Document, stretch_of
+from shipfp_rs.view.document import Document
 from shipfp_rs.view.series import FINER
 
 
@@ -61,14 +61,6 @@ def test_a_stretch_tells_what_it_holds(folder):
     assert main_window["kind"] == "chirp"
     assert main_window["frequency_hz"][0] < 0.2
     assert main_window["frequency_hz"][1] == pytest.approx(1.5, rel=0.15)
-
-
-def test_a_stretch_of_a_log_is_a_log_on_the_same_clock(folder):
-    log = Log.open(folder / "log.parquet")
-    part = stretch_of(log, "U_torque", 10.0, 12.5)
-    np.testing.assert_array_equal(part.read("U_torque"), log.read("U_torque", 10.0, 12.5))
-    np.testing.assert_array_equal(part.read("U_torque", 11.0, 12.0), log.read("U_torque", 11.0, 12.0))
-    assert part.channel("U_torque").start_s == 10.0
 
 
 def test_the_processed_signals_are_those_of_process(folder):

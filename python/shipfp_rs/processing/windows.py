@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,7 +18,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 
-Kind = Literal["steady", "sine", "multisine", "chirp", "steps", "other"]
+Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs", "steps", "other"]
 
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
@@ -47,7 +47,7 @@ SAME_FREQUENCY = 1.15
 
 IN_BAND = 0.95
 """Share of an excitation's power in its band."""
-LINE_BINS, BETWEEN_LINES = 16, 0.2
+LINE_BINS, BETWEEN_LINES = 16, 0.4
 """In parts of so many bins the median of a multisine's power is below this share of the mean, since nothing is between its
 lines; of what runs through its frequencies the two are alike, and by chance, too, the median is 0.7 of the mean."""
 SAME_LINES = 0.8
@@ -57,7 +57,20 @@ REPEATS = 0.95
 AT_LEVELS = 0.6
 """Share of samples near the extremes from which an excitation jumps between two levels."""
 
-_LETTERS = {"steady": "R", "sine": "S", "multisine": "M", "chirp": "C", "steps": "St", "other": "X"}
+IN_RUNS, SHORTEST_RUN = 0.75, 3
+"""Excitations of one frequency after another have this share of their half periods in runs of so many alike, or more."""
+
+_LETTERS: Mapping[Kind, str] = {
+    "steady": "R",
+    "sine": "S",
+    "sines": "S",
+    "multisine": "M",
+    "chirp": "C",
+    "squares": "Q",
+    "prbs": "P",
+    "steps": "St",
+    "other": "X",
+}
 
 
 @dataclass(frozen=True)
@@ -67,7 +80,8 @@ class FoundWindow:
     Parameters
     ----------
     name
-        Kind's letter and a count: R rest, S sine, M multisine, C chirp, St steps, X anything else.
+        Kind's letter and a count: R rest, S one or more sines, M multisine, C chirp, Q square waves, P pseudo-random steps,
+        St steps, X anything else.
     kind
         What the set point does.
     start_s, stop_s
@@ -87,13 +101,15 @@ class FoundWindow:
     frequency_hz: tuple[float, float] | None = None
 
 
-def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
-    """Find rests, sines, multisines, chirps and steps of a set point, or of a load.
+def find_windows(
+    log: Log, set_point: str, start_s: float = -math.inf, stop_s: float = math.inf
+) -> list[FoundWindow]:
+    """Find rests, and what excites, of a set point or a load: the one place that tells the kind of a window.
 
     The set point rests where the medians of half seconds stay at one level to within their noise. What lies between two
     rests is a step where the level changes at once, else one excitation; lines in its spectrum, or a period, tell a
-    multisine, the times between its crossings of the mean a sine from a chirp. Excitations that follow one another
-    without a rest are found as one.
+    multisine, the times between its crossings of the mean a sine, several sines and a chirp from one another, and two
+    levels square waves and pseudo-random steps. Excitations that follow one another without a rest are found as one.
 
     Parameters
     ----------
@@ -101,6 +117,8 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
         The recording.
     set_point
         Name of the set point's channel.
+    start_s, stop_s
+        Stretch that is looked at, on the log's clock [s]; what counts as noise the whole channel tells.
 
     Returns
     -------
@@ -122,7 +140,7 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
     >>> [(found.kind, round(found.start_s), round(found.stop_s)) for found in find_windows(log, "U")]
     [('steady', 0, 30), ('sine', 30, 90), ('steady', 90, 120)]
     """
-    trace = _Trace.of(log, set_point)
+    trace = _Trace.of(log, set_point).part(start_s, stop_s)
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
@@ -131,11 +149,12 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
             found.append(trace.excitation(stop, start))
-    counts = dict.fromkeys(_LETTERS, 0)
+    counts = dict.fromkeys(_LETTERS.values(), 0)
     named = []
     for window in sorted(found, key=lambda window: (window.start_s, -window.stop_s)):
-        counts[window.kind] += 1
-        named.append(replace(window, name=f"{_LETTERS[window.kind]}{counts[window.kind]}"))
+        letter = _LETTERS[window.kind]
+        counts[letter] += 1
+        named.append(replace(window, name=f"{letter}{counts[letter]}"))
     return named
 
 
@@ -144,7 +163,7 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
-    centres = [window.level for window in windows if window.kind in ("sine", "multisine", "chirp")]
+    centres = [window.level for window in windows if window.kind not in ("steady", "steps", "other")]
     if not centres:
         return max(rests, key=lambda rest: rest.stop_s - rest.start_s)
     centre = float(np.median(centres))
@@ -164,6 +183,8 @@ class _Trace:
     medians: Array
     spreads: Array
     noise: float
+    first: int = 0
+    """Block that the medians begin with."""
 
     @classmethod
     def of(cls, log: Log, name: str) -> _Trace:
@@ -184,6 +205,13 @@ class _Trace:
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)
 
+    def part(self, start_s: float, stop_s: float) -> _Trace:
+        """Return the whole blocks of a stretch."""
+        block_s = self.block / self.rate_hz
+        edges = (np.array([start_s, stop_s]) - self.channel.start_s) / block_s
+        first, stop = np.clip(np.round(edges), 0, len(self.medians)).astype(int).tolist()
+        return replace(self, medians=self.medians[first:stop], spreads=self.spreads[first:stop], first=first)
+
     @property
     def rate_hz(self) -> float:
         return self.channel.rate_hz / self.ratio
@@ -198,7 +226,8 @@ class _Trace:
         return 1.2533 * self.noise / math.sqrt(self.block)
 
     def times(self, blocks: tuple[int, int]) -> tuple[float, float]:
-        first, stop = (self.channel.start_s + index * self.block / self.rate_hz for index in blocks)
+        start_s = self.channel.start_s
+        first, stop = (start_s + (self.first + index) * self.block / self.rate_hz for index in blocks)
         return first, stop
 
     def samples(self, blocks: tuple[int, int]) -> Array:
@@ -260,29 +289,44 @@ class _Trace:
             return FoundWindow("", "other", start_s, stop_s, level)
         count = max(len(halves) // 8, 1)
         early, late = (float(np.median(part)) for part in (halves[:count], halves[-count:]))
-        frequencies = (0.5 / early, 0.5 / late)
+        found = FoundWindow("", "other", start_s, stop_s, level, (0.5 / early, 0.5 / late))
+        alike = np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1)
         ratio = max(early / late, late / early)
-        if ratio < SAME_FREQUENCY and np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1):
+        if _has_two_levels(samples):
+            return replace(found, kind="squares" if alike or _come_in_runs(halves) else "prbs")
+        if ratio < SAME_FREQUENCY and alike:
             mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
-            return FoundWindow("", "sine", start_s, stop_s, level, (mean, mean))
+            return replace(found, kind="sine", frequency_hz=(mean, mean))
         # A stair stands still most of the time.
         swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
         if swings and (band := _lines(samples, self.rate_hz)) is not None:
-            return FoundWindow("", "multisine", start_s, stop_s, level, band)
+            return replace(found, kind="multisine", frequency_hz=band)
+        if _come_in_runs(halves):
+            return replace(found, kind="sines")
         # The periods of a chirp change one way; what goes back and forth is something else.
         logs = np.log(halves)
         order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
-        kind: Kind = "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other"
-        return FoundWindow("", kind, start_s, stop_s, level, frequencies)
+        return replace(found, kind="chirp") if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else found
+
+
+def _has_two_levels(samples: Array) -> bool:
+    """Whether most samples are near one of the two extremes."""
+    extremes = np.quantile(samples, [0.02, 0.98])
+    near = np.abs(samples[:, None] - extremes).min(axis=1) < 0.1 * float(np.ptp(extremes))
+    return bool(near.mean() > AT_LEVELS)
+
+
+def _come_in_runs(halves: Array) -> bool:
+    """Whether half periods come in two or more runs, each of one frequency."""
+    logs, same = np.log(halves), math.log(SAME_FREQUENCY)
+    parts = np.split(logs, np.flatnonzero(np.abs(np.diff(logs)) > same) + 1)
+    runs_ = [len(part) for part in parts if len(part) >= SHORTEST_RUN and abs(part[-1] - part[0]) < same]
+    return len(runs_) > 1 and sum(runs_) > IN_RUNS * len(halves)
 
 
 def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
     """Return the lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
     deviation = samples - samples.mean()
-    extremes = np.quantile(deviation, [0.02, 0.98])
-    near = np.abs(deviation[:, None] - extremes).min(axis=1) < 0.1 * float(np.ptp(extremes))
-    if near.mean() > AT_LEVELS:
-        return None
     power = np.abs(np.fft.rfft(deviation * np.hanning(len(samples)))) ** 2
     power[:1] = 0.0
     if not power.sum() > 0.0:
@@ -292,11 +336,8 @@ def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
         int(np.searchsorted(held, share)) for share in (0.5 * (1.0 - IN_BAND), 0.5 * (1.0 + IN_BAND))
     )
     blocks = power[low : low + (high - low) // LINE_BINS * LINE_BINS].reshape(-1, LINE_BINS)
-    between = (
-        np.median(np.median(blocks, axis=1) / np.maximum(blocks.mean(axis=1), 1e-300))
-        if len(blocks) > 1
-        else 1.0
-    )
+    # Parts without a line have little power, and little weight.
+    between = np.median(blocks, axis=1).sum() / blocks.mean(axis=1).sum() if len(blocks) > 1 else 1.0
     if _repeats(deviation) or (between < BETWEEN_LINES and _stays(deviation, low // 2, high // 2 + 1)):
         return low * rate_hz / len(samples), high * rate_hz / len(samples)
     return None

@@ -16,7 +16,9 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
 from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import KINDS as WINDOW_KINDS
 from shipfp_rs.processing.trial_tables import Header
+from shipfp_rs.report.language import KINDS
 from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, read_tables, validated
@@ -194,6 +196,7 @@ class Desk:
             "draft": draft.model_dump(mode="json"),
             "file": path.name,
             "version": drafts.version_of(path) if known else "",
+            "kinds": [[kind, KINDS.get(kind, kind)] for kind in WINDOW_KINDS],
             "vessels": self._vessels(),
             "vessel_form": {"fields": vessel_form.fields(), "file": self._free("vessel").name},
             "factors": {channel.name: drafts.factors(channel.unit) for channel in channels},

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import warnings
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS
-from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
@@ -149,12 +147,8 @@ class Document:
         }
 
     def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Return what a stretch of a set point holds: what is found in it alone, or else the windows that it cuts."""
-        try:
-            found = find_windows(stretch_of(self.log(), column, start_s, stop_s), column)
-        except InputError:
-            _, known = self.windows(column).result or (column, [])
-            found = [one for one in known if one.start_s < stop_s and one.stop_s > start_s]
+        """Return what a stretch of a set point holds, and the longest of it."""
+        found = find_windows(self.log(), column, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
         return {"found": [_found(one) for one in found], "main": main and _found(main)}
@@ -237,24 +231,6 @@ class Document:
         if not first < stop:
             raise InputError(f"{channel.name}: no samples from {start_s:g} to {stop_s:g} s")
         return series.read(first, stop).astype(np.float64)
-
-
-def stretch_of(log: Log, column: str, start_s: float, stop_s: float) -> Log:
-    """Return a stretch of one channel as a log of its own, on the same clock."""
-    channel = log.channel(column)
-    start_s, stop_s = max(start_s, channel.start_s), min(stop_s, channel.stop_s)
-    first, stop = log.rows(column, start_s, stop_s)
-    part = replace(channel, start_s=channel.start_s + first / channel.rate_hz, samples=stop - first)
-
-    def blocks(_: str, row: int, size: int) -> Iterator[Samples]:
-        left = stop - first - row
-        for block in log.raw_blocks(column, first + row, size):
-            yield block[:left]
-            left -= len(block)
-            if left <= 0:
-                return
-
-    return Log(log.name, [part], blocks)
 
 
 def _told(series: Series) -> dict[str, Any]:

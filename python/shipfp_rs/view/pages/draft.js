@@ -151,7 +151,7 @@ export class Draft extends EventTarget {
     try {
       const { main } = await ask("within", { doc: this.doc, column: this.mover ?? this.driver, from: window.start_s, to: window.stop_s });
       window.holds = main;
-      if (main && !window.kind && main.kind !== "other") window.kind = main.kind;
+      if (main && !window.kind) window.kind = main.kind;
       if (main && /^W\d+$/.test(window.name)) {
         const letter = main.name.replace(/\d+$/, "");
         window.name = this.newName(letter);
@@ -168,6 +168,11 @@ export class Draft extends EventTarget {
     this.steadyFound = false;
   }
 
+  // The words of the report for what was found.
+  kindOf(found) {
+    return Object.fromEntries(this.kinds)[found.kind] ?? found.kind;
+  }
+
   newName(letter) {
     for (let number = 1; ; number++) {
       if (!this.state.windows.some((window) => window.name === `${letter}${number}`)) return `${letter}${number}`;
@@ -178,7 +183,7 @@ export class Draft extends EventTarget {
     for (const found of this.found ?? []) {
       if (this.state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s)) continue;
       const name = this.state.windows.some((window) => window.name === found.name) ? this.newName(found.name.replace(/\d+$/, "")) : found.name;
-      this.state.windows.push({ name, kind: found.kind === "other" ? "" : found.kind, start_s: round(found.start_s), stop_s: round(found.stop_s), log: null, holds: found });
+      this.state.windows.push({ name, kind: found.kind, start_s: round(found.start_s), stop_s: round(found.stop_s), log: null, holds: found });
     }
     this.state.windows.sort((a, b) => a.start_s - b.start_s);
     this.change();

@@ -6,7 +6,6 @@ import { verdictBox } from "./results.js";
 import { vesselForm } from "./vessel.js";
 
 const PLACES = [["gauge", "strain gauge between the inertias"], ["brake", "engine's brake torque"], ["shaft", "shaft behind the gearbox"]];
-const KINDS = [["", "any kind"], ["chirp", "chirp"], ["sine", "sine"], ["steps", "steps"], ["multisine", "multisine"], ["noise", "noise"]];
 const number = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text.replace(",", "."))) ? Number(text.replace(",", ".")) : null);
 
 export class ChannelsPanel {
@@ -194,20 +193,21 @@ export class TrialPanel {
       const card = make(form, "div", { class: "card" });
       const line = make(card, "div", { class: "line" });
       field(line, "name of the window", window.name, (text) => { window.name = text.trim(); draft.change(); }, { class: "short" });
-      const kinds = KINDS.some(([kind]) => kind === window.kind) ? KINDS : [...KINDS, [window.kind, window.kind]];
+      const known = [["", "any kind"], ...draft.kinds];
+      const kinds = known.some(([kind]) => kind === window.kind) ? known : [...known, [window.kind, window.kind]];
       menu(line, `kind of ${window.name}`, kinds, window.kind, (value) => { window.kind = value; draft.change(); });
       button(line, "show", () => { const space = 0.05 * (window.stop_s - window.start_s); view.show(window.start_s - space, window.stop_s + space); }, { "aria-label": `show ${window.name}` });
       button(line, "×", () => { state.windows = state.windows.filter((other) => other !== window); draft.change(); }, { "aria-label": `remove ${window.name}` });
       const span = make(card, "div", { class: "line" });
       this.times(span, window.name, window.start_s, window.stop_s, (start, stop) => { [window.start_s, window.stop_s] = [start, stop]; draft.look(window); });
-      if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${window.holds.kind} ${hertz(window.holds.frequency_hz)}`);
+      if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${draft.kindOf(window.holds)} ${hertz(window.holds.frequency_hz)}`);
     }
     const line = make(form, "div", { class: "line" });
     button(line, "mark a window", () => view.setMode("window"));
     const left = (draft.found ?? []).filter((found) => !state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s));
     if (left.length) {
       button(line, `add all ${left.length} that were found`, () => draft.addFound());
-      const told = left.slice(0, 6).map((found) => `${found.kind} ${hertz(found.frequency_hz)} at ${short(found.start_s)} s`).join("; ");
+      const told = left.slice(0, 6).map((found) => `${draft.kindOf(found)} ${hertz(found.frequency_hz)} at ${short(found.start_s)} s`).join("; ");
       make(form, "p", { class: "soft told" }, `Found in ${draft.mover}: ${told}${left.length > 6 ? "; …" : ""}`);
     }
   }
