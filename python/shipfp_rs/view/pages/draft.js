@@ -1,6 +1,6 @@
 // The trial as it is edited: roles, calibrations, windows; what the server makes of it, and what is missing.
 
-import { ask, tell } from "./tools.js";
+import { ask, hertz, tell } from "./tools.js";
 
 const PREVIEW_MS = 250;
 
@@ -168,9 +168,9 @@ export class Draft extends EventTarget {
     this.steadyFound = false;
   }
 
-  // The words of the report for what was found.
-  kindOf(found) {
-    return Object.fromEntries(this.kinds)[found.kind] ?? found.kind;
+  // The words of the report for what was found, and its frequencies.
+  kindOf({ kind, frequency_hz: frequency }) {
+    return [Object.fromEntries(this.kinds)[kind] ?? kind, hertz(frequency)].filter(Boolean).join(", ");
   }
 
   newName(letter) {

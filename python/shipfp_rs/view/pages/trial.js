@@ -1,7 +1,7 @@
 // Panels that say what the channels are, mark windows, save TRIAL.toml, check and run it.
 
 import { lineOf, ROLES, unitOf } from "./draft.js";
-import { ask, button, field, hertz, make, menu, short, tell, until } from "./tools.js";
+import { ask, button, field, make, menu, short, tell, until } from "./tools.js";
 import { verdictBox } from "./results.js";
 import { vesselForm } from "./vessel.js";
 
@@ -200,14 +200,14 @@ export class TrialPanel {
       button(line, "×", () => { state.windows = state.windows.filter((other) => other !== window); draft.change(); }, { "aria-label": `remove ${window.name}` });
       const span = make(card, "div", { class: "line" });
       this.times(span, window.name, window.start_s, window.stop_s, (start, stop) => { [window.start_s, window.stop_s] = [start, stop]; draft.look(window); });
-      if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${draft.kindOf(window.holds)} ${hertz(window.holds.frequency_hz)}`);
+      if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${draft.kindOf(window.holds)}`);
     }
     const line = make(form, "div", { class: "line" });
     button(line, "mark a window", () => view.setMode("window"));
     const left = (draft.found ?? []).filter((found) => !state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s));
     if (left.length) {
       button(line, `add all ${left.length} that were found`, () => draft.addFound());
-      const told = left.slice(0, 6).map((found) => `${draft.kindOf(found)} ${hertz(found.frequency_hz)} at ${short(found.start_s)} s`).join("; ");
+      const told = left.slice(0, 6).map((found) => `${draft.kindOf(found)}, at ${short(found.start_s)} s`).join("; ");
       make(form, "p", { class: "soft told" }, `Found in ${draft.mover}: ${told}${left.length > 6 ? "; …" : ""}`);
     }
   }
@@ -281,8 +281,8 @@ export class TrialPanel {
     const line = make(card, "div", { class: "line" });
     const told = make(line, "span", { class: "grow" }, `${job.kind}: beginning …`);
     const stop = button(line, "stop", () => this.attempt(() => tell("stop", { id: job.id })), { "aria-label": `stop the ${job.kind}` });
-    const bar = make(card, "progress");
-    const end = await until(() => ask("job", { id: job.id }), (now) => { told.textContent = `${now.kind}: ${now.progress || "beginning"} … ${now.seconds} s`; })
+    const bar = make(card, "progress", { max: 1, value: 0, "aria-label": `how far the ${job.kind} is` });
+    const end = await until(() => ask("job", { id: job.id }), (now) => { bar.value = now.share; told.textContent = `${now.kind}: ${now.progress || "beginning"} … ${now.seconds} s`; })
       .catch((error) => ({ state: "failed", error: error.message, warnings: [] }));
     stop.remove();
     bar.remove();
