@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.logs.log import Log
+from shipfp_rs.view.document import Document
 from shipfp_rs.view.draft import Draft, written
 from tests.view.serving import served
 from tests.view.test_jobs import TRIAL, follow
@@ -94,3 +95,5 @@ def test_a_log_in_which_only_the_load_moves_is_marked_and_checked_from_what_the_
         checked = follow(caller, caller.post("job", {"kind": "check", "file": "TRIAL.toml"}))
         assert checked["state"] == "done", checked
         assert any(one["what"] == "load (power)" for one in checked["done"]["channels"])
+        layer = Document(tmp_path / "genset.parquet", trial=tmp_path / "TRIAL.toml").faults.wait()["faults"]
+        assert [(one["kind"], one["channel"]) for one in layer if one["channel"] == "n_set"] == []

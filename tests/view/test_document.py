@@ -134,7 +134,7 @@ def test_faults_that_the_eye_sees_are_listed_by_page_and_inspect_alike_at_any_ra
     }
     places = [count // 5, count // 3, count // 2]
     for place in places:
-        channels["spiky"][place : place + max(round(0.02 * rate_hz), 1)] += random.choice([-30.0, 30.0])
+        channels["spiky"][place : place + max(round(0.02 * rate_hz), 2)] += random.choice([-30.0, 30.0])
     still = slice(count // 4, count // 4 + max(round(0.5 * rate_hz), 20))
     channels["flat"][still] = channels["flat"][still.start]
     path = tmp_path / "log.parquet"

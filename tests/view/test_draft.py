@@ -93,6 +93,14 @@ tau_n = 1.17
 """
 
 
+def test_signals_of_a_slow_log_are_no_faster_than_its_channels():
+    rates_hz = {"n": 20.0, "M [x]": 10.0, "P": 1.0}
+    assert checked(written(draft(), None, "my.csv", None, rates_hz), "TRIAL.toml").processing.rate_hz == 10.0
+    assert (
+        checked(written(draft(), None, "my.csv", None, {"n": 200.0}), "TRIAL.toml").processing.rate_hz == 50.0
+    )
+
+
 def test_comments_and_what_the_page_does_not_know_stay(tmp_path):
     path = tmp_path / "TRIAL.toml"
     path.write_text(OWN)

@@ -153,7 +153,10 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        faults += _processed(every, {(fault["kind"], fault["channel"]) for fault in faults})
+        known = {(fault["kind"], fault["channel"]) for fault in faults}
+        if trial.channels.load is not None:
+            known.add(("stuck", trial.channels.driver.column))
+        faults += _processed(every, known)
     spectra = {
         report.channel.name: _spectrum(log, report, rest, abs(scale.get(report.channel.name, 1.0)))
         for report in reports
@@ -227,6 +230,8 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
             rows = Rows(log, channel.name, kept_bytes=STRETCH_BYTES)
             spans = scan(rows, 0, channel.samples, repeats=True)
             sensor = sensors.get(channel.name)
+            if channels is not None and channels.load is not None and sensor is channels.driver:
+                spans.pop("stuck", None)  # beside a load that moves a set point may rest
             kind, limits = spike_rule(sensor, processing)
             line = None if sensor is None else sensor.calibration.calibration("")
             spans[kind] = spikes_of(rows, joined(spans.values()), limits, report.noise, line)

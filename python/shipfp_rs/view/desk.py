@@ -246,7 +246,8 @@ class Desk:
             old = read_text(document.trial, "a TRIAL.toml")
         log = document.path.resolve()
         shown = log.relative_to(self.folder).as_posix() if log.is_relative_to(self.folder) else str(log)
-        return document, path, drafts.written(draft, old, shown, document.rate_hz)
+        rates_hz = {one.channel.name: one.channel.rate_hz for one in document.raw.wait()}
+        return document, path, drafts.written(draft, old, shown, document.rate_hz, rates_hz)
 
     def _own(self, document: Document) -> Path | None:
         return document.trial and document.trial.resolve()

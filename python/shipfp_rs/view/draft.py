@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import tomlkit
 from pydantic import Field, StringConstraints
 from tomlkit.exceptions import TOMLKitError
@@ -17,6 +19,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import MOST_WINDOWS, Trial
 from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.toml import TO_BE_GIVEN, Section, parsed_toml, read_tables, template, validated
 from shipfp_rs.support.units import TO_RPM, TO_W, told
 
@@ -115,7 +118,13 @@ def read_draft(path: Path) -> Draft:
     return validated({**told, **steady, "channels": channels, "windows": windows}, Draft, str(path))
 
 
-def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = None) -> str:
+def written(
+    draft: Draft,
+    old: str | None,
+    log: str,
+    rate_hz: float | None = None,
+    rates_hz: Mapping[str, float] = MappingProxyType({}),
+) -> str:
     """Return the text of a TRIAL.toml.
 
     Parameters
@@ -128,6 +137,8 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         Path of the log for a new file, as it is to stand there.
     rate_hz
         Its rate, where the log tells none.
+    rates_hz
+        Rate of each of its channels: the signals of a new file have no higher one than theirs.
     """
     try:
         document = tomlkit.parse(template("TRIAL") if old is None else old)
@@ -143,6 +154,11 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         _put(header, "log", log)
         if rate_hz is not None:
             _put(header, "rate_hz", rate_hz)
+        levels = [
+            rates_hz[one.column] for one in draft.channels if one.role in LEVELS and one.column in rates_hz
+        ]
+        if min(levels, default=np.inf) < Processing().rate_hz:
+            _put(document["processing"], "rate_hz", min(levels))
     _put_channels(_sub_table(document, "channels"), draft.channels)
     point = _sub_table(document, "operating_point")
     if draft.steady_s is not None:

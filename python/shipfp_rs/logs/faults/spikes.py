@@ -15,6 +15,8 @@ from shipfp_rs.support.spikes import bridge, find_spikes
 
 PIECE = 1 << 18
 """Samples that are looked at together."""
+SHORTEST = 2
+"""Samples of a slow channel that may be a spike, whose longest is shorter."""
 BESIDE_S, LEAST_BESIDE = 2.0, 64
 """Seconds and samples beside them that show the noise about the first and the last."""
 
@@ -30,20 +32,26 @@ class SpikeLimits(Protocol):
     def least(self) -> float: ...  # noqa: D102
 
 
-def spikes_between(samples: Array, missing: Mask, rate_hz: float, limits: SpikeLimits) -> Spans:
-    """Return the spikes of calibrated samples of which some are missing; none in what bridges a long gap."""
+def spikes_between(
+    samples: Array, missing: Mask, rate_hz: float, limits: SpikeLimits, shortest: int = 1
+) -> Spans:
+    """Return the spikes of calibrated samples of which some are missing; none in what bridges a long gap.
+
+    A spike may have `shortest` samples however slow the channel is.
+    """
+    longest_s = max(limits.longest_s, shortest / rate_hz)
     filled = bridge(samples, missing)
     # A long bridge has no noise in it and would make its neighbours' noise look like spikes.
     absent = np.zeros(len(samples), dtype=np.bool_)
     gaps = runs(missing)
-    for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > limits.longest_s * rate_hz]:
+    for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > longest_s * rate_hz]:
         absent[start:stop] = True
     return joined(
         start
         + find_spikes(
             filled[start:stop],
             rate_hz,
-            longest_s=limits.longest_s,
+            longest_s=longest_s,
             threshold=limits.threshold,
             least=limits.least,
         )
@@ -79,7 +87,9 @@ def spikes_of(
             low, high = max(begin - beside, 0), min(end + beside, count)
             raw = rows.read(low, high).astype(np.float64)
             samples = raw if calibration is None else calibration(raw)
-            spans = spikes_between(samples, ~np.isfinite(raw) | marks(lost, low, high), rate_hz, limits)
+            spans = spikes_between(
+                samples, ~np.isfinite(raw) | marks(lost, low, high), rate_hz, limits, SHORTEST
+            )
             starts, stops = (low + spans).T
             own = (starts >= begin) & (starts < end)
             own &= (starts > 0) & (stops < count)  # beside the log's ends nothing tells whether it comes back

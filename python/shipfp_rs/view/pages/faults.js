@@ -36,7 +36,7 @@ export class Faults {
     // Of a log alone nobody knows which channel is a set point or a torque.
     const alone = this.trial ? "" : `; looked for with a saved trial only: ${told.left_out.join(", ")}`;
     // A difference that is being read stays.
-    if (this.view.pinned === null) this.say(this.spans.length ? `${this.spans.length} faults found: n and p go from one to the next${alone}` : `no faults found${alone}`);
+    if (this.view.pinned === null) this.say(this.spans.length ? `${this.spans.length} ${this.spans.length === 1 ? "fault" : "faults"} found: n and p go from one to the next${alone}` : `no faults found${alone}`);
     document.body.dataset.faults = String(this.spans.length);
     this.view.later();
     document.dispatchEvent(new Event("rows")); // the cards of the channels tell them, too

@@ -3,7 +3,7 @@
 import { button, field, make, tell } from "./tools.js";
 
 export const vesselForm = (box, draft) => {
-  const { fields, file } = draft.vessel_form, values = {};
+  const { fields, file } = draft.vessel_form, values = { name: draft.state.name };
   let name = file;
   make(box, "summary", {}, "A ship of your own");
   make(box, "p", { class: "soft told" }, "Its name and gear ratio are enough; the rest as far as it is known.");
@@ -16,7 +16,7 @@ export const vesselForm = (box, draft) => {
     }
     const line = make(box, "label", { class: "line" });
     make(line, "span", { class: "key" }, key.split(".").pop());
-    field(line, key, "", (text) => { values[key] = text; }, { class: "short", placeholder: example.replaceAll('"', "") });
+    field(line, key, values[key] ?? "", (text) => { values[key] = text; }, { class: "short", placeholder: example.replaceAll('"', "") });
     if (about) make(line, "span", { class: "soft" }, about);
   }
   const line = make(box, "div", { class: "line" });
