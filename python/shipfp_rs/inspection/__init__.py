@@ -153,9 +153,9 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        known = {(fault["kind"], fault["channel"]) for fault in faults}
-        if trial.channels.load is not None:
-            known.add(("stuck", trial.channels.driver.column))
+        # Rests are cut out here: whether the set point is stuck or rests, the whole log has told.
+        known = {("stuck", trial.channels.driver.column)}
+        known |= {(fault["kind"], fault["channel"]) for fault in faults}
         faults += _processed(every, known)
     spectra = {
         report.channel.name: _spectrum(log, report, rest, abs(scale.get(report.channel.name, 1.0)))
