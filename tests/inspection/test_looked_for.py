@@ -16,12 +16,13 @@ def test_breakage_a8_a_log_alone_says_what_was_not_looked_for(tmp_path, capsys):
     assert cli.main(["inspect", str(tmp_path / "log.parquet")]) == 0
     shown = capsys.readouterr().out
     assert "No faults found of those looked for." in shown
-    assert "stuck channel, clipped, rows recorded twice in set point, speed, torque." in shown
-    assert "Not looked for: set-point jumps, mains hum on the set point" in shown
+    assert "stuck channel, clipped, rows recorded twice, spikes in set point, speed, torque." in shown
+    assert "Not looked for: mains hum on the set point" in shown
     assert cli.main(["inspect", str(tmp_path / "log.parquet"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["checks"]["looked_for"]
-    assert "C" in told["left_out"]
-    assert told["channels"]["torque"] == ["gap", "dropout", "stuck", "clipped", "repeated"]
+    assert "sign" in told["left_out"]
+    assert "C" not in told["left_out"]  # a spike of any channel
+    assert told["channels"]["torque"] == ["gap", "dropout", "stuck", "clipped", "repeated", "spike"]
 
 
 def test_breakage_a8_a_trial_names_the_roles(tmp_path):

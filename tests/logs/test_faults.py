@@ -13,7 +13,7 @@ from shipfp_rs.logs.faults import Fault, simulated
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.extremes import BlockExtremes
 from shipfp_rs.logs.faults.hum import HumScan, hum_in
-from shipfp_rs.logs.faults.levels import BLOCK, _Suspects, find_level_faults
+from shipfp_rs.logs.faults.levels import MOST_BLOCK, _Suspects, find_level_faults
 from shipfp_rs.logs.faults.repeats import TAPS
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log
@@ -178,7 +178,7 @@ def test_chunks_make_no_difference(cuts: list[int]) -> None:
     samples = simulated.hum(set_point(), RATE_HZ, 50.0, 0.05, 9_000, 15_000).astype(np.float32)
     samples[20_000:20_700] = np.nan
     samples[25_000:26_000] = samples[25_000]
-    whole, parts = BlockExtremes(BLOCK), BlockExtremes(BLOCK)
+    whole, parts = BlockExtremes(MOST_BLOCK), BlockExtremes(MOST_BLOCK)
     fed(whole, samples, []), fed(parts, samples, cuts)
     told = [find_level_faults(scanner, lambda a, b: samples[a:b], RATE_HZ) for scanner in (whole, parts)]
     assert {k: v.tolist() for k, v in told[0].items()} == {k: v.tolist() for k, v in told[1].items()}

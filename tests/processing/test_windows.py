@@ -10,6 +10,7 @@ from shipfp_rs import cli, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import KINDS
 from shipfp_rs.processing.trial_template import windows_toml
 from shipfp_rs.processing.windows import find_windows, longest_rest
 from shipfp_rs.simulation.sensors import EQUATION_6_7
@@ -137,6 +138,13 @@ def excited(deviation: np.ndarray, rest_s: float = 20.0, rate: float = 50.0) -> 
     return Log.from_arrays({"U": rpm + np.random.default_rng(1).normal(0.0, 0.3, len(rpm))}, rate_hz=rate)
 
 
+def squares(periods_s: list[float], count: int) -> signals.Excitation:
+    """Square waves one after the other at 100 Hz."""
+    halves = np.repeat(periods_s, 2 * count)
+    levels = np.repeat(20.0 * (-1.0) ** np.arange(halves.size), np.round(50.0 * halves).astype(int))
+    return signals.Excitation("squares", "squares", 100.0, levels)
+
+
 @pytest.mark.parametrize("rest_s", [20.0, 0.0])
 @pytest.mark.parametrize(
     ("lines", "period_s", "periods"),
@@ -169,6 +177,35 @@ def test_a_multisine_is_called_so(lines, period_s, periods, rest_s):
 def test_what_is_no_multisine_is_not_called_so(excitation):
     found = find_windows(excited(excitation.samples), "U")
     assert "multisine" not in {window.kind for window in found}
+
+
+@pytest.mark.parametrize("cut_s", [0.0, 5.0])
+@pytest.mark.parametrize(
+    ("excitation", "kind"),
+    [
+        (signals.standard("multisine", 120.0, 20.0), "multisine"),
+        (signals.standard("multisine", 300.0, 20.0), "multisine"),
+        (signals.standard("sines", 120.0, 20.0), "sines"),
+        (signals.standard("chirp", 120.0, 20.0), "chirp"),
+        (signals.standard("prbs", 120.0, 20.0), "prbs"),
+        (signals.standard("noise", 120.0, 20.0), "other"),
+        (squares([4.0], 20), "squares"),
+        (squares([8.0, 4.0, 2.0], 6), "squares"),
+        (signals.sine_sequence([0.25], 20, 20.0, rate_hz=100.0), "sine"),
+    ],
+    ids=lambda one: getattr(one, "name", one),
+)
+def test_the_kind_of_an_excitation_is_told_in_the_whole_log_and_in_a_stretch_of_it_alike(
+    excitation, kind, cut_s
+):
+    log = excited(excitation.samples, rate=100.0)
+    stop_s = 20.0 + excitation.duration
+    for stretch in ((), (20.0 + cut_s, stop_s - cut_s)):
+        found = [window for window in find_windows(log, "U", *stretch) if window.kind != "steady"]
+        assert [window.kind for window in found] == [kind]
+        assert kind in KINDS
+        if stretch:
+            assert (found[0].start_s, found[0].stop_s) == pytest.approx(stretch, abs=0.51)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -339,9 +339,11 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
         page.get_by_label("end of steady").wait_for()  # found in the set point
         page.get_by_role("button", name="mark a window").click()
         visit.drag(STEADY_S, STEADY_S + CHIRP_S)
-        page.get_by_text(re.compile(r"found in it: chirp [\d.]+ to 1\.\d+ Hz")).wait_for()
+        page.get_by_text(re.compile(r"found in it: chirp, a gliding sine, [\d.]+ to 1\.\d+ Hz")).wait_for()
         page.get_by_text("Complete; not saved yet.").wait_for()
         page.get_by_role("button", name="run").click()
+        page.wait_for_function("() => document.querySelector('.job progress')?.value > 0.1")
+        assert not page.locator(".job").get_by_text("beginning").count()
         page.wait_for_selector(".job[data-state]", timeout=10 * SLOW_MS)
         assert page.locator(".job").get_attribute("data-state") == "done", page.locator(".job").inner_text()
         page.get_by_role("button", name="open the report beside").click()

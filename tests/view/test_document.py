@@ -15,7 +15,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
 from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.vessel.vessel import Vessel
-from shipfp_rs.view.document import Document, stretch_of
+from shipfp_rs.view.document import Document
 from shipfp_rs.view.series import FINER
 
 
@@ -38,7 +38,7 @@ def test_the_layer_of_faults_is_the_list_of_inspect(folder, capsys, with_trial):
     assert main(["inspect", str(folder / "log.parquet"), *([str(trial)] if trial else []), "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["faults"]
     document = Document(folder / "log.parquet", trial=trial)
-    layer = document.faults.wait()
+    layer = document.faults.wait()["faults"]
     assert len(layer) == len(listed) > 0
     for drawn, fault in zip(layer, listed, strict=True):
         assert {key: drawn[key] for key in fault} == fault
@@ -48,7 +48,7 @@ def test_the_layer_of_faults_is_the_list_of_inspect(folder, capsys, with_trial):
 
 def test_windows_and_the_steady_stretch_are_found(folder):
     document = Document(folder / "log.parquet")
-    document.windows("U_setpoint").wait()
+    assert document.windows("U_setpoint").wait()[0] == "U_setpoint"
     told = document.told_windows("U_setpoint")
     kinds = [window["kind"] for window in told["windows"]]
     assert "chirp" in kinds
@@ -61,14 +61,6 @@ def test_a_stretch_tells_what_it_holds(folder):
     assert main_window["kind"] == "chirp"
     assert main_window["frequency_hz"][0] < 0.2
     assert main_window["frequency_hz"][1] == pytest.approx(1.5, rel=0.15)
-
-
-def test_a_stretch_of_a_log_is_a_log_on_the_same_clock(folder):
-    log = Log.open(folder / "log.parquet")
-    part = stretch_of(log, "U_torque", 10.0, 12.5)
-    np.testing.assert_array_equal(part.read("U_torque"), log.read("U_torque", 10.0, 12.5))
-    np.testing.assert_array_equal(part.read("U_torque", 11.0, 12.0), log.read("U_torque", 11.0, 12.0))
-    assert part.channel("U_torque").start_s == 10.0
 
 
 def test_the_processed_signals_are_those_of_process(folder):
@@ -123,3 +115,36 @@ def test_the_samples_under_the_finest_stored_tile_are_read_ahead(folder):
             break
         time.sleep(0.05)
     assert 0 in pieces._held
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 50.0, 10.0])
+def test_faults_that_the_eye_sees_are_listed_by_page_and_inspect_alike_at_any_rate(tmp_path, capsys, rate_hz):
+    """Spikes of a sample or two, a flat stretch and clipped tops of channels that nobody has named, and no others."""
+    random = np.random.default_rng(0)
+    count = round(max(120.0 * rate_hz, 3000))
+    noise = random.normal(0.0, 1.0, (4, count))
+    swing = 20.0 * np.sin(2.0 * np.pi * np.arange(count) / (0.1 * count))
+    channels = {
+        "spiky": 100.0 + noise[0],
+        "flat": noise[1].copy(),
+        "clipped": np.minimum(100.0 + swing + noise[2], 115.0),
+        "sound": noise[3],
+        "rounded": np.round(50.0 + noise[0]),
+        "wandering": np.cumsum(noise[3]),
+    }
+    places = [count // 5, count // 3, count // 2]
+    for place in places:
+        channels["spiky"][place : place + max(round(0.02 * rate_hz), 2)] += random.choice([-30.0, 30.0])
+    still = slice(count // 4, count // 4 + max(round(0.5 * rate_hz), 20))
+    channels["flat"][still] = channels["flat"][still.start]
+    path = tmp_path / "log.parquet"
+    Log.from_arrays(channels, rate_hz=rate_hz).write(path)
+    assert main(["inspect", str(path), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["faults"]
+    layer = Document(path).faults.wait()["faults"]
+    assert [{key: drawn[key] for key in fault} for drawn, fault in zip(layer, listed, strict=True)] == listed
+    found = {(fault["channel"], fault["kind"]): fault["spans"] for fault in listed}
+    assert [start for start, _ in found["spiky", "spike"]] == places
+    assert found["flat", "stuck"] == [[still.start, still.stop]]
+    assert ("clipped", "clipped") in found
+    assert {channel for channel, _ in found} == {"spiky", "flat", "clipped"}

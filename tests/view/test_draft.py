@@ -93,6 +93,14 @@ tau_n = 1.17
 """
 
 
+def test_signals_of_a_slow_log_are_no_faster_than_its_channels():
+    rates_hz = {"n": 20.0, "M [x]": 10.0, "P": 1.0}
+    assert checked(written(draft(), None, "my.csv", None, rates_hz), "TRIAL.toml").processing.rate_hz == 10.0
+    assert (
+        checked(written(draft(), None, "my.csv", None, {"n": 200.0}), "TRIAL.toml").processing.rate_hz == 50.0
+    )
+
+
 def test_comments_and_what_the_page_does_not_know_stay(tmp_path):
     path = tmp_path / "TRIAL.toml"
     path.write_text(OWN)
@@ -178,3 +186,23 @@ def test_what_is_to_be_given_is_read_as_not_given(tmp_path):
     path.write_text('[channels.set_point]\ncolumn = "U"\nunit = "V"\ncalibration = "to be given"\n')
     (channel,) = read_draft(path).channels
     assert (channel.column, channel.calibration.scale) == ("U", None)
+
+
+def test_a_load_and_a_command_are_guessed_written_and_read_as_init_does(tmp_path):
+    units = {"n_set": "rpm", "Generator power": "kW", "n_e": "rpm"}
+    found = guessed([Channel(name, unit, 1.0, 1) for name, unit in units.items()])
+    assert {one.column: one.role for one in found} == {
+        "n_set": "set_point",
+        "Generator power": "load",
+        "n_e": "speed",
+    }
+    text = written(draft(channels=[one.model_dump() for one in found]), None, "my.csv")
+    load = checked(text, "TRIAL.toml").channels.load
+    assert (load.quantity, load.calibration.scale) == ("power", 1000.0)
+    (tmp_path / "TRIAL.toml").write_text(text)
+    assert written(read_draft(tmp_path / "TRIAL.toml"), text, "my.csv") == text
+    units = {"torque command": "Nm", "n_e": "rpm"}
+    found = guessed([Channel(name, unit, 1.0, 1) for name, unit in units.items()])
+    assert [one.role for one in found] == ["command", "speed"]
+    text = written(draft(channels=[one.model_dump() for one in found]), None, "my.csv")
+    assert checked(text, "TRIAL.toml").channels.command.column == "torque command"

@@ -92,7 +92,7 @@ def _of_logs(
         notify("looking for the set point, pulse trains and windows")
         roles = guess_roles(log, lambda name: pulse_rate(Rows(log, name)), set_point)
         try:
-            mover, found = moved(log, roles)
+            mover, found = moved(log, roles.set_point or roles.command, roles.load)
             kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
             told = f"{', '.join(map(str, paths))}, {mover}: {kinds}"
             if all(window.kind == "steady" for window in found):

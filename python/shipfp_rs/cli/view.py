@@ -45,9 +45,11 @@ def view(
     if path.suffix == ".toml" and path.is_file():
         page = f"look.html?doc={desk.open_trial(path)[0]}"
     elif path.is_file():
+        number = desk.open_log(path, rate_hz)
+        rate_hz = desk.document(number).rate_hz
         if stored(path, rate_hz) is None:
             Log.open(path, rate_hz=rate_hz)  # what can't be read is told here, not in the page
-        page = f"look.html?doc={desk.open(path, rate_hz)}"
+        page = f"look.html?doc={number}"
     ended = end_asked_for()  # before the address is told: who knows it may end it
     with serving(desk, page) as server, contextlib.ExitStack() as shown:
         print_text(f"{path}: {server.address}", "Ctrl-C ends it.")

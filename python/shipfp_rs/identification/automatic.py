@@ -28,9 +28,11 @@ from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.progress import part, tell
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
@@ -60,8 +62,10 @@ def identified(
 ) -> Fingerprint:
     """Fit the ship and say what the data tell."""
     require_excited(experiments)
-    fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s)
-    return answered(fit, intervals, seed=seed, vessel=vessel)
+    with part(0.0, 0.5):
+        fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s)
+    with part(0.5, 1.0):
+        return answered(fit, intervals, seed=seed, vessel=vessel)
 
 
 def answered(
@@ -146,7 +150,8 @@ def intervals_of(
         # What the profiles before found possible counts on.
         profiles.visited += [Basin(coarse.cost(vector), vector) for vector in possible]
         found = {}
-        for name, figure in figures.items():
+        for place, (name, figure) in enumerate(figures.items()):
+            tell(f"interval: {plain_name(name)}", place / len(figures))
             bounds = fit.question.bounds.get(name, (-np.inf, np.inf))
             one = profiles.interval(
                 figure, TRIES if name in coarse.coordinates.names else COMBINED_TRIES, bounds

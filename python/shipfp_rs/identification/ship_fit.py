@@ -30,6 +30,7 @@ from shipfp_rs.identification.ship_found import (
 )
 from shipfp_rs.identification.trials import with_elements
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.progress import part, tell
 
 DELAYS = {"T_d", "T_set", "tau_act"}
 REDIVIDED, MORE = 3, 2
@@ -49,8 +50,13 @@ def fit_ship(
         Where no start leads to a ship that can be simulated.
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
-    fit = with_elements(smooth_ship(question, starts=starts, seed=seed, until=until), until)
+    with part(0.0, 0.4):
+        fit = smooth_ship(question, starts=starts, seed=seed, until=until)
+    with part(0.4, 0.7):
+        fit = with_elements(fit, until)
+    tell("parting the delays otherwise", 0.7)
     fit = with_other_delays(fit, until)
+    tell("ending at a fine step", 0.8)
     try:
         return refined(fit, until)
     except IdentificationError:
@@ -82,11 +88,14 @@ def smooth_ship(
 ) -> ShipFit:
     """Search the ship without the elements that are tried, at the step of the search; see `fit_ship`."""
     # Not low-passed by processing, a set point may run in either way between its samples: all are tried.
+    tell("first look at the smooth ship", 0.0)
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
     fit = first_look(question, "band-limited" if undecided else None, starts=starts, seed=seed, until=until)
+    tell("searching the smooth ship", 0.3)
     found = _at_the_step_of_the_search(fit, fit.between, until)
     ways: tuple[Between, ...] = ("straight", "held") if undecided else ()
-    for way in ways:
+    for place, way in enumerate(ways):
+        tell(f"trying a set point that runs {way} between its samples", 0.5 + 0.25 * place)
         other = _at_the_step_of_the_search(replace(fit, basins=fit.basins[:1]), way, until)
         if other.best.cost < found.best.cost - 1.0:
             found = _at_the_step_of_the_search(fit, way, until)

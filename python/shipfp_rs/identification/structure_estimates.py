@@ -24,8 +24,10 @@ from shipfp_rs.identification.profiles import RISE, Interval, Profiles, scaled_i
 from shipfp_rs.identification.structure_fit import StructureFit
 from shipfp_rs.identification.structure_records import Response, Spectra
 from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array, Mask, Numbers
+from shipfp_rs.support.progress import tell
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
@@ -208,6 +210,10 @@ class StructureEstimates:
     def _interval(self, parameter: Parameter) -> Interval:
         figure = itemgetter(parameter.name)
         if self.intervals == "profile":
+            tell(
+                f"interval: {plain_name(parameter.name) or parameter.name}",
+                self.inner.names.index(parameter.name) / len(self.inner.names),
+            )
             return self.profiles.interval(figure)
         place = self.inner.names.index(parameter.name)
         half = DEVIATIONS_95 * float(np.sqrt(self.inner.covariance()[place, place]))

@@ -15,7 +15,9 @@ from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, ea
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, likelihood_at, rough_likelihood
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.progress import tell
 
 CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
@@ -42,7 +44,8 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         driven = fit.likelihood.with_water(fit.best.vector, always=True)
         before = driven.total(fit.best.vector)
         trials: list[tuple[float, str, ShipFit]] = []
-        for element in limits:
+        for place, element in enumerate(limits):
+            tell(f"trying {ELEMENTS[element].words}", (len(gains) + place) / (len(limits) + 2))
             found = _trial(fit, driven, element, until)
             if found is not None:
                 likelihood, end = found
@@ -57,6 +60,7 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         fit = taken
         limits.remove(element)
     if "twist" in fit.question.tried:
+        tell(f"trying {ELEMENTS['twist'].words}", 0.8)
         found = _trial(fit, fit.likelihood, "twist", until)
         if found is not None:
             gains["twist"] = fit.best.cost - found[1].cost

@@ -28,13 +28,17 @@ from shipfp_rs.inspection.spectrum import LEAST_SAMPLES, Peak, amplitude_spectru
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.faults.scan import scan
+from shipfp_rs.logs.faults.spikes import spikes_of
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.cleaning import spike_rule
 from shipfp_rs.processing.roles import set_point_of
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION
+from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.fir import PASSBAND
+from shipfp_rs.support.spans import joined
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [
@@ -103,7 +107,7 @@ def inspect_log(
 ) -> Inspection:
     """Inspect a log, alone or together with its trial.
 
-    Alone: channels, faults of clock and level, windows of the set point if a channel is called so, and the lines in
+    Alone: channels, faults of clock and level, spikes, windows of the set point if a channel is called so, and the lines in
     the spectrum of every channel that is no pulse train, over the longest rest. With the trial: all faults that
     processing finds, lines of the torque by name, the line through set point and speed, the pulse trains against one
     another, their reflectors, and the static torque against eq. 6.3 with the exponent fitted.
@@ -125,7 +129,7 @@ def inspect_log(
         Where a channel of the trial is missing.
     """
     reports = describe(log)
-    faults = [fault.to_dict() for fault in [*log.faults, *_recorded(log, reports)]]
+    faults = [fault.to_dict() for fault in [*log.faults, *_recorded(log, reports, trial)]]
     windows = _windows(log, trial)
     rest = longest_rest(windows)
     checks: dict[str, Any] = {}
@@ -149,7 +153,10 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        faults += _processed(every, {(fault["kind"], fault["channel"]) for fault in faults})
+        # Rests are cut out here: whether the set point is stuck or rests, the whole log has told.
+        known = {("stuck", trial.channels.driver.column)}
+        known |= {(fault["kind"], fault["channel"]) for fault in faults}
+        faults += _processed(every, known)
     spectra = {
         report.channel.name: _spectrum(log, report, rest, abs(scale.get(report.channel.name, 1.0)))
         for report in reports
@@ -209,14 +216,25 @@ def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: 
     return frequency, scale * amplitude
 
 
-def _recorded(log: Log, reports: Sequence[ChannelReport]) -> list[Fault]:
+def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -> list[Fault]:
     """Return the faults that show in the samples as recorded, from a log's beginning to its end."""
     found = []
+    channels = None if trial is None else trial.channels
+    sensors = (
+        {} if channels is None else {one.column: one for one in (channels.driver, *channels.levels.values())}
+    )
+    processing = Processing() if trial is None else trial.processing
     for report in reports:
         channel = report.channel
         if report.pulses_hz is None and channel.samples:
             rows = Rows(log, channel.name, kept_bytes=STRETCH_BYTES)
             spans = scan(rows, 0, channel.samples, repeats=True)
+            sensor = sensors.get(channel.name)
+            if channels is not None and channels.load is not None and sensor is channels.driver:
+                spans.pop("stuck", None)  # beside a load that moves a set point may rest
+            kind, limits = spike_rule(sensor, processing)
+            line = None if sensor is None else sensor.calibration.calibration("")
+            spans[kind] = spikes_of(rows, joined(spans.values()), limits, report.noise, line)
         else:
             spans = {"gap": report.gaps}
         found += [Fault(kind, channel.name, "as recorded", where) for kind, where in spans.items()]

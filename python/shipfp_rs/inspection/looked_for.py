@@ -8,15 +8,15 @@ from typing import Any
 from shipfp_rs.inspection.channels import ChannelReport
 from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_channels import Rack, Torque
 
-OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated")
-"""Faults of level, which can be found in any channel that is no pulse train."""
+OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated", "spike")
+"""Faults of level and spikes, which can be found in any channel that is no pulse train."""
 OF_A_TRAIN = ("gap",)
+SPIKES: Mapping[str, str] = {"set_point": "D1", "torque": "C"}
+"""What a spike is called in a channel of this role."""
 OF_ROLES: Mapping[str, tuple[str, ...]] = {
-    "set_point": ("D1", "D2", "D3"),
-    "torque": ("C", "sign"),
-    "rack": ("spike",),
+    "set_point": ("D2", "D3"),
+    "torque": ("sign",),
     "train": ("A", "B", "faint"),
 }
 """Faults that only a channel of this role can have; a trial names the roles."""
@@ -31,15 +31,13 @@ def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[st
     }
     if trial is not None:
         roles = {trial.channels.driver.column: "set_point"}
-        roles |= {
-            sensor.column: "torque" if isinstance(sensor, Torque) else "rack"
-            for sensor in trial.channels.levels.values()
-            if isinstance(sensor, Torque | Rack)
-        }
+        if trial.channels.torque is not None:
+            roles[trial.channels.torque.column] = "torque"
         roles |= {tacho.column: "train" for tacho in trial.channels.tachos.values() if tacho.kind == "pulses"}
         for name, role in roles.items():
             if name in found:
-                found[name] += OF_ROLES[role]
+                kinds = [SPIKES.get(role, kind) if kind == "spike" else kind for kind in found[name]]
+                found[name] = [*kinds, *OF_ROLES[role]]
     told = {kind for kinds in found.values() for kind in kinds}
     left_out = [kind for kinds in OF_ROLES.values() for kind in kinds if kind not in told]
     return {"channels": found, "left_out": left_out}

@@ -11,7 +11,10 @@ from shipfp_rs.inspection import Inspection
 from shipfp_rs.logs.log import Log
 from shipfp_rs.plot.style import envelope, plain_numbers
 
-COLOURS = {"steady": "#b8c4ce", "sine": "#2f6db3", "chirp": "#2a9d6f", "steps": "#c9762b", "other": "#a23b72"}
+COLOURS = {"steady": "#b8c4ce", "chirp": "#2a9d6f", "steps": "#c9762b", "other": "#a23b72"}
+COLOURS |= dict.fromkeys(("sine", "sines", "multisine"), "#2f6db3") | dict.fromkeys(
+    ("squares", "prbs"), "#7a6f2b"
+)
 WIDTH, HEIGHT = 10.0, 4.0
 
 
@@ -49,7 +52,13 @@ def _windows(inspection: Inspection, log: Log) -> Figure:
     time = channel.start_s + index * (channel.samples / len(samples)) / channel.rate_hz
     axes.plot(*envelope(time, samples), color="#1d3557", linewidth=0.7)
     for window in inspection.windows:
-        axes.axvspan(window.start_s, window.stop_s, color=COLOURS[window.kind], alpha=0.3, linewidth=0)
+        axes.axvspan(
+            window.start_s,
+            window.stop_s,
+            color=COLOURS.get(window.kind, COLOURS["other"]),
+            alpha=0.3,
+            linewidth=0,
+        )
         if window.kind != "steady":
             axes.text(
                 0.5 * (window.start_s + window.stop_s),

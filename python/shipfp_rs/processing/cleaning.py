@@ -12,17 +12,25 @@ from shipfp_rs.logs.faults.hum import hum_in
 from shipfp_rs.logs.faults.levels import LevelLimits
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
+from shipfp_rs.logs.faults.spikes import spikes_between
 from shipfp_rs.processing.low_pass import MARGIN_S
-from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint
-from shipfp_rs.processing.trial_tables import Processing
+from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Processing, Spikes
 from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.sentences import Sentence
-from shipfp_rs.support.spans import Spans, clipped_to, joined, marks, runs
-from shipfp_rs.support.spikes import bridge, find_spikes
+from shipfp_rs.support.spans import Spans, clipped_to, joined, marks
+from shipfp_rs.support.spikes import bridge
 
 OF_A_LEVEL = ("stuck", "dropout", "clipped")
 """Faults that a load's own level looks like."""
+
+
+def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spikes]:
+    """Return the kind of fault that a spike of a channel is, and what counts as one; None: a channel without a role."""
+    if isinstance(sensor, SetPoint | Command):
+        return "D1", processing.set_point_jumps
+    return "C" if isinstance(sensor, Torque) else "spike", processing.torque_spikes
 
 
 @dataclass(frozen=True)
@@ -86,8 +94,7 @@ class Cleaner:
         if isinstance(sensor, Load) and sensor.quantity == "power":
             unit = "W"
         self.calibration = sensor.calibration.calibration(unit)
-        self._spike = "D1" if is_set_point else "spike" if isinstance(sensor, Rack | Load) else "C"
-        self.spikes = processing.set_point_jumps if is_set_point else processing.torque_spikes
+        self._spike, self.spikes = spike_rule(sensor, processing)
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz
         # The low-pass reaches beyond the stretch on either side.
@@ -176,25 +183,8 @@ class Cleaner:
 
     def _spiky(self, samples: Array, missing: Mask) -> tuple[Mask, Spans]:
         """Mark the spikes of a piece, shape (N,), and tell where they begin and end in it."""
-        settings, rate = self.spikes, self.channel.rate_hz
         spiky = np.zeros(len(samples), dtype=np.bool_)
-        filled = bridge(samples, missing)
-        # A long bridge has no noise in it and would make its neighbours' noise look like spikes.
-        absent = np.zeros(len(samples), dtype=np.bool_)
-        gaps = runs(missing)
-        for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > settings.longest_s * rate]:
-            absent[start:stop] = True
-        found = joined(
-            start
-            + find_spikes(
-                filled[start:stop],
-                rate,
-                longest_s=settings.longest_s,
-                threshold=settings.threshold,
-                least=settings.least,
-            )
-            for start, stop in runs(~absent)
-        )
+        found = spikes_between(samples, missing, self.channel.rate_hz, self.spikes)
         for begin, end in found:
             # One sample more on either side: the receiver's filter widens a spike's foot.
             spiky[max(begin - 1, 0) : end + 1] = True

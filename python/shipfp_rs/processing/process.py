@@ -37,6 +37,7 @@ from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
+from shipfp_rs.support.progress import counted
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.spikes import bridge
@@ -167,6 +168,8 @@ class _Recording:
         """Read, clean and resample every channel, then find the speed in every stretch."""
         channels = self.trial.channels
         levels = [partial(self._cleaned, s) for s in (channels.driver, *channels.levels.values())]
+        steps = len(self.grids) * (len(levels) + 1) + len(channels.tachos)
+        self._step = counted("reading and cleaning the channels", steps)
         trains = [partial(self._train, name, tacho) for name, tacho in channels.tachos.items()]
         found: list[Any] = side_by_side([*levels, *trains], self._stopped)
         self.set_point: dict[str, Cleaned] = found[0]
@@ -190,12 +193,15 @@ class _Recording:
             within, may_rest = self._within(rows, label), self.trial.channels.load is not None
             cleaner = Cleaner(rows, sensor, self.trial.processing, *within, may_rest=may_rest)
             samples = grid.low_passed(rows.channel, cleaner)
+            self._step()
             found[label] = Cleaned(samples, cleaner.faults(), cleaner.calibration)
         return found
 
     def _train(self, name: str, tacho: Tacho) -> PulseTrain:
         rows = None if tacho.kind == "edges" else self._rows(tacho)
-        return source_of(rows, name, tacho, self.vessel.gearbox.ratio, self.stretches)
+        found = source_of(rows, name, tacho, self.vessel.gearbox.ratio, self.stretches)
+        self._step()
+        return found
 
     def operating_point(self) -> dict[str, float]:
         """Values given, or means over the steady stretch."""
@@ -378,6 +384,7 @@ class _Recording:
         source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
         found = _EngineSpeed(grid.low_passed(base, source), account, speed.faults())
         speed.forget_pulses()
+        self._step()
         return found
 
 

@@ -125,9 +125,9 @@ class PulseTrain:
         def fault(kind: str, method: str, begins: Array, ends: Array) -> Fault:
             inside = (ends > start_s) & (begins < stop_s)
             times = np.clip(np.column_stack([begins, ends])[inside], start_s, stop_s) - self.channel.start_s
-            return Fault(
-                kind, self.channel.name, method, np.rint(times * self.channel.rate_hz).astype(np.int64)
-            )
+            spans = np.rint(times * self.channel.rate_hz).astype(np.int64)
+            # Less than a sample at a stretch's end is nothing that is lost.
+            return Fault(kind, self.channel.name, method, spans[spans[:, 1] > spans[:, 0]])
 
         extra = runs((speed.flags & PulseFlag.EXTRA) > 0)
         missed = runs((speed.flags & PulseFlag.MISSED) > 0)

@@ -92,7 +92,7 @@ class Level(Section):
         line = content.get("calibration", TO_BE_GIVEN)
         if line != TO_BE_GIVEN or not (isinstance(column, str) and isinstance(unit, str)):
             return content
-        factor, to = cls._factor(told(unit), content)
+        factor, to = cls.factor(told(unit), content)
         if factor is not None:
             return {**content, "calibration": {"scale": factor}}
         raise unexpected(
@@ -102,8 +102,11 @@ class Level(Section):
         )
 
     @classmethod
-    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Return the factor of a unit, None for one that is not what the channel is, and the unit it leads to."""
+    def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        """Return the factor of a unit, None for one that is not what the channel is, and the unit it leads to.
+
+        `content` is the rest of the channel's table.
+        """
         return cls.told_in.get(unit), cls.to
 
 
@@ -130,7 +133,8 @@ class Command(Level):
     """
 
     @classmethod
-    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+    def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        """Return 1 for any unit but one of torque."""
         return TO_NM.get(unit, 1.0), ""
 
 
@@ -162,7 +166,8 @@ class Rack(Level):
     """As of the torque."""
 
     @classmethod
-    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+    def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        """Return 1 for any unit but an electric one."""
         return None if unit in ELECTRIC else 1.0, "mm"
 
 
@@ -173,7 +178,8 @@ class Load(Level):
     """Torque [Nm], or power [W], which is divided by the shaft's speed."""
 
     @classmethod
-    def _factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+    def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        """Return the factor of a unit of the load's quantity."""
         units, to = (TO_W, "W") if content.get("quantity") == "power" else (TO_NM, "Nm")
         return units.get(unit), to
 

@@ -42,23 +42,31 @@ def windows_toml(windows: Sequence[FoundWindow]) -> str:
     return "\n".join(lines)
 
 
-def moved(log: Log, roles: Roles) -> tuple[str, list[FoundWindow]]:
-    """Return the channel whose motion makes a log's windows, and these: the set point's, or the load's where that rests.
+def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[FoundWindow]]:
+    """Return the channel whose motion makes a log's windows, and these: the load's where set point or command rest.
 
     Raises
     ------
     InputError
         Where the log has neither set point nor load, or it is too short.
     """
-    driver = roles.set_point or roles.command
     if driver is None:
         raise InputError("no set point found: name its channel in the file, or with --set-point")
     found = find_windows(log, driver)
-    if roles.load is not None and all(window.kind == "steady" for window in found):
-        by_load = find_windows(log, roles.load)
+    if load is not None and all(window.kind == "steady" for window in found):
+        by_load = find_windows(log, load)
         if any(window.kind != "steady" for window in by_load):
-            return roles.load, by_load
+            return load, by_load
     return driver, found
+
+
+def operating_rest(windows: Sequence[FoundWindow], *, by_load: bool) -> FoundWindow | None:
+    """Return the rest that the operating point is the mean of; of a load that moves one under load, if there is any."""
+    if by_load:
+        largest = max(abs(window.level) for window in windows)
+        loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
+        return longest_rest(loaded) or longest_rest(windows)
+    return longest_rest(windows)
 
 
 def drafted(
@@ -181,11 +189,7 @@ def _train(name: str, roles: Roles) -> str:
 
 def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mover: str | None) -> str:
     """Return the table of the operating point: the steady stretch, or means over the windows where nothing rests."""
-    if mover is not None and mover == roles.load:
-        largest = max(abs(window.level) for window in windows)
-        loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
-        windows = loaded if longest_rest(loaded) is not None else windows
-    rest = longest_rest(windows)
+    rest = operating_rest(windows, by_load=mover is not None and mover == roles.load)
     if rest is not None:
         return f"[operating_point]               # means over a rest\nsteady_s = [{rest.start_s:.1f}, {rest.stop_s:.1f}]"
     if roles.command is not None:

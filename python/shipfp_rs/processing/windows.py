@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -14,11 +13,10 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.coarse import bridged, mean_pieces
+from shipfp_rs.processing.window_kinds import Kind, kind_of, middle_of
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
-
-Kind = Literal["steady", "sine", "multisine", "chirp", "steps", "other"]
 
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
@@ -36,28 +34,19 @@ STEP_WITHIN_S = 1.5
 """A change from one level to another that takes no longer is a step."""
 LONG_HOLD = 2.5
 """A series of steps has ended after so many times its usual hold without a step."""
-CROSSED = 0.35
-"""Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
-JUMPED = 1.5
-"""A sample further out than so many amplitudes is a jump of the generator's relay."""
 LONGEST_S = 4.0 * 3600.0
 """Longest excitation [s]; what goes on for longer without a rest is the ship's own doing."""
-SAME_FREQUENCY = 1.15
-"""The excitation has one frequency where the ratio of its last periods to its first is below this."""
-
-IN_BAND = 0.95
-"""Share of an excitation's power in its band."""
-LINE_BINS, BETWEEN_LINES = 16, 0.2
-"""In parts of so many bins the median of a multisine's power is below this share of the mean, since nothing is between its
-lines; of what runs through its frequencies the two are alike, and by chance, too, the median is 0.7 of the mean."""
-SAME_LINES = 0.8
-"""Least correlation of the amplitudes of a window's halves: a multisine has all lines all the time."""
-REPEATS = 0.95
-"""Correlation with itself a period later from which an excitation is periodic."""
-AT_LEVELS = 0.6
-"""Share of samples near the extremes from which an excitation jumps between two levels."""
-
-_LETTERS = {"steady": "R", "sine": "S", "multisine": "M", "chirp": "C", "steps": "St", "other": "X"}
+_LETTERS: Mapping[Kind, str] = {
+    "steady": "R",
+    "sine": "S",
+    "sines": "S",
+    "multisine": "M",
+    "chirp": "C",
+    "squares": "Q",
+    "prbs": "P",
+    "steps": "St",
+    "other": "X",
+}
 
 
 @dataclass(frozen=True)
@@ -67,7 +56,8 @@ class FoundWindow:
     Parameters
     ----------
     name
-        Kind's letter and a count: R rest, S sine, M multisine, C chirp, St steps, X anything else.
+        Kind's letter and a count: R rest, S one or more sines, M multisine, C chirp, Q square waves, P pseudo-random steps,
+        St steps, X anything else.
     kind
         What the set point does.
     start_s, stop_s
@@ -87,13 +77,15 @@ class FoundWindow:
     frequency_hz: tuple[float, float] | None = None
 
 
-def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
-    """Find rests, sines, multisines, chirps and steps of a set point, or of a load.
+def find_windows(
+    log: Log, set_point: str, start_s: float = -math.inf, stop_s: float = math.inf
+) -> list[FoundWindow]:
+    """Find rests, and what excites, of a set point or a load: the one place that tells the kind of a window.
 
     The set point rests where the medians of half seconds stay at one level to within their noise. What lies between two
     rests is a step where the level changes at once, else one excitation; lines in its spectrum, or a period, tell a
-    multisine, the times between its crossings of the mean a sine from a chirp. Excitations that follow one another
-    without a rest are found as one.
+    multisine, the times between its crossings of the mean a sine, several sines and a chirp from one another, and two
+    levels square waves and pseudo-random steps. Excitations that follow one another without a rest are found as one.
 
     Parameters
     ----------
@@ -101,6 +93,8 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
         The recording.
     set_point
         Name of the set point's channel.
+    start_s, stop_s
+        Stretch that is looked at, on the log's clock [s]; what counts as noise the whole channel tells.
 
     Returns
     -------
@@ -122,7 +116,7 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
     >>> [(found.kind, round(found.start_s), round(found.stop_s)) for found in find_windows(log, "U")]
     [('steady', 0, 30), ('sine', 30, 90), ('steady', 90, 120)]
     """
-    trace = _Trace.of(log, set_point)
+    trace = _Trace.of(log, set_point).part(start_s, stop_s)
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
@@ -131,11 +125,12 @@ def find_windows(log: Log, set_point: str) -> list[FoundWindow]:
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
             found.append(trace.excitation(stop, start))
-    counts = dict.fromkeys(_LETTERS, 0)
+    counts = dict.fromkeys(_LETTERS.values(), 0)
     named = []
     for window in sorted(found, key=lambda window: (window.start_s, -window.stop_s)):
-        counts[window.kind] += 1
-        named.append(replace(window, name=f"{_LETTERS[window.kind]}{counts[window.kind]}"))
+        letter = _LETTERS[window.kind]
+        counts[letter] += 1
+        named.append(replace(window, name=f"{letter}{counts[letter]}"))
     return named
 
 
@@ -144,7 +139,7 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
-    centres = [window.level for window in windows if window.kind in ("sine", "multisine", "chirp")]
+    centres = [window.level for window in windows if window.kind not in ("steady", "steps", "other")]
     if not centres:
         return max(rests, key=lambda rest: rest.stop_s - rest.start_s)
     centre = float(np.median(centres))
@@ -164,6 +159,8 @@ class _Trace:
     medians: Array
     spreads: Array
     noise: float
+    first: int = 0
+    """Block that the medians begin with."""
 
     @classmethod
     def of(cls, log: Log, name: str) -> _Trace:
@@ -184,6 +181,13 @@ class _Trace:
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)
 
+    def part(self, start_s: float, stop_s: float) -> _Trace:
+        """Return the whole blocks of a stretch."""
+        block_s = self.block / self.rate_hz
+        edges = (np.array([start_s, stop_s]) - self.channel.start_s) / block_s
+        first, stop = np.clip(np.round(edges), 0, len(self.medians)).astype(int).tolist()
+        return replace(self, medians=self.medians[first:stop], spreads=self.spreads[first:stop], first=first)
+
     @property
     def rate_hz(self) -> float:
         return self.channel.rate_hz / self.ratio
@@ -198,7 +202,8 @@ class _Trace:
         return 1.2533 * self.noise / math.sqrt(self.block)
 
     def times(self, blocks: tuple[int, int]) -> tuple[float, float]:
-        first, stop = (self.channel.start_s + index * self.block / self.rate_hz for index in blocks)
+        start_s = self.channel.start_s
+        first, stop = (start_s + (self.first + index) * self.block / self.rate_hz for index in blocks)
         return first, stop
 
     def samples(self, blocks: tuple[int, int]) -> Array:
@@ -253,75 +258,11 @@ class _Trace:
         samples = self.samples((first, stop)) if stop_s - start_s <= LONGEST_S else np.empty(0)
         if not samples.size:
             return FoundWindow("", "other", start_s, stop_s, self.level((first, stop)))
-        level = 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
-        crossings = _crossings(samples - level) / self.rate_hz
-        halves = np.diff(crossings)
-        if len(halves) < 2:
-            return FoundWindow("", "other", start_s, stop_s, level)
-        count = max(len(halves) // 8, 1)
-        early, late = (float(np.median(part)) for part in (halves[:count], halves[-count:]))
-        frequencies = (0.5 / early, 0.5 / late)
-        ratio = max(early / late, late / early)
-        if ratio < SAME_FREQUENCY and np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1):
-            mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
-            return FoundWindow("", "sine", start_s, stop_s, level, (mean, mean))
         # A stair stands still most of the time.
         swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
-        if swings and (band := _lines(samples, self.rate_hz)) is not None:
-            return FoundWindow("", "multisine", start_s, stop_s, level, band)
-        # The periods of a chirp change one way; what goes back and forth is something else.
-        logs = np.log(halves)
-        order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
-        kind: Kind = "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other"
-        return FoundWindow("", kind, start_s, stop_s, level, frequencies)
-
-
-def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
-    """Return the lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
-    deviation = samples - samples.mean()
-    extremes = np.quantile(deviation, [0.02, 0.98])
-    near = np.abs(deviation[:, None] - extremes).min(axis=1) < 0.1 * float(np.ptp(extremes))
-    if near.mean() > AT_LEVELS:
-        return None
-    power = np.abs(np.fft.rfft(deviation * np.hanning(len(samples)))) ** 2
-    power[:1] = 0.0
-    if not power.sum() > 0.0:
-        return None
-    held = np.cumsum(power) / power.sum()
-    low, high = (
-        int(np.searchsorted(held, share)) for share in (0.5 * (1.0 - IN_BAND), 0.5 * (1.0 + IN_BAND))
-    )
-    blocks = power[low : low + (high - low) // LINE_BINS * LINE_BINS].reshape(-1, LINE_BINS)
-    between = (
-        np.median(np.median(blocks, axis=1) / np.maximum(blocks.mean(axis=1), 1e-300))
-        if len(blocks) > 1
-        else 1.0
-    )
-    if _repeats(deviation) or (between < BETWEEN_LINES and _stays(deviation, low // 2, high // 2 + 1)):
-        return low * rate_hz / len(samples), high * rate_hz / len(samples)
-    return None
-
-
-def _stays(deviation: Array, low: int, high: int) -> bool:
-    """Whether both halves of a signal have the same amplitudes in a band of bins of a half."""
-    half = len(deviation) // 2
-    halves = (deviation[:half], deviation[half : 2 * half])
-    early, late = (np.abs(np.fft.rfft(part * np.hanning(half)))[low:high] for part in halves)
-    with np.errstate(all="ignore"):
-        return bool(np.corrcoef(early, late)[0, 1] > SAME_LINES)
-
-
-def _repeats(deviation: Array) -> bool:
-    """Whether a signal comes again after a period."""
-    count = len(deviation)
-    spectrum = np.fft.rfft(deviation, 2 * count)
-    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count]
-    energy = np.concatenate([[0.0], np.cumsum(deviation**2)])
-    lags = np.arange(count // 2)
-    scale = np.sqrt(energy[count - lags] * (energy[-1] - energy[lags]))
-    alike = products[lags] / np.maximum(scale, 1e-300)
-    apart = np.flatnonzero(alike < 0.0)
-    return bool(apart.size and alike[apart[0] :].max() > REPEATS)
+        level = middle_of(samples)
+        kind, frequency_hz = kind_of(samples - level, self.rate_hz, swings=bool(swings))
+        return FoundWindow("", kind, start_s, stop_s, level, frequency_hz)
 
 
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
@@ -344,17 +285,6 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
         largest = max(largest, float(np.abs(rows[known]).max(initial=0.0)))
         held = held[whole:]
     return np.concatenate(medians), np.concatenate(spreads), largest
-
-
-def _crossings(deviation: Array) -> Array:
-    """Places at which a signal has crossed zero from one side to the other, shape (K,)."""
-    amplitude = float(np.quantile(np.abs(deviation), 0.9))
-    side = np.where(np.abs(deviation) > CROSSED * amplitude, np.sign(deviation), 0.0)
-    side[np.abs(deviation) > JUMPED * amplitude] = 0.0
-    known = np.flatnonzero(side)
-    turns = np.flatnonzero(np.diff(side[known]))
-    # Between leaving one side and reaching the other.
-    return np.asarray(0.5 * (known[turns] + known[turns + 1]), dtype=np.float64)
 
 
 def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:

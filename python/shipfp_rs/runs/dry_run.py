@@ -20,6 +20,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Load, Rack, Tacho, Torque
 from shipfp_rs.runs.fit import choice, located, structure_from
 from shipfp_rs.support.arrays import attributes
+from shipfp_rs.support.progress import part, tell
 from shipfp_rs.vessel.vessel import Vessel
 
 Notify = Callable[[str], None]
@@ -95,11 +96,14 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
     vessel = Vessel.load(trial.trial.vessel)
     declared = None if trial.chooses else structure_from(trial.identify, located(trial))
     notify("opening the log")
+    tell("opening the log", 0.1)
     logs = trial.logs()
     channels = [entry for log in logs for entry in _channels(trial, log)]
     notify("reading and cleaning the log")
-    experiments = [experiment for log in logs for experiment in process(log, trial, vessel)]
+    with part(0.2, 0.6):
+        experiments = [experiment for log in logs for experiment in process(log, trial, vessel)]
     notify("taking a first look")
+    tell("taking a first look", 0.6)
     expected = foresee(experiments, **choice(trial)) if declared is None else foresee(experiments, declared)
     return Check(
         trial.trial.name,

@@ -19,6 +19,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report import write_report
 from shipfp_rs.runs.fit import choice, located, structure_from
 from shipfp_rs.support.files import replacing_folder
+from shipfp_rs.support.progress import part, tell
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -94,19 +95,24 @@ def evaluate(
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
     declared = None if trial.chooses else structure_from(trial.identify, located(trial))
-    experiments = [
-        # Results are passed on to others, so they hold the file's name without its folder.
-        replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
-        for log in trial.logs()
-        for experiment in process(log, trial, vessel)
-    ]
+    with part(0.0, 0.15):
+        tell("opening the log", 0.0)
+        experiments = [
+            # Results are passed on to others, so they hold the file's name without its folder.
+            replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
+            for log in trial.logs()
+            for experiment in process(log, trial, vessel)
+        ]
     options = trial.identify
     own_seed = options.seed if seed is None else seed
-    if declared is None:
-        notify("choosing the elements and identifying")
-        fingerprint = identify(experiments, vessel=vessel.name, seed=own_seed, **choice(trial))
-    else:
-        fingerprint = identify(experiments, declared, vessel=vessel.name, seed=own_seed, **options.options)
+    with part(0.15, 0.7):
+        if declared is None:
+            notify("choosing the elements and identifying")
+            fingerprint = identify(experiments, vessel=vessel.name, seed=own_seed, **choice(trial))
+        else:
+            fingerprint = identify(
+                experiments, declared, vessel=vessel.name, seed=own_seed, **options.options
+            )
     structure = declared or rebuilt(fingerprint)
     if trial.channels.torque is None and trial.channels.command is None:
         fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
@@ -114,6 +120,7 @@ def evaluate(
     if fingerprint.si == {}:
         fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")
+    tell("writing the report", 0.7)
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)
     write_report(

@@ -17,8 +17,8 @@ SWINGS_ON = 0.5
 SCALE_WINDOW_S = 1.0
 """Length of the stretch over which the spread about the running median is measured [s]."""
 
-SCALE_SAMPLES = 500
-"""Most samples of that stretch that are used."""
+SCALE_SAMPLES, LEAST_SCALE_SAMPLES = 500, 50
+"""Most samples of that stretch that are used, and fewest, for which the stretch of a slow channel is longer."""
 
 
 def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: float, least: float) -> Spans:
@@ -38,7 +38,7 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     longest_s
         Length of the longest spike [s].
     threshold
-        Height in robust standard deviations, taken over a second.
+        Height in robust standard deviations, taken over a second, or 50 samples of a slow channel.
     least
         Height below which nothing is a spike, as a share of the median magnitude.
 
@@ -53,7 +53,7 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
         np.ascontiguousarray(samples, dtype=np.float64),
         longest=longest,
         stride=stride,
-        scale_window=2 * round(0.5 * SCALE_WINDOW_S * rate_hz / stride) + 1,
+        scale_window=2 * round(0.5 * max(SCALE_WINDOW_S * rate_hz / stride, LEAST_SCALE_SAMPLES)) + 1,
         threshold=threshold,
         least=least,
     )

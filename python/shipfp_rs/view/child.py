@@ -32,20 +32,24 @@ def _end_with_parent() -> None:
 def main(arguments: list[str]) -> int:
     """Do the job that the arguments name: check TRIAL.toml, or run TRIAL.toml FOLDER."""
     from shipfp_rs.errors import ShipfpError
+    from shipfp_rs.support.progress import heard_by
 
     threading.Thread(target=_end_with_parent, daemon=True).start()
     job, path, *rest = arguments
     try:
-        with warnings.catch_warnings():
+        with (
+            warnings.catch_warnings(),
+            heard_by(lambda what, share: tell(progress=what, share=round(share, 4))),
+        ):
             warnings.showwarning = lambda message, *_, **__: tell(warning=str(message))
             if job == "check":
                 from shipfp_rs.runs.dry_run import check
 
-                tell(done=check(Path(path), notify=lambda text: tell(progress=text)).to_dict())
+                tell(done=check(Path(path)).to_dict())
             else:
                 from shipfp_rs.runs.run import run
 
-                found = run(path, rest[0], notify=lambda text: tell(progress=text))
+                found = run(path, rest[0])
                 tell(done={"folder": Path(rest[0]).name, "verdict": list(found.fingerprint.verdict)})
     except KeyboardInterrupt:
         tell(stopped=True)

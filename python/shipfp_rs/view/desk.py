@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import re
 import stat
@@ -15,12 +16,15 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
 from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import KINDS as WINDOW_KINDS
+from shipfp_rs.processing.trial_tables import Header
+from shipfp_rs.report.language import KINDS
 from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, read_tables, validated
-from shipfp_rs.support.units import TO_NM, TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
+from shipfp_rs.view import vessel_form
 from shipfp_rs.view.document import Document
 from shipfp_rs.view.draft import Draft
 from shipfp_rs.view.jobs import Jobs
@@ -28,6 +32,8 @@ from shipfp_rs.view.results import Results
 
 NAME = re.compile(r"[^/\\\0:.][^/\\\0:]{0,99}\.toml")
 """A file that may be written: a TOML file's name, and no path."""
+NO_VESSEL = Header.model_fields["vessel"].default
+"""The ship of a trial that names none."""
 MOST_TILES = 256
 MOST_ENTRIES = 500
 LARGEST_TOML = 1 << 20
@@ -58,7 +64,9 @@ class Desk:
             "folder": self._folder,
             "document": lambda asked: self._document(asked).facts(),
             "faults": self._faults,
-            "windows": lambda asked: self._document(asked).told_windows(_text(asked, "column")),
+            "windows": lambda asked: self._document(asked).told_windows(
+                _text(asked, "driver"), asked.get("load") or None
+            ),
             "within": self._within,
             "mean": lambda asked: self._document(asked).mean(_whole(asked, "series"), *_stretch(asked)),
             "spectrum": lambda asked: self._document(asked).spectrum(
@@ -72,6 +80,7 @@ class Desk:
         self.told: dict[str, Callable[[Mapping[str, Any]], Any]] = {
             "preview": self._preview,
             "save": self._save,
+            "vessel": self._save_vessel,
             "process": self._process,
             "job": self._begin,
             "stop": lambda content: self.jobs.stop(_number(content, "id")).told(),
@@ -88,13 +97,30 @@ class Desk:
 
     def open_trial(self, path: Path) -> list[int]:
         """Return the documents of a trial's logs, in order; relative names count from its folder."""
-        header = read_tables(path).get("trial")
-        logs = header.get("log", []) if isinstance(header, dict) else []
-        logs = [logs] if isinstance(logs, str) else logs
-        rate_hz = header.get("rate_hz") if isinstance(header, dict) else None
-        if not logs or not all(isinstance(log, str) for log in logs):
-            raise InputError(f"{path}: trial.log: found no log, expected the path of one")
-        return [self.open(path.parent / log, rate_hz, path) for log in logs]
+        logs, rate_hz = _logs_of(path)
+        return [self.open(log, rate_hz, path) for log in logs]
+
+    def open_log(self, path: Path, rate_hz: float | None = None) -> int:
+        """Return the document of a log, with the newest TRIAL.toml of the folder that names it, where there is one."""
+        for trial in self.trials_of(path):
+            return self.open(path, rate_hz or _logs_of(trial)[1], trial)
+        return self.open(path, rate_hz)
+
+    def trials_of(self, path: Path) -> list[Path]:
+        """Return the trials of the folder that name a log, the newest first."""
+        found, log = [], path.resolve()
+        for file, _ in self._files(".toml"):
+            with contextlib.suppress(*UNREADABLE):
+                if log in [one.resolve() for one in _logs_of(file)[0]]:
+                    drafts.read_draft(file)  # one that the page can't edit is none
+                    found.append((file.stat().st_mtime_ns, file))
+        return [file for _, file in sorted(found, reverse=True)]
+
+    def document(self, number: int) -> Document:
+        """Return a document by its number; `InputError` where there is none."""
+        if number >= len(self._open):
+            raise InputError(f"doc: {number}, expected a document that is open")
+        return self._open[number]
 
     def tiles(self, asked: Asked) -> bytes:
         """Return tiles one after the other; `want` names them as series.level.index, with commas between."""
@@ -119,10 +145,7 @@ class Desk:
         return b"".join(parts)
 
     def _document(self, asked: Mapping[str, Any]) -> Document:
-        number = _whole(asked, "doc")
-        if number >= len(self._open):
-            raise InputError(f"doc: {number}, expected a document that is open")
-        return self._open[number]
+        return self.document(_whole(asked, "doc"))
 
     def _folder(self, _: Asked) -> dict[str, Any]:
         logs: list[dict[str, Any]] = []
@@ -131,7 +154,7 @@ class Desk:
         for file, size in self._files():
             try:
                 if file.suffix.lower() in suffixes() and size:
-                    logs.append({"name": file.name, "doc": self.open(file), "bytes": size})
+                    logs.append({"name": file.name, "doc": self.open_log(file), "bytes": size})
                 if file.suffix == ".toml" and size < LARGEST_TOML:
                     trials += [
                         {"name": file.name, "log": self._open[number].path.name, "doc": number}
@@ -142,18 +165,23 @@ class Desk:
         shown: dict[str, list[Any]] = {"logs": logs, "trials": trials, "others": others}
         return {"folder": self.folder.name, **{key: found[:MOST_ENTRIES] for key, found in shown.items()}}
 
-    def _files(self) -> Iterator[tuple[Path, int]]:
-        """Give the ordinary files of the folder, in order, with their sizes: no pipes, devices and links to nothing."""
+    def _files(self, suffix: str = "") -> Iterator[tuple[Path, int]]:
+        """Give the ordinary files of the folder, in order, with their sizes: no pipes, devices and links to nothing.
+
+        Those of a suffix are small enough to be configuration.
+        """
         for entry in sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]:
             with contextlib.suppress(OSError):
                 status = entry.stat()
-                if stat.S_ISREG(status.st_mode) and not entry.name.startswith("."):
+                if not stat.S_ISREG(status.st_mode) or entry.name.startswith("."):
+                    continue
+                if not suffix or (entry.suffix == suffix and status.st_size < LARGEST_TOML):
                     yield entry, status.st_size
 
     def _faults(self, asked: Asked) -> dict[str, Any]:
         work = self._document(asked).faults.begin()
         work.done.wait(0.2)
-        return {**work.state(), "faults": work.result or []}
+        return {**work.state(), **(work.result or {})}
 
     def _within(self, asked: Asked) -> dict[str, Any]:
         return self._document(asked).within(_text(asked, "column"), *_stretch(asked))
@@ -168,10 +196,16 @@ class Desk:
             "draft": draft.model_dump(mode="json"),
             "file": path.name,
             "version": drafts.version_of(path) if known else "",
+            "kinds": [[kind, KINDS.get(kind, kind)] for kind in WINDOW_KINDS],
             "vessels": self._vessels(),
-            "to_rpm": dict(TO_RPM),
-            "to_nm": dict(TO_NM),
+            "vessel_form": {"fields": vessel_form.fields(), "file": self._free("vessel").name},
+            "factors": {channel.name: drafts.factors(channel.unit) for channel in channels},
             "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
+            "others": [
+                {"name": other.name, "doc": self.open(document.path, _logs_of(other)[1], other)}
+                for other in self.trials_of(document.path)
+                if other.resolve() != self._own(document)
+            ],
             "logs": [
                 {"name": other.path.name, "doc": number}
                 for number, other in enumerate(self._open)
@@ -180,20 +214,25 @@ class Desk:
         }
 
     def _new_name(self, document: Document) -> Path:
-        for name in ("TRIAL.toml", f"{document.path.stem}.toml"):
-            if NAME.fullmatch(name) and not (self.folder / name).exists():
-                return self.folder / name
-        return self.folder / f"{document.path.stem}-trial.toml"
+        return self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
+
+    def _free(self, *stems: str) -> Path:
+        """Return the first of some names that no file has, the last one with a number behind it where all are taken."""
+        numbered = (f"{stems[-1]}-{number}" for number in range(2, MOST_ENTRIES))
+        for stem in (*stems, *numbered):
+            path = self.folder / f"{stem}.toml"
+            if NAME.fullmatch(path.name) and not path.exists():
+                return path
+        return self.folder / f"{stems[0]}.toml"
 
     def _vessels(self) -> list[str]:
         own = []
-        tables = [file for file, size in self._files() if file.suffix == ".toml" and size < LARGEST_TOML]
-        for file in tables[:50]:
+        for file, _ in itertools.islice(self._files(".toml"), 50):
             with contextlib.suppress(*UNREADABLE):
-                if "propeller" in read_tables(file):
+                if "gearbox" in read_tables(file):
                     Vessel.load(str(file))
                     own.append(file.name)
-        return [*built_in("vessels"), *own]
+        return [*own, *(name for name in built_in("vessels") if name != NO_VESSEL)]
 
     def _text_of(self, content: Mapping[str, Any]) -> tuple[Document, Path, str]:
         """Return the document, the file and the text that a draft makes of it."""
@@ -207,7 +246,8 @@ class Desk:
             old = read_text(document.trial, "a TRIAL.toml")
         log = document.path.resolve()
         shown = log.relative_to(self.folder).as_posix() if log.is_relative_to(self.folder) else str(log)
-        return document, path, drafts.written(draft, old, shown, document.rate_hz)
+        rates_hz = {one.channel.name: one.channel.rate_hz for one in document.raw.wait()}
+        return document, path, drafts.written(draft, old, shown, document.rate_hz, rates_hz)
 
     def _own(self, document: Document) -> Path | None:
         return document.trial and document.trial.resolve()
@@ -255,6 +295,19 @@ class Desk:
             trial = self.open(document.path, document.rate_hz, path)
             return {"file": path.name, "version": drafts.version_of(path), "doc": trial}
 
+    def _save_vessel(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        """Write a vessel file of what the form holds; nothing is written over."""
+        values = content.get("values")
+        if not isinstance(values, dict) or not all(isinstance(value, str) for value in values.values()):
+            raise InputError("values: expected the form's keys, each with a text")
+        with self._saving:
+            path = self._writable(content.get("file"))
+            text = vessel_form.vessel_file(values, path.name)
+            if path.exists():
+                raise InputError(f"{path.name}: exists already; choose another name for the ship's file")
+            write_text_atomically(path, text)
+        return {"file": path.name, "vessels": self._vessels()}
+
     def _process(self, content: Mapping[str, Any]) -> dict[str, Any]:
         document, path, text = self._text_of(content)
         return document.process(self._trial(text, path))
@@ -264,6 +317,17 @@ class Desk:
         if kind not in ("check", "run"):
             raise InputError(f"kind: found {kind!r}, expected check or run")
         return self.jobs.begin(kind, self._writable(content.get("file"))).told()
+
+
+def _logs_of(path: Path) -> tuple[list[Path], float | None]:
+    """Return the logs that a TRIAL.toml names, and their rate [Hz] where it tells one."""
+    header = read_tables(path).get("trial")
+    header = header if isinstance(header, dict) else {}
+    logs = header.get("log", [])
+    logs = [logs] if isinstance(logs, str) else logs
+    if not logs or not all(isinstance(log, str) for log in logs):
+        raise InputError(f"{path}: trial.log: found no log, expected the path of one")
+    return [path.parent / log for log in logs], header.get("rate_hz")
 
 
 def _text(asked: Mapping[str, Any], key: str) -> str:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import warnings
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +13,12 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS
-from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.processing.trial_template import moved, operating_rest
+from shipfp_rs.processing.windows import FoundWindow, find_windows
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.background import Background, Progress
 from shipfp_rs.view.series import Series
@@ -52,7 +51,7 @@ class Document:
         self.pyramid = Background(self._pyramid)
         self.raw = Background(self._raw)
         self.faults = Background(self._faults)
-        self._windows: dict[str, Background[list[FoundWindow]]] = {}
+        self._windows: dict[tuple[str, str | None], Background[tuple[str, list[FoundWindow]]]] = {}
         self._processed: Background[list[Series]] | None = None
         self.processed: list[Series] = []
         self.processed_version = 0
@@ -105,49 +104,51 @@ class Document:
             "series": [_told(one) for one in self.series()],
         }
 
-    def _faults(self, _: Progress) -> list[dict[str, Any]]:
-        """Everything that `shipfp inspect` lists, with the trial where there is one."""
+    def _faults(self, _: Progress) -> dict[str, Any]:
+        """Everything that `shipfp inspect` lists, with the trial where there is one, and what it did not look for."""
         from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
 
-        trial = Trial.load(self.trial) if self.trial is not None else None
-        found = inspect_log(self.log(), trial).faults
+        trial = None
+        if self.trial is not None:
+            with contextlib.suppress(InputError):  # one that is not complete yet: the log is looked at alone
+                trial = Trial.load(self.trial)
+        found = inspect_log(self.log(), trial)
+        left_out = found.checks["looked_for"]["left_out"]
         channels = {one.channel.name: one.channel for one in self.raw.wait()}
-        return [
+        faults = [
             {
                 **fault,
                 "label": KINDS.get(fault["kind"], fault["kind"]),
                 "times": _times(channels.get(fault["channel"]), fault["spans"], channels),
             }
-            for fault in found
+            for fault in found.faults
         ]
+        return {"faults": faults, "left_out": [KINDS[kind] for kind in left_out]}
 
-    def windows(self, column: str) -> Background[list[FoundWindow]]:
-        """Return the windows of a set point, looked for once."""
-        self.log().channel(column)
+    def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
+        """Return the channel that moves, set point or load, and its windows, looked for once."""
+        self.log().channel(driver)
         with self._lock:
-            if column not in self._windows:
-                self._windows[column] = Background(lambda _: find_windows(self.log(), column))
-            return self._windows[column].begin()
+            if (driver, load) not in self._windows:
+                self._windows[driver, load] = Background(lambda _: moved(self.log(), driver, load))
+            return self._windows[driver, load].begin()
 
-    def told_windows(self, column: str) -> dict[str, Any]:
+    def told_windows(self, driver: str, load: str | None = None) -> dict[str, Any]:
         """Return the state of the search for windows, and what was found."""
-        search = self.windows(column)
+        search = self.windows(driver, load)
         search.done.wait(0.2)
-        found = search.result or []
-        rest = longest_rest(found)
+        mover, found = search.result or (driver, [])
+        rest = operating_rest(found, by_load=mover == load) if found else None
         return {
             **search.state(),
+            "column": mover,
             "windows": [_found(window) for window in found],
             "rest": None if rest is None else [rest.start_s, rest.stop_s],
         }
 
     def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Return what a stretch of a set point holds: what is found in it alone, or else the windows that it cuts."""
-        try:
-            found = find_windows(stretch_of(self.log(), column, start_s, stop_s), column)
-        except InputError:
-            known = self.windows(column).result or []
-            found = [one for one in known if one.start_s < stop_s and one.stop_s > start_s]
+        """Return what a stretch of a set point holds, and the longest of it."""
+        found = find_windows(self.log(), column, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
         return {"found": [_found(one) for one in found], "main": main and _found(main)}
@@ -230,24 +231,6 @@ class Document:
         if not first < stop:
             raise InputError(f"{channel.name}: no samples from {start_s:g} to {stop_s:g} s")
         return series.read(first, stop).astype(np.float64)
-
-
-def stretch_of(log: Log, column: str, start_s: float, stop_s: float) -> Log:
-    """Return a stretch of one channel as a log of its own, on the same clock."""
-    channel = log.channel(column)
-    start_s, stop_s = max(start_s, channel.start_s), min(stop_s, channel.stop_s)
-    first, stop = log.rows(column, start_s, stop_s)
-    part = replace(channel, start_s=channel.start_s + first / channel.rate_hz, samples=stop - first)
-
-    def blocks(_: str, row: int, size: int) -> Iterator[Samples]:
-        left = stop - first - row
-        for block in log.raw_blocks(column, first + row, size):
-            yield block[:left]
-            left -= len(block)
-            if left <= 0:
-                return
-
-    return Log(log.name, [part], blocks)
 
 
 def _told(series: Series) -> dict[str, Any]:

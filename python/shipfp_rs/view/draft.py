@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import tomlkit
 from pydantic import Field, StringConstraints
 from tomlkit.exceptions import TOMLKitError
@@ -16,10 +18,18 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import MOST_WINDOWS, Trial
+from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.toml import TO_BE_GIVEN, Section, parsed_toml, read_tables, template, validated
-from shipfp_rs.support.units import TO_NM, TO_RPM, told
+from shipfp_rs.support.units import TO_RPM, TO_W, told
 
-LEVELS = ("set_point", "torque", "rack")
+LEVELS: Mapping[str, type[Level]] = {
+    "set_point": SetPoint,
+    "command": Command,
+    "torque": Torque,
+    "rack": Rack,
+    "load": Load,
+}
 """Roles that are keys of their tables; a train's and a speed's table has a name of its own."""
 SHOWN = {"train": "pulse train", "speed": "speed"}
 TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
@@ -42,10 +52,12 @@ class DraftChannel(Section):
     """What a channel is."""
 
     column: Short
-    role: Literal["set_point", "torque", "rack", "speed", "train"]
+    role: Literal["set_point", "command", "torque", "rack", "load", "speed", "train"]
     unit: Short = ""
     calibration: DraftCalibration = DraftCalibration()
     location: Literal["gauge", "brake", "shaft"] = "gauge"
+    quantity: Literal["torque", "power"] = "torque"
+    """Of a load."""
     name: Short = ""
     """Of a pulse train's or a speed's table; its column's where it is empty."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
@@ -67,7 +79,8 @@ class Draft(Section):
     """What the page edits of a trial."""
 
     name: Short = "Trial"
-    vessel: Short = "direct-drive"
+    vessel: Short = ""
+    """Of the trial's header; empty: none, engine and propeller turn alike."""
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
     windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
@@ -105,7 +118,13 @@ def read_draft(path: Path) -> Draft:
     return validated({**told, **steady, "channels": channels, "windows": windows}, Draft, str(path))
 
 
-def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = None) -> str:
+def written(
+    draft: Draft,
+    old: str | None,
+    log: str,
+    rate_hz: float | None = None,
+    rates_hz: Mapping[str, float] = MappingProxyType({}),
+) -> str:
     """Return the text of a TRIAL.toml.
 
     Parameters
@@ -118,6 +137,8 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         Path of the log for a new file, as it is to stand there.
     rate_hz
         Its rate, where the log tells none.
+    rates_hz
+        Rate of each of its channels: the signals of a new file have no higher one than theirs.
     """
     try:
         document = tomlkit.parse(template("TRIAL") if old is None else old)
@@ -125,11 +146,19 @@ def written(draft: Draft, old: str | None, log: str, rate_hz: float | None = Non
         raise InputError(f"TRIAL.toml: not TOML: {error}") from error
     header = _sub_table(document, "trial")
     _put(header, "name", draft.name)
-    _put(header, "vessel", draft.vessel)
+    if draft.vessel:
+        _put(header, "vessel", draft.vessel)
+    else:
+        header.pop("vessel", None)
     if old is None:
         _put(header, "log", log)
         if rate_hz is not None:
             _put(header, "rate_hz", rate_hz)
+        levels = [
+            rates_hz[one.column] for one in draft.channels if one.role in LEVELS and one.column in rates_hz
+        ]
+        if min(levels, default=np.inf) < Processing().rate_hz:
+            _put(document["processing"], "rate_hz", min(levels))
     _put_channels(_sub_table(document, "channels"), draft.channels)
     point = _sub_table(document, "operating_point")
     if draft.steady_s is not None:
@@ -146,8 +175,8 @@ def checked(text: str, source: str) -> Trial:
 
 
 def _role(key: str, table: Mapping[str, Any]) -> str | None:
-    """Return what a channel's table is on the page; None for one that the page leaves as it is, such as a load."""
-    if key in ("load", "actuator"):
+    """Return what a channel's table is on the page; None for one that the page leaves as it is, such as an encoder."""
+    if key == "actuator":
         return None
     if key in LEVELS:
         return key
@@ -185,7 +214,7 @@ def _put_channels(tables: Any, channels: Sequence[DraftChannel]) -> None:
             raise InputError(
                 f"{what}: found two channels, {wanted[key].column!r} and {channel.column!r}; choose one"
             )
-        if channel.role not in LEVELS and key in (*LEVELS, "load", "actuator"):
+        if channel.role not in LEVELS and key in (*LEVELS, "actuator"):
             raise InputError(f"{SHOWN[channel.role]} {key!r}: the name is taken; choose another one")
         wanted[key] = channel
     for key in [key for key in tables if key not in wanted and _role(key, tables[key]) is not None]:
@@ -220,6 +249,8 @@ def _put_channel(table: Table, channel: DraftChannel) -> None:
         table["calibration"] = line
     if channel.role == "torque":
         _put(table, "location", channel.location)
+    if channel.role == "load":
+        _put(table, "quantity", channel.quantity)
 
 
 def _plain_line(line: Mapping[str, Any]) -> Any:
@@ -273,13 +304,16 @@ def new_draft(name: str) -> Draft:
 def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
     """Return what names and units tell of channels; what stays open has no role."""
     roles = named_roles(channels)
+    levels = {getattr(roles, role): role for role in ("set_point", "command", "torque", "load")}
     found = []
     for name, one in roles.named.items():
-        if name == roles.set_point:
-            found.append(_level(name, "set_point", one.unit, TO_RPM))
-        elif name == roles.torque:
-            torque = _level(name, "torque", one.unit, TO_NM)
-            found.append(torque.model_copy(update={"location": roles.location}))
+        if name in levels:
+            role = levels[name]
+            known = factors(one.unit)[role]
+            content = {"column": name, "role": role, "unit": one.unit, "quantity": known["quantity"]}
+            if role == "torque":
+                content["location"] = roles.location
+            found.append(DraftChannel.model_validate(content | {"calibration": {"scale": known["factor"]}}))
         elif name in roles.speeds and one.unit in TO_RPM:
             found.append(DraftChannel(column=name, role="speed", unit=one.unit))
         elif one.is_open and "pulses" in one.tells:
@@ -287,8 +321,8 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
     return found
 
 
-def _level(
-    column: str, role: Literal["set_point", "torque"], unit: str, factors: Mapping[str, float]
-) -> DraftChannel:
-    calibration = DraftCalibration(scale=factors.get(unit))
-    return DraftChannel(column=column, role=role, unit=unit, calibration=calibration)
+def factors(unit: str) -> dict[str, dict[str, Any]]:
+    """Return by role the factor of a unit that needs no calibration, None for others, and what a load of the unit is."""
+    unit = told(unit)
+    given = {"quantity": "power" if unit in TO_W else "torque"}
+    return {role: {"factor": level.factor(unit, given)[0], **given} for role, level in LEVELS.items()}

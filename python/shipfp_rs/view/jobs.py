@@ -46,6 +46,8 @@ class Job:
     began: float = field(default_factory=time.monotonic)
     state: str = "working"
     progress: str = ""
+    share: float = 0.0
+    """Of the work that is done; it does not fall where a part is done again."""
     error: str = ""
     done: dict[str, Any] | None = None
     warnings: list[str] = field(default_factory=list)
@@ -54,7 +56,7 @@ class Job:
     def told(self) -> dict[str, Any]:
         """Return what a page is told."""
         return {
-            **attributes(self, "id", "kind", "state", "progress", "error", "done", "warnings"),
+            **attributes(self, "id", "kind", "state", "progress", "share", "error", "done", "warnings"),
             "seconds": round((self.ended or time.monotonic()) - self.began, 1),
         }
 
@@ -133,6 +135,7 @@ class Jobs:
             with contextlib.suppress(ValueError):
                 message = json.loads(line)
                 job.progress = message.get("progress", job.progress)
+                job.share = max(message.get("share", 0.0), job.share)
                 job.error = message.get("error", job.error)
                 job.done = message.get("done", job.done)
                 if "warning" in message and len(job.warnings) < KEPT_LINES:

@@ -15,8 +15,10 @@ Array = npt.NDArray[np.float64]
 Read = Callable[[int, int], Array]
 """(first, stop) to samples on a channel's own index."""
 
-BLOCK = 128
+LEAST_BLOCK, MOST_BLOCK = 8, 128
 """Samples in a block of the first pass. A channel that is stuck for twice as many is always found."""
+LEAST_STILL = 2 * LEAST_BLOCK
+"""Samples of the shortest stretch of one and the same value that is no chance."""
 PIECE = 1 << 19
 """Samples read again at once."""
 NEARBY = 128
@@ -33,6 +35,8 @@ CROWDED = 0.25
 """A signal that is clipped has at most this share of the samples at the limit one step below it."""
 LOOKED_AT = 64
 """Most blocks and stretches at a limit that are looked at closely."""
+ONE_SIDE = 0.05
+"""Share of a channel's blocks that may be on the other side of zero, if it is to stay away from it."""
 NEAR_ZERO = 0.2
 """Dropouts are looked for where a channel's lowest tenth is above this share of its typical level."""
 
@@ -60,6 +64,14 @@ class LevelLimits:
     dropout_share: float = 0.01
     clipped_samples: int = 8
     spike_s: float = 0.05
+
+    def still_samples(self, rate_hz: float) -> float:
+        """Return the samples of the shortest stretch in which a channel is stuck."""
+        return max(self.stuck_s * rate_hz, LEAST_STILL)
+
+    def block(self, rate_hz: float) -> int:
+        """Return the samples in a block of the first pass: fine enough for the shortest stretch."""
+        return int(min(max(self.still_samples(rate_hz) // 2, LEAST_BLOCK), MOST_BLOCK))
 
 
 def find_level_faults(
@@ -96,7 +108,7 @@ def find_level_faults(
         return found
     found["dropout"] = _dropouts(suspects, low, high, rate_hz, limits)
     still = suspects.runs_of(known & (low == high), _repeats, beside=1)
-    still = still[still[:, 1] - still[:, 0] >= max(limits.stuck_s * rate_hz, 2)]
+    still = still[still[:, 1] - still[:, 0] >= limits.still_samples(rate_hz)]
     # A channel that never changes has no noise to compare with: it is reported, whatever it may mean.
     never_moves = np.nanmin(low) == np.nanmax(high) and len(still)
     found["stuck"] = apart_from(still if never_moves else suspects.beside_noise(still), found["dropout"])
@@ -115,9 +127,10 @@ class _Suspects:
     def __init__(self, extremes: BlockExtremes, read: Read) -> None:
         self.block, self.count, self.read = extremes.block, extremes.samples, read
 
-    def samples(self, block: int) -> Array:
+    def samples(self, block: int, beside: int = 0) -> Array:
         # A copy: a view would keep the whole piece in memory that it was read in.
-        return self.read(block * self.block, min((block + 1) * self.block, self.count)).copy()
+        first, stop = block * self.block - beside, (block + 1) * self.block + beside
+        return self.read(max(first, 0), min(stop, self.count)).copy()
 
     def runs_of(
         self, odd: npt.NDArray[np.bool_], flag: Callable[[Array], npt.NDArray[np.bool_]], beside: int = 0
@@ -171,12 +184,14 @@ def is_rough(samples: Array) -> bool:
 
 
 def _dropouts(suspects: _Suspects, low: Array, high: Array, rate_hz: float, limits: LevelLimits) -> Spans:
-    """Stretches at zero of a channel that otherwise stays away from it."""
+    """Stretches at zero of a channel that otherwise stays away from it, on one side."""
     magnitude = np.abs(0.5 * (low + high))
     typical = float(np.nanmedian(magnitude))
     near = limits.dropout_share * typical
     touched = (low <= near) & (high >= -near)
     away = magnitude[np.isfinite(magnitude) & ~touched]
+    if min(np.mean(high > near), np.mean(low < -near)) > ONE_SIDE:
+        return np.empty((0, 2), dtype=np.int64)
     if not away.size or np.quantile(away, 0.1) < NEAR_ZERO * typical:
         return np.empty((0, 2), dtype=np.int64)
     zero = suspects.runs_of(touched, lambda x: np.abs(x) <= near)
@@ -195,8 +210,8 @@ def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits:
         runs_at_top = runs_at_top[length > limits.spike_s * rate_hz]
     at_rail = int((runs_at_top[:, 1] - runs_at_top[:, 0]).sum())
     # In a coarsely rounded signal as many samples lie one step below the top.
-    blocks = np.flatnonzero(at_top)[:LOOKED_AT]
-    near = sign * np.concatenate([suspects.samples(block) for block in blocks.tolist()]).astype(np.float64)
+    blocks = np.flatnonzero(at_top)[:LOOKED_AT].tolist()
+    near = sign * np.concatenate([suspects.samples(block, NEARBY) for block in blocks]).astype(np.float64)
     next_to_it = near[near < top]
     crowded = next_to_it.size and np.count_nonzero(next_to_it == next_to_it.max()) / np.count_nonzero(
         near == top

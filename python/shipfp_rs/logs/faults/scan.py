@@ -10,7 +10,7 @@ import numpy.typing as npt
 from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults.extremes import BlockExtremes
 from shipfp_rs.logs.faults.hum import HumScan
-from shipfp_rs.logs.faults.levels import BLOCK, LevelLimits, find_level_faults, is_rough
+from shipfp_rs.logs.faults.levels import LevelLimits, find_level_faults, is_rough
 from shipfp_rs.logs.faults.repeats import repeated_rows
 from shipfp_rs.support.spans import Spans
 
@@ -53,7 +53,8 @@ def scan(
         Look for rows that stand in the log twice, in all channels of the same rate.
     """
     log, about = channel_rows.log, channel_rows.channel
-    extremes = BlockExtremes(BLOCK)
+    limits = limits or LevelLimits()
+    extremes = BlockExtremes(limits.block(about.rate_hz))
     hum = None
     if mains_hz is not None and HumScan.tells(about.rate_hz, mains_hz, stop - first):
         hum = HumScan(about.rate_hz, mains_hz)

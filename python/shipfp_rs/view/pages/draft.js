@@ -1,8 +1,13 @@
 // The trial as it is edited: roles, calibrations, windows; what the server makes of it, and what is missing.
 
-import { ask, tell } from "./tools.js";
+import { ask, hertz, tell } from "./tools.js";
 
 const PREVIEW_MS = 250;
+
+// What a channel can be, as TRIAL.toml has it and as the page says it.
+export const ROLES = {
+  set_point: "set point", command: "command, no governor", torque: "torque", rack: "fuel rack", load: "load", speed: "speed", train: "pulse train",
+};
 
 export class Draft extends EventTarget {
   constructor(view, doc, say) {
@@ -14,7 +19,7 @@ export class Draft extends EventTarget {
 
   async load() {
     const told = await ask("draft", { doc: this.doc });
-    Object.assign(this, told, { state: told.draft });
+    Object.assign(this, told, { state: told.draft, from: told.version ? told.file : null });
     this.show();
     this.dispatchEvent(new Event("loaded"));
     this.findWindows();
@@ -25,28 +30,32 @@ export class Draft extends EventTarget {
     return this.state.channels.find((channel) => channel.column === column);
   }
 
-  get setPoint() {
-    return this.state?.channels.find((channel) => channel.role === "set_point");
+  columnOf(role) {
+    return this.state?.channels.find((channel) => channel.role === role)?.column ?? null;
+  }
+
+  // The channel that was asked for: the set point, the command of a drive without governor, or else the load alone.
+  get driver() {
+    return this.columnOf("set_point") ?? this.columnOf("command") ?? this.columnOf("load");
   }
 
   // Say what a channel is; a unit that needs no calibration gets that unit's factor.
   setRole(column, role, unit) {
     this.state.channels = this.state.channels.filter((channel) => channel.column !== column);
     if (role) {
-      const factor = (role === "set_point" ? this.to_rpm : role === "torque" ? this.to_nm : {})[unit.replaceAll(" ", "")];
-      const scale = factor ?? (role === "rack" ? 1 : null);
+      const { factor = null, quantity = "torque" } = this.factors[column]?.[role] ?? {};
       this.state.channels.push({
-        column, role, unit, calibration: { scale, offset: 0, table: null }, location: "gauge", name: "", pulses_per_rev: 1, shaft: "engine", threshold: null,
+        column, role, unit, calibration: { scale: factor, offset: 0, table: null }, location: "gauge", quantity, name: "", pulses_per_rev: 1, shaft: "engine", threshold: null,
       });
     }
     this.change();
-    if (role === "set_point") this.findWindows();
+    this.findWindows();
   }
 
   take(channels) {
     this.state.channels = channels;
     this.change();
-    if (this.setPoint) this.findWindows();
+    this.findWindows();
   }
 
   change() {
@@ -74,11 +83,11 @@ export class Draft extends EventTarget {
   // Rows in the values that calibrations give, windows as bands, roles on the labels.
   show() {
     if (!this.state) return;
-    const { view } = this, roles = { set_point: "set point", torque: "torque", rack: "fuel rack", speed: "speed", train: "pulse train" };
+    const { view } = this;
     for (const row of view.rows) {
       if (row.layer !== "raw") continue;
       const channel = this.channel(row.series[0].name);
-      row.role.textContent = channel ? roles[channel.role] : "";
+      row.role.textContent = channel ? ROLES[channel.role] : "";
       row.calibration = channel && view.layers.calibrated ? lineOf(channel) : null;
     }
     view.marks = this.state.windows.filter((window) => this.isHere(window)).map((window) => ({ ...window, kind: "window" }));
@@ -97,14 +106,18 @@ export class Draft extends EventTarget {
 
   // Rests and excitations of the set point; the longest rest is the steady stretch until another one is marked.
   async findWindows() {
-    const setPoint = this.setPoint;
-    if (!setPoint) return;
+    const driver = this.driver, load = this.columnOf("load"), asked = `${driver} ${load}`;
+    if (!driver || this.asked === asked) return;
+    this.asked = asked;
     try {
       for (;;) {
-        const told = await ask("windows", { doc: this.doc, column: setPoint.column });
+        const told = await ask("windows", { doc: this.doc, driver, load: load ?? "" });
         if (told.state === "working") { await new Promise((resolve) => setTimeout(resolve, 300)); continue; }
+        if (this.asked !== asked) return; // another channel was chosen meanwhile
+        this.mover = told.column;
         this.found = told.state === "done" ? told.windows.filter((window) => window.kind !== "steady") : [];
-        if (told.rest && !this.state.steady_s) {
+        if (told.rest && (!this.state.steady_s || this.steadyFound)) {
+          this.steadyFound = true;
           this.state.steady_s = told.rest.map(round);
           this.change();
         }
@@ -121,7 +134,7 @@ export class Draft extends EventTarget {
     view.setMode(null);
     [start_s, stop_s] = [round(start_s), round(stop_s)];
     if (kind === "steady") {
-      this.state.steady_s = [start_s, stop_s];
+      this.setSteady(start_s, stop_s);
       this.change();
       return;
     }
@@ -134,11 +147,11 @@ export class Draft extends EventTarget {
 
   // What a window holds, told beside it; its kind and name follow where nobody chose others.
   async look(window) {
-    if (!this.setPoint) return;
+    if (!this.driver) return;
     try {
-      const { main } = await ask("within", { doc: this.doc, column: this.setPoint.column, from: window.start_s, to: window.stop_s });
+      const { main } = await ask("within", { doc: this.doc, column: this.mover ?? this.driver, from: window.start_s, to: window.stop_s });
       window.holds = main;
-      if (main && !window.kind && main.kind !== "other") window.kind = main.kind;
+      if (main && !window.kind) window.kind = main.kind;
       if (main && /^W\d+$/.test(window.name)) {
         const letter = main.name.replace(/\d+$/, "");
         window.name = this.newName(letter);
@@ -147,6 +160,17 @@ export class Draft extends EventTarget {
       this.say(error.message, "bad");
     }
     this.change();
+  }
+
+  // The steady stretch that somebody chose stays, whatever is found.
+  setSteady(start_s, stop_s) {
+    this.state.steady_s = [start_s, stop_s];
+    this.steadyFound = false;
+  }
+
+  // The words of the report for what was found, and its frequencies.
+  kindOf({ kind, frequency_hz: frequency }) {
+    return [Object.fromEntries(this.kinds)[kind] ?? kind, hertz(frequency)].filter(Boolean).join(", ");
   }
 
   newName(letter) {
@@ -159,7 +183,7 @@ export class Draft extends EventTarget {
     for (const found of this.found ?? []) {
       if (this.state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s)) continue;
       const name = this.state.windows.some((window) => window.name === found.name) ? this.newName(found.name.replace(/\d+$/, "")) : found.name;
-      this.state.windows.push({ name, kind: found.kind === "other" ? "" : found.kind, start_s: round(found.start_s), stop_s: round(found.stop_s), log: null, holds: found });
+      this.state.windows.push({ name, kind: found.kind, start_s: round(found.start_s), stop_s: round(found.stop_s), log: null, holds: found });
     }
     this.state.windows.sort((a, b) => a.start_s - b.start_s);
     this.change();
@@ -173,10 +197,12 @@ export class Draft extends EventTarget {
 
 const round = (seconds) => Math.round(seconds * 1000) / 1000;
 
+export const unitOf = ({ role, quantity }) => ({ set_point: "rpm", torque: "Nm", load: quantity === "power" ? "W" : "Nm" })[role] ?? "";
+
 // The straight line of a calibration: as given, or by least squares through its table; nothing where it is not complete.
-export const lineOf = ({ role, calibration }) => {
+export const lineOf = ({ role, calibration, quantity }) => {
   if (role === "train" || role === "speed") return null;
-  const unit = { set_point: "rpm", torque: "Nm", rack: "" }[role];
+  const unit = unitOf({ role, quantity });
   if (!calibration.table) return calibration.scale ? { scale: calibration.scale, offset: calibration.offset, unit } : null;
   const rows = calibration.table;
   const mean = (column) => rows.reduce((sum, row) => sum + row[column], 0) / rows.length;

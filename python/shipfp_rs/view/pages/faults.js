@@ -14,16 +14,17 @@ export class Faults {
 
   async load() {
     const told = await until(() => ask("faults", { doc: this.doc })).catch((error) => ({ error: error.message }));
-    if (told.error) {
+    if (told.error !== undefined) {
       this.say(`faults: ${told.error}`, "bad");
       return;
     }
     this.list = told.faults;
     const every = [];
-    for (const row of this.view.rows) row.faultSpans = [];
+    for (const row of this.view.rows) Object.assign(row, { faultSpans: [], faultsTold: [] });
     const rows = new Map(this.view.rows.map((row) => [row.key, row]));
     for (const fault of this.list) {
       const row = rows.get(`raw ${fault.channel}`);
+      row?.faultsTold.push(`${fault.label} (${fault.times.length})`);
       for (const span of fault.times) {
         // What is wrong with the clock is wrong with every channel.
         for (const one of row ? [row] : this.view.rows) one.faultSpans.push(span);
@@ -33,11 +34,12 @@ export class Faults {
     for (const row of this.view.rows) row.faultSpans.sort((a, b) => a[0] - b[0]);
     this.spans = every.sort((a, b) => a.span[0] - b.span[0]);
     // Of a log alone nobody knows which channel is a set point or a torque.
-    const alone = this.trial ? "" : "; with a saved trial, spikes of set point and torque and broken pulses are looked for too";
+    const alone = this.trial ? "" : `; looked for with a saved trial only: ${told.left_out.join(", ")}`;
     // A difference that is being read stays.
-    if (this.view.pinned === null) this.say(this.spans.length ? `${this.spans.length} faults found: n and p go from one to the next${alone}` : `no faults of clock and level found${alone}`);
+    if (this.view.pinned === null) this.say(this.spans.length ? `${this.spans.length} ${this.spans.length === 1 ? "fault" : "faults"} found: n and p go from one to the next${alone}` : `no faults found${alone}`);
     document.body.dataset.faults = String(this.spans.length);
     this.view.later();
+    document.dispatchEvent(new Event("rows")); // the cards of the channels tell them, too
   }
 
   next(way) {

@@ -1,12 +1,11 @@
 // Panels that say what the channels are, mark windows, save TRIAL.toml, check and run it.
 
-import { lineOf } from "./draft.js";
-import { ask, button, field, hertz, make, menu, short, tell, until } from "./tools.js";
+import { lineOf, ROLES, unitOf } from "./draft.js";
+import { ask, button, field, make, menu, short, tell, until } from "./tools.js";
 import { verdictBox } from "./results.js";
+import { vesselForm } from "./vessel.js";
 
-const ROLES = [["", "—"], ["set_point", "set point"], ["torque", "torque"], ["rack", "fuel rack"], ["speed", "speed"], ["train", "pulse train"]];
 const PLACES = [["gauge", "strain gauge between the inertias"], ["brake", "engine's brake torque"], ["shaft", "shaft behind the gearbox"]];
-const KINDS = [["", "any kind"], ["chirp", "chirp"], ["sine", "sine"], ["steps", "steps"], ["multisine", "multisine"], ["noise", "noise"]];
 const number = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text.replace(",", "."))) ? Number(text.replace(",", ".")) : null);
 
 export class ChannelsPanel {
@@ -51,11 +50,12 @@ export class ChannelsPanel {
     const series = row.series[0];
     const gaps = row.layer === "raw" && series.gap_count ? `, ${series.gap_count} gaps` : "";
     make(card, "p", { class: "soft told" }, `${series.unit || "no unit"}, ${short(series.rate_hz)} Hz, ${series.samples.toLocaleString("en")} samples${gaps}`);
+    if (row.faultsTold?.length) make(card, "p", { class: "told bad" }, `Faults: ${row.faultsTold.join(", ")}`);
     if (row.layer !== "raw" || !draft.state) return;
     const channel = draft.channel(series.name);
     const role = make(card, "div", { class: "line" });
     make(role, "span", { class: "soft" }, "is");
-    menu(role, `role of ${name}`, ROLES, channel?.role ?? "", (value) => draft.setRole(series.name, value, series.unit), { "data-key": `role ${name}` });
+    menu(role, `role of ${name}`, [["", "—"], ...Object.entries(ROLES)], channel?.role ?? "", (value) => draft.setRole(series.name, value, series.unit), { "data-key": `role ${name}` });
     if (channel) this.details(card, channel, series);
   }
 
@@ -76,6 +76,10 @@ export class ChannelsPanel {
       make(line, "span", { class: "soft" }, "measured by");
       menu(line, `place of ${name}`, PLACES, channel.location, (value) => { channel.location = value; draft.change(); });
     }
+    if (channel.role === "load") {
+      make(line, "span", { class: "soft" }, "measured as");
+      menu(line, `quantity of ${name}`, [["torque", "torque of the shaft"], ["power", "power"]], channel.quantity, (value) => { channel.quantity = value; draft.change(); });
+    }
     if (!series.unit || channel.unit !== series.unit) {
       make(line, "span", { class: "soft" }, "recorded in");
       field(line, `unit of ${name}`, channel.unit, (text) => { channel.unit = text.trim(); draft.change(); }, { class: "short" });
@@ -85,7 +89,7 @@ export class ChannelsPanel {
 
   calibration(card, channel, series) {
     const { draft, view } = this, { calibration } = channel, name = channel.column;
-    const unit = { set_point: "rpm", torque: "Nm", rack: "its own unit" }[channel.role];
+    const unit = unitOf(channel) || "its own unit";
     const line = make(card, "div", { class: "line" });
     make(line, "span", { class: "soft" }, `to ${unit} by`);
     menu(line, `calibration of ${name}`, [["scale", "scale and offset"], ["table", "two points or a table"]], calibration.table ? "table" : "scale", (value) => {
@@ -127,6 +131,8 @@ export class TrialPanel {
     for (const event of ["loaded", "changed"]) draft.addEventListener(event, () => this.build());
     draft.addEventListener("previewed", () => this.tellState());
     this.form = make(this.box, "div");
+    draft.addEventListener("loaded", () => vesselForm(this.own, draft), { once: true });
+    this.own = make(this.box, "details", { class: "card" });
     this.state = make(this.box, "p", { class: "told", role: "status" });
     this.acts = make(this.box, "div", { class: "line" });
     this.work = make(this.box, "div");
@@ -145,13 +151,18 @@ export class TrialPanel {
     const focused = document.activeElement?.getAttribute("aria-label");
     form.replaceChildren();
     const head = make(form, "div", { class: "card" });
+    if (draft.from) make(head, "p", { class: "soft told" }, `Roles, calibrations and windows are those of ${draft.from}.`);
+    if (draft.others.length) {
+      const others = make(head, "p", { class: "soft told" }, "Other trials of this log:");
+      for (const other of draft.others) { others.append(" "); make(others, "a", { href: `?doc=${other.doc}` }, other.name); }
+    }
     const one = make(head, "div", { class: "line" });
     make(one, "span", { class: "soft" }, "trial");
     field(one, "name of the trial", state.name, (text) => { state.name = text.trim() || "Trial"; draft.change(); }, { class: "grow" });
     const two = make(head, "div", { class: "line" });
     make(two, "span", { class: "soft" }, "ship");
-    const vessels = draft.vessels.includes(state.vessel) ? draft.vessels : [state.vessel, ...draft.vessels];
-    menu(two, "ship", vessels.map((name) => [name, name]), state.vessel, (value) => { state.vessel = value; draft.change(); });
+    const vessels = [...new Set([state.vessel, ...draft.vessels])].filter(Boolean);
+    menu(two, "ship", [["", "none: engine and propeller turn alike"], ...vessels.map((name) => [name, name])], state.vessel, (value) => { state.vessel = value; draft.change(); });
     const three = make(head, "div", { class: "line" });
     make(three, "span", { class: "soft" }, "file");
     field(three, "file of the trial", draft.file, (text) => { if (text.trim() !== draft.file) { draft.file = text.trim(); draft.version = ""; } draft.change(); }, { class: "grow" });
@@ -170,7 +181,7 @@ export class TrialPanel {
     const { draft, view } = this, { state } = draft;
     make(form, "h3", {}, "Steady stretch");
     const line = make(form, "div", { class: "line" });
-    if (state.steady_s) this.times(line, "steady", state.steady_s[0], state.steady_s[1], (start, stop) => { state.steady_s = [start, stop]; });
+    if (state.steady_s) this.times(line, "steady", state.steady_s[0], state.steady_s[1], (start, stop) => draft.setSteady(start, stop));
     else make(line, "span", { class: "soft" }, "none: drag over a stretch with a constant set point");
     button(line, "mark", () => view.setMode("steady"), { "aria-label": "mark the steady stretch" });
   }
@@ -182,21 +193,22 @@ export class TrialPanel {
       const card = make(form, "div", { class: "card" });
       const line = make(card, "div", { class: "line" });
       field(line, "name of the window", window.name, (text) => { window.name = text.trim(); draft.change(); }, { class: "short" });
-      const kinds = KINDS.some(([kind]) => kind === window.kind) ? KINDS : [...KINDS, [window.kind, window.kind]];
+      const known = [["", "any kind"], ...draft.kinds];
+      const kinds = known.some(([kind]) => kind === window.kind) ? known : [...known, [window.kind, window.kind]];
       menu(line, `kind of ${window.name}`, kinds, window.kind, (value) => { window.kind = value; draft.change(); });
       button(line, "show", () => { const space = 0.05 * (window.stop_s - window.start_s); view.show(window.start_s - space, window.stop_s + space); }, { "aria-label": `show ${window.name}` });
       button(line, "×", () => { state.windows = state.windows.filter((other) => other !== window); draft.change(); }, { "aria-label": `remove ${window.name}` });
       const span = make(card, "div", { class: "line" });
       this.times(span, window.name, window.start_s, window.stop_s, (start, stop) => { [window.start_s, window.stop_s] = [start, stop]; draft.look(window); });
-      if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${window.holds.kind} ${hertz(window.holds.frequency_hz)}`);
+      if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${draft.kindOf(window.holds)}`);
     }
     const line = make(form, "div", { class: "line" });
     button(line, "mark a window", () => view.setMode("window"));
     const left = (draft.found ?? []).filter((found) => !state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s));
     if (left.length) {
       button(line, `add all ${left.length} that were found`, () => draft.addFound());
-      const told = left.slice(0, 6).map((found) => `${found.kind} ${hertz(found.frequency_hz)} at ${short(found.start_s)} s`).join("; ");
-      make(form, "p", { class: "soft told" }, `Found in the set point: ${told}${left.length > 6 ? "; …" : ""}`);
+      const told = left.slice(0, 6).map((found) => `${draft.kindOf(found)}, at ${short(found.start_s)} s`).join("; ");
+      make(form, "p", { class: "soft told" }, `Found in ${draft.mover}: ${told}${left.length > 6 ? "; …" : ""}`);
     }
   }
 
@@ -269,8 +281,8 @@ export class TrialPanel {
     const line = make(card, "div", { class: "line" });
     const told = make(line, "span", { class: "grow" }, `${job.kind}: beginning …`);
     const stop = button(line, "stop", () => this.attempt(() => tell("stop", { id: job.id })), { "aria-label": `stop the ${job.kind}` });
-    const bar = make(card, "progress");
-    const end = await until(() => ask("job", { id: job.id }), (now) => { told.textContent = `${now.kind}: ${now.progress || "beginning"} … ${now.seconds} s`; })
+    const bar = make(card, "progress", { max: 1, value: 0, "aria-label": `how far the ${job.kind} is` });
+    const end = await until(() => ask("job", { id: job.id }), (now) => { bar.value = now.share; told.textContent = `${now.kind}: ${now.progress || "beginning"} … ${now.seconds} s`; })
       .catch((error) => ({ state: "failed", error: error.message, warnings: [] }));
     stop.remove();
     bar.remove();

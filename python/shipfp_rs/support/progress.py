@@ -1,0 +1,62 @@
+"""How far long work is, told by what does it to whoever listens, through everything in between."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+
+Listener = Callable[[str, float], None]
+"""Hears what is being done, and the share of all that is done, 0 to 1."""
+
+_LISTENER: ContextVar[Listener | None] = ContextVar("progress", default=None)
+
+
+def tell(what: str, share: float) -> None:
+    """Say what is begun, and the share of the present part that is done; nothing where nobody listens."""
+    if (listener := _LISTENER.get()) is not None:
+        listener(what, share)
+
+
+@contextlib.contextmanager
+def heard_by(listener: Listener) -> Iterator[None]:
+    """Let a function hear what is told in the block, in its thread.
+
+    Examples
+    --------
+    >>> with heard_by(lambda what, share: print(what, share)), part(0.5, 1.0):
+    ...     tell("intervals", 0.5)
+    intervals 0.75
+    """
+    token = _LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+
+
+@contextlib.contextmanager
+def part(first: float, last: float) -> Iterator[None]:
+    """Let what is told in the block be that part of the work, from one share of it to another."""
+    outer = _LISTENER.get()
+    if outer is None:
+        yield
+        return
+    with heard_by(lambda what, share: outer(what, first + share * (last - first))):
+        yield
+
+
+def counted(what: str, steps: int) -> Callable[[], None]:
+    """Return a function that threads call after each of so many steps, which the listener of the caller hears of."""
+    listener, lock, done = _LISTENER.get(), threading.Lock(), 0
+
+    def step() -> None:
+        nonlocal done
+        if listener is not None:
+            with lock:
+                done += 1
+                listener(what, done / steps)
+
+    tell(what, 0.0)
+    return step
