@@ -392,7 +392,7 @@ def test_delays_that_no_loop_notices_are_left_out_of_the_linearisation_and_named
 def test_a_fingerprint_draws_and_predicts_what_it_was_fitted_to(found, trial) -> None:
     assert found.experiments == (trial,)
     np.testing.assert_array_equal(found.predict().signals["n_e"], found.predict(trial).signals["n_e"])
-    measured, model = fp.plot.fit(found)[0].get_lines()[1:]
+    measured, model = found.plot()[0].get_lines()[1:]
     assert np.ptp(model.get_ydata()) == pytest.approx(np.ptp(measured.get_ydata()), rel=0.1)
     amplitude, _ = fp.plot.bode(found)
     assert amplitude.get_xlabel() or amplitude.get_ylabel()
@@ -400,6 +400,14 @@ def test_a_fingerprint_draws_and_predicts_what_it_was_fitted_to(found, trial) ->
     for call in (loaded.predict, lambda: fp.plot.fit(loaded), lambda: fp.plot.bode(loaded)):
         with pytest.raises(fp.InputError, match="give the one that is meant"):
             call()
+
+
+def test_a_fingerprint_writes_its_report_with_signals_and_responses(found, tmp_path) -> None:
+    page = found.report(tmp_path / "report.html", title="Launch").read_text(encoding="utf-8")
+    assert "<title>Launch" in page
+    assert all(f'id="{anchor}"' in page for anchor in ("signals", "responses"))
+    with pytest.raises(fp.InputError, match="html"):
+        found.report(tmp_path / "report.pdf")
 
 
 def test_outputs_can_be_asked_for_by_the_names_of_signals(trial) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,31 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             Where the name ends as that of another kind of file, or can't be written.
         """
         return write_text_atomically(ending_in(path, ".json"), json_text(self.to_dict()))
+
+    @checked
+    def report(self, path: str | Path, **content: Any) -> Path:
+        """Write `report.html`: what was found, how sure it is, what happened to the data.
+
+        Parameters
+        ----------
+        path
+            File to write.
+        content
+            "title", "language", "truth", "vessel" and "structure", as of `report.write_report`.
+
+        Returns
+        -------
+        Path
+            `path`.
+        """
+        # By name: nothing here knows how a fingerprint is shown.
+        write: Callable[..., Path] = import_module("shipfp_rs.report").write_report
+        return write(ending_in(path, ".html"), self, **content)
+
+    @checked
+    def plot(self, **options: Any) -> Any:
+        """Draw what was measured and the fitted model's; see `plot.fit`, which takes the options and gives the axes."""
+        return import_module("shipfp_rs.plot").fit(self, **options)
 
     @classmethod
     @checked

@@ -14,6 +14,7 @@ from typing import Any, TypedDict, Unpack
 from markupsafe import Markup
 
 from shipfp_rs import plot
+from shipfp_rs.assessment.compared_responses import compared_responses
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
@@ -50,7 +51,10 @@ class Content(TypedDict, total=False):
 
 
 def write_report(
-    path: str | Path, fingerprint: Fingerprint, experiments: Sequence[Experiment], **content: Unpack[Content]
+    path: str | Path,
+    fingerprint: Fingerprint,
+    experiments: Sequence[Experiment] | None = None,
+    **content: Unpack[Content],
 ) -> Path:
     """Write the report of a fingerprint; the file appears whole or not at all.
 
@@ -64,7 +68,7 @@ def write_report(
     fingerprint
         The result.
     experiments
-        What it was fitted to.
+        What it was fitted to; None: those that it holds, with the model's beside them.
     simulated
         For each experiment the fitted model's, as `Fingerprint.predict` gives it; may be empty.
     responses
@@ -85,6 +89,10 @@ def write_report(
     Path
         `path`.
     """
+    if experiments is None:
+        experiments, structure = fingerprint.experiments, content.get("structure")
+        content.setdefault("simulated", [fingerprint.predict(one, structure) for one in experiments])
+        content.setdefault("responses", compared_responses(fingerprint, experiments, structure))
     return write_text_atomically(Path(path), render(fingerprint, experiments, **content))
 
 

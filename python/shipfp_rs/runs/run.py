@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from shipfp_rs.assessment.compared_responses import compared_responses
 from shipfp_rs.assessment.prediction import structure_of as rebuilt
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.experiments.experiment import Experiment
@@ -16,7 +15,6 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.report import write_report
 from shipfp_rs.runs.fit import choice, located, structure_from
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.progress import part, tell
@@ -123,12 +121,8 @@ def evaluate(
     tell("writing the report", 0.7)
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)
-    write_report(
+    fingerprint.report(
         folder / "report.html",
-        fingerprint,
-        experiments,
-        simulated=[fingerprint.predict(experiment, structure) for experiment in experiments],
-        responses=compared_responses(fingerprint, experiments, structure),
         truth=truth,
         title=trial.trial.name,
         language=language or trial.report.language,
