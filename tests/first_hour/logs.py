@@ -455,6 +455,8 @@ ROWS = (
     Commanded("Voltage steps beside a torque, in open loop", hdf5, lab_drive, steps, 50.0,
         {"command": ("Torque demand", "V"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")},
         own={"g": -0.8, "v": 1.6, "tau_act": 0.06}, command=4.0),
+    Loaded("Load steps of a generating set whose set point no logger recorded", csv_with_units, genset, steps, 50.0,
+        {"n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"), "M_load": ("Generator power", "kW")}, share=0.0),
     Encoder("An encoder's pulses and a torque in volts, at 2 kHz", parquet, launch, chirp, 2000.0,
         {"n_set": ("Speed demand", "rpm"), "n_e": ("Encoder track A", "V"), "M_b": ("Engine torque", "V")},
         answers={'calibration = "to be given"': "calibration = { scale = 200.0, offset = 0.0 }"}),

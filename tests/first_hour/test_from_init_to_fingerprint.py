@@ -40,7 +40,7 @@ def test_each_channel_is_taken_for_what_it_is(row: Row, tmp_path: Path, capsys: 
     channels, names = trial["channels"], {signal: name for signal, (name, _) in row.signals.items()}
     roles = {"n_set": "set_point", "command": "command", "M_load": "load", "n_e": names["n_e"]}
     roles |= {"M_g": "torque", "M_b": "torque"}
-    assert {key: table["column"] for key, table in channels.items()} == {
+    assert {key: table["column"] for key, table in channels.items() if "column" in table} == {
         roles[signal]: name for signal, name in names.items() if signal in roles
     }
     if "torque" in channels:

@@ -179,7 +179,7 @@ def test_channels_free_of_noise_weigh_no_more_than_their_accuracy_a10():
     assert found.data[0]["signals"]["dM"] == "M_b"
     assert found.usability != "not usable"
     for name, truth in {"tau_n": TRUE.tau_n, "g": TRUE.g, "p": 2.0}.items():
-        assert holds(found, name, truth), name
+        assert holds(found, name, truth, wider=1.5), name  # one draw
 
 
 @pytest.mark.parametrize("late_s", [7.1, pytest.param(1.3, marks=pytest.mark.slow)])

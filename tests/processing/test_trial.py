@@ -4,8 +4,10 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import shipfp_rs as fp
 from shipfp_rs.errors import InputError
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.runs.run import NO_TORQUE, run
@@ -40,6 +42,36 @@ def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
     )
     line = load(tmp_path, text).channels.set_point.calibration.calibration("rpm")
     assert line.scale == pytest.approx(-251.57, abs=0.005)
+
+
+RESTING = "[channels.set_point]\nrpm = 1500.0\n\n"
+LOAD = '[channels.load]\ncolumn = "P"\nunit = "kW"\nquantity = "power"\n\n'
+
+
+def resting(text: str) -> str:
+    """Return a template whose set point no logger recorded."""
+    start, stop = text.index("[channels.set_point]"), text.index("# [channels.command]")
+    return text[:start] + RESTING + LOAD + text[stop:]
+
+
+def test_a_set_point_that_rests_is_as_long_as_the_load(tmp_path: Path) -> None:
+    trial = load(tmp_path, resting(template("TRIAL")))
+    log = trial.completed(fp.Log.from_arrays({"P": np.arange(50.0)}, rate_hz=10.0))
+    np.testing.assert_array_equal(log.read(trial.channels.driver.column, 1.0, 2.0), np.full(10, 1500.0))
+    np.testing.assert_array_equal(log.read("P", 1.0, 2.0), np.arange(10.0, 20.0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (LOAD, "", r"set_point\.rpm: found 1500.*\[channels\.load\]"),
+        ("rpm = 1500.0", 'rpm = 1500.0\ncolumn = "n"', "rpm: found column as well"),
+        ("rpm = 1500.0", "rpm = -1.0", "rpm: found -1"),
+    ],
+)
+def test_a_set_point_rests_under_a_load_alone(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load(tmp_path, resting(template("TRIAL")).replace(old, new))
 
 
 def test_several_logs_share_the_windows(tmp_path: Path) -> None:

@@ -128,6 +128,8 @@ def inspect_log(
     InputError
         Where a channel of the trial is missing.
     """
+    if trial is not None:
+        log = trial.completed(log)
     reports = describe(log)
     faults = [fault.to_dict() for fault in [*log.faults, *_recorded(log, reports, trial)]]
     windows = _windows(log, trial)

@@ -97,8 +97,7 @@ def process(
     6.4); provenance holds that bandwidth, and of a fused speed the standard deviation [rpm], root mean square over the
     window before the low-pass.
     """
-    windows = trial.windows_of(log.name)
-    if not windows:
+    if not (windows := trial.windows_of(log.name)):
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point, clock = recording.operating_point(), recording.governor_clock()
@@ -114,7 +113,7 @@ class _Recording:
     """A log with its trial's settings; every channel is read once, several at the same time, a part of the torque twice."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
-        self.log = log
+        self.log = log = trial.completed(log)
         self.trial = trial
         self.vessel = vessel
         self._chunk = chunk

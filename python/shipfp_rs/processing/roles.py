@@ -80,7 +80,7 @@ def guess_roles(
     for name, rate in roles.trains.items():
         roles.reasons[name] = f"pulse train, {rate:.4g} pulses a second"
     roles.speeds = {name: shaft for name, shaft in roles.speeds.items() if name not in roles.trains}
-    if roles.set_point is None and roles.command is None:
+    if not (roles.set_point or roles.command or roles.load):
         _by_what_it_does(log, roles)
     _find_shafts(log, roles)
     return roles

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION, Channels
 from shipfp_rs.processing.trial_tables import (
@@ -169,6 +173,23 @@ class Trial(Section):
         channels.__pydantic_extra__.update(extra)
         return read.model_copy(update={"trial": header.model_copy(update=changes), "channels": channels})
 
+    def completed(self, log: Log) -> Log:
+        """Return a log with a channel of the set point that rests, where the trial has one: as long as that of the load."""
+        asked, load = self.channels.set_point, self.channels.load
+        if asked is None or asked.rpm is None or load is None or asked.column in log.channels:
+            return log
+        resting = replace(log.channel(load.column), name=asked.column, unit="rpm", resolution=0.0)
+
+        def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+            if name != resting.name:
+                yield from log.raw_blocks(name, first, size)
+                return
+            for start in range(first, resting.samples, size):
+                yield np.full(min(size, resting.samples - start), asked.rpm)
+
+        channels = [*log.channels.values(), resting]
+        return Log(log.name, channels, blocks, log.start_utc, log.faults, log.notes)
+
     def logs(self) -> list[Log]:
         """Open the recordings, in order; one log where loggers are aligned."""
         header = self.trial
@@ -177,15 +198,15 @@ class Trial(Section):
             for path in header.log
         ]
         if self.align is None:
-            return logs
+            return [self.completed(log) for log in logs]
         from shipfp_rs.processing.alignment import merged  # SciPy takes long to load
 
         name = Path(self.align.reference).name
         (reference,) = [log for log in logs if Path(log.name).name == name]
         others = [log for log in logs if log is not reference]
         if self.align.common is None:
-            return [Log.merge(reference, *others, name=reference.name)]
-        return [merged(reference, others, self.align.common, pulses=self.align.pulses)]
+            return [self.completed(Log.merge(reference, *others, name=reference.name))]
+        return [self.completed(merged(reference, others, self.align.common, pulses=self.align.pulses))]
 
     def windows_of(self, log: str) -> tuple[Window, ...]:
         """Return the windows that are cut from the log of this file name."""

@@ -65,6 +65,11 @@ def wanted_line(unit: str, to: str) -> str:
     )
 
 
+RESTING = "set point at rest"
+"""Channel of a set point that no logger recorded."""
+MOST_RPM = 1e6
+
+
 class Level(Section):
     """A channel of samples that a line calibrates; a unit of what it is needs no line."""
 
@@ -111,14 +116,26 @@ class Level(Section):
 
 
 class SetPoint(Level):
-    """The channel of the engine-speed set point, calibrated to rpm of the engine."""
+    """The channel of the engine-speed set point, calibrated to rpm; where none was logged, what it rests at."""
 
     told_in = TO_RPM
     to = "rpm"
 
+    rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
+    """Of a set point that rests, in place of a channel: a load drives the ship."""
+
     held: bool = False
     """The engine holds each sample until the next one comes, as it does with what a bus asks for. What it follows is half
     a sample's period late then, which is not part of `delay_s`, and a torque that it tells as seldom shows the stairs."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _may_rest(cls, content: Any) -> Any:
+        if not isinstance(content, dict) or "rpm" not in content:
+            return content
+        if "column" in content:
+            raise unexpected("rpm", "column as well", "one of the two: a set point that rests has no channel")
+        return {"unit": "rpm", "calibration": {"scale": 1.0}, **content, "column": RESTING}
 
     @property
     def late(self) -> float:
@@ -295,6 +312,14 @@ class Channels(Section):
     """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
     load: Load | None = None
     """What the machine drives, measured: an input beside the set point."""
+
+    @model_validator(mode="after")
+    def _rests_under_a_load(self) -> Self:
+        if self.set_point is not None and self.set_point.rpm is not None and self.load is None:
+            raise unexpected(
+                "set_point.rpm", self.set_point.rpm, "a table [channels.load] beside it: nothing else moves"
+            )
+        return self
 
     @model_validator(mode="before")
     @classmethod

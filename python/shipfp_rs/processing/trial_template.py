@@ -50,6 +50,7 @@ def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[Fou
     InputError
         Where the log has neither set point nor load, or it is too short.
     """
+    driver = driver or load
     if driver is None:
         raise InputError("no set point found: name its channel in the file, or with --set-point")
     found = find_windows(log, driver)
@@ -120,7 +121,7 @@ def drafted(
         trial,
         *clock,
         _about(log, roles),
-        *_channels(log, roles),
+        *_channels(log, roles, windows),
         _operating_point(log, roles, windows, mover),
         *(kept[key] for key in KEPT),
         windows_toml(windows).rstrip()
@@ -130,14 +131,14 @@ def drafted(
     return "\n\n".join(tables)
 
 
-def _channels(log: Log, roles: Roles) -> list[str]:
+def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[str]:
     """Return the tables of channels."""
     if roles.command is not None:
         tables = [
             _level("command", log.channel(roles.command), roles, {roles.named[roles.command].unit: 1.0}, "")
         ]
     elif roles.set_point is None:
-        tables = [f'[channels.set_point]\ncolumn = "{TO_BE_GIVEN}"\nunit = ""']
+        tables = [_resting(log, roles, windows)]
     else:
         tables = [_level("set_point", log.channel(roles.set_point), roles, TO_RPM, "rpm")]
     if roles.torque is not None:
@@ -154,6 +155,16 @@ def _channels(log: Log, roles: Roles) -> list[str]:
     if not roles.speeds and not roles.trains:
         tables.append(f'[channels.speed]\ncolumn = "{TO_BE_GIVEN}"\nunit = "rpm"')
     return tables
+
+
+def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
+    """Return the table of a set point that no channel is: what the speed rests at, where a load moves."""
+    rest = operating_rest(windows, by_load=True) if windows and roles.load is not None else None
+    moving = windows if roles.load is not None else []
+    rpm = _mean(log, roles, next(iter(roles.speeds), None), moving if rest is None else [rest], TO_RPM)
+    if rpm is None:
+        return f'[channels.set_point]\ncolumn = "{TO_BE_GIVEN}"\nunit = ""'
+    return f"[channels.set_point]            # not in the log; the load alone moves\nrpm = {rpm:.6g}  # the speed's mean"
 
 
 def _level(key: str, channel: Channel, roles: Roles, factors: Mapping[str, float], to: str) -> str:
@@ -233,7 +244,7 @@ def _about(log: Log, roles: Roles) -> str:
         )
         for one in log.channels.values()
     ]
-    if roles.set_point is None and roles.command is None:
+    if not (roles.set_point or roles.command or roles.load):
         lines.append("# No set point was found: name its channel below.")
     return "\n".join(["# The log's channels, and what each is taken for:", *lines])
 
