@@ -113,20 +113,21 @@ def test_the_tugs_loop_is_known_though_none_of_its_gains_is(tug: Fingerprint) ->
     assert 1.0 < low < high < 1.5
 
 
-def test_the_deviations_are_the_scatter_over_repeated_trials() -> None:
+# The ratio of a deviation from 12 values scatters by 21 %, from 40 by 11 %.
+@pytest.mark.parametrize(("draws", "within"), [(12, 0.6), pytest.param(40, 0.4, marks=pytest.mark.slow)])
+def test_the_deviations_are_the_scatter_over_repeated_trials(draws: int, within: float) -> None:
     trials = [
         closed_loop(
             identify(
                 noisy_record(CHIRP, 0.05, 0.0, seed), Structure.linear(products=True), intervals="symmetric"
             )
         )
-        for seed in range(40)
+        for seed in range(draws)
     ]
     for name in ("crossover", "phase margin", "bandwidth", "pole 1, real"):
         values = [trial[name].value for trial in trials]
         told = np.median([trial[name].std for trial in trials])
-        # The ratio of a deviation from 40 values scatters by 11 %.
-        assert np.std(values, ddof=1) == pytest.approx(told, rel=0.4)
+        assert np.std(values, ddof=1) == pytest.approx(told, rel=within)
 
 
 def test_what_the_data_leave_open_has_no_value() -> None:

@@ -182,7 +182,8 @@ def test_channels_free_of_noise_weigh_no_more_than_their_accuracy_a10():
         assert holds(found, name, truth, wider=1.5), name  # one draw
 
 
-@pytest.mark.parametrize("late_s", [7.1, pytest.param(1.3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("late_s", [7.1, 1.3])
 def test_a_window_that_begins_in_the_middle_of_the_excitation_tells_the_same_a6(late_s, drawn):
     ship, experiment = drawn
     begin = ship.excitation.start_s
