@@ -10,7 +10,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs import _core
 from shipfp_rs.assessment import si
-from shipfp_rs.identification import gates
+from shipfp_rs.identification import input_checks
 from tests.twins.ship import vector
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
@@ -32,8 +32,8 @@ def with_signal(experiment, name, values, point):
 
 
 def test_a_good_trial_passes_every_gate(made):
-    gates.require_excited([made])
-    assert gates.doubts([made]) == []
+    input_checks.require_excited([made])
+    assert input_checks.doubts([made]) == []
 
 
 @pytest.mark.parametrize("noise_rpm", [0.0, 0.02])
@@ -115,19 +115,19 @@ def load_steps():
 
 
 def test_torque_that_rises_while_the_shaft_slows_under_load_is_right_c3(load_steps):
-    gates.require_excited([load_steps])
+    input_checks.require_excited([load_steps])
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.06, 0.3])
 def test_a_load_that_is_told_late_does_not_turn_the_torque_c3(load_steps, late_s):
     late = np.roll(load_steps.signals["M_load"], round(50.0 * late_s))
-    gates.require_excited([with_signal(load_steps, "M_load", late, 1.0)])
+    input_checks.require_excited([with_signal(load_steps, "M_load", late, 1.0)])
 
 
 def test_a_torque_that_falls_as_the_load_rises_is_refused_c3(load_steps):
     turned = with_signal(load_steps, "M_b", 2.0 - load_steps.signals["M_b"], 1.0)
     with pytest.raises(fp.InputError, match="M_b falls while the load rises"):
-        gates.require_excited([turned])
+        input_checks.require_excited([turned])
 
 
 def test_a_torque_of_the_wrong_sign_is_refused_where_the_set_point_moves(made):
@@ -135,10 +135,10 @@ def test_a_torque_of_the_wrong_sign_is_refused_where_the_set_point_moves(made):
     kept = replace(made, signals={name: made.signals[name] for name in ("n_set", "n_e", "M_b")})
     point, torque = made.operating_point["M_b"], made.signals["M_b"]
     with pytest.raises(fp.InputError, match="M_b falls while the shaft speeds up"):
-        gates.require_excited([with_signal(kept, "M_b", 2.0 * point - torque, point)])
+        input_checks.require_excited([with_signal(kept, "M_b", 2.0 * point - torque, point)])
 
 
 def test_a_speed_that_falls_when_the_set_point_rises_names_whose_sign_to_turn(made):
     turned = 2.0 * made.operating_point["n_set"] - made.signals["n_set"]
     with pytest.raises(fp.InputError, match="turn the sign of the set point's calibration"):
-        gates.require_excited([replace(made, signals={**made.signals, "n_set": turned})])
+        input_checks.require_excited([replace(made, signals={**made.signals, "n_set": turned})])

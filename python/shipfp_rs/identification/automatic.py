@@ -18,7 +18,7 @@ from shipfp_rs.identification.adequacy import explained_pct, misses_pct, strain
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.gates import doubts, require_excited
+from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined

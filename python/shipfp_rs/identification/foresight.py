@@ -11,7 +11,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.automatic import answered
 from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.gates import require_excited
+from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop
 from shipfp_rs.identification.options import Options

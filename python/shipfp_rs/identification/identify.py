@@ -13,7 +13,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.gates import require_excited
+from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.open_loop import (
     in_open_loop,
     require_driver,

@@ -8,7 +8,7 @@ from dataclasses import replace
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.gates import is_loaded
+from shipfp_rs.identification.input_checks import is_loaded
 from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS
 from shipfp_rs.structures.commanded import commanded
 from shipfp_rs.structures.outputs import Torque

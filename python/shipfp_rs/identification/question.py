@@ -11,7 +11,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import Coordinates
-from shipfp_rs.identification.gates import is_loaded, set_point_moves
+from shipfp_rs.identification.input_checks import is_loaded, set_point_moves
 from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
 from shipfp_rs.identification.record import Between, Record
 from shipfp_rs.identification.ship_likelihood import ShipLikelihood
