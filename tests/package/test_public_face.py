@@ -14,6 +14,9 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.bootstrap import bootstrap
+from shipfp_rs.assessment.profile_likelihood import profile_likelihood
+from shipfp_rs.support.toml import template
+from shipfp_rs.vessel.steady_state import bollard_curve
 
 PAGE = Path(__file__).parents[2] / "docs" / "background" / "api.md"
 LISTED = re.findall(r"auto(?:function|class):: shipfp_rs\.([\w.]+)", PAGE.read_text(encoding="utf-8"))
@@ -143,6 +146,27 @@ def test_breakage_e1_e2_wrong_arguments_cost_one_line(case: str) -> None:
 def test_numbers_of_any_kind_are_numbers() -> None:
     for rate in (25, np.float32(25.0), np.int64(25), np.array(25.0)):
         assert fp.Experiment("S1", rate, {"n_set": [1.0, 2, 3]}, {"n_set": 1.0}).rate_hz == 25.0
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> list[object]:
+    """What public functions return, and what they take."""
+    path = tmp_path_factory.mktemp("trial") / "TRIAL.toml"
+    path.write_text(template("TRIAL"), encoding="utf-8")
+    long = fp.simulate(
+        LAUNCH, fp.signals.chirp(0.05, 2.0, 60.0, 40.0, rate_hz=20.0), noise={"n_e": 0.2}, seed=1
+    )
+    found = fp.identify(long, LINEAR, intervals="symmetric")
+    return [
+        LAUNCH, SHORT, long, found, found["tau_n"], found.identifiability, fp.Sensors(), fp.Trial.load(path),
+        fp.linearise(LAUNCH), fp.compare(found, found), fp.design(LAUNCH, duration_s=100.0), fp.Calibration(2.0, 1.0),
+        bollard_curve(LAUNCH, np.linspace(600.0, 1300.0, 30)), bootstrap(long, LINEAR, draws=20),
+        profile_likelihood(long, LINEAR, ["tau_n"])[0],
+    ]  # fmt: skip
+
+
+def test_everything_is_shown_in_a_few_lines(results) -> None:
+    assert [repr(one)[:300] for one in results if repr(one).count("\n") >= 10 or len(repr(one)) > 600] == []
 
 
 RESPONSE = fp.linearise(LAUNCH).frequency_response([0.1, 1.0])

@@ -15,7 +15,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Whole, checked
-from shipfp_rs.support.arrays import Array, Mask
+from shipfp_rs.support.arrays import Array, Brief, Mask
 
 FEWEST_DRAWS = 20
 MOST_DRAWS = 1_000_000
@@ -25,8 +25,8 @@ QUIET_LAGS = 5
 """Successive lags of no significant correlation that end it, at least (K_N of Politis and White)."""
 
 
-@dataclass(frozen=True)
-class Bootstrap:
+@dataclass(frozen=True, repr=False)
+class Bootstrap(Brief):
     """Estimates of all draws, and what they say of the fingerprint's own intervals.
 
     Parameters

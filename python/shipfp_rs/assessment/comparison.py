@@ -17,7 +17,7 @@ from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.ties import declared
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Brief
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 SAME_DIRECTION = 1e-8
@@ -52,8 +52,8 @@ class Joint(NamedTuple):
     most: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Brief):
     """Changes by quantity, the joint test, remarks on what weakens them, and the verdict in plain words."""
 
     changes: tuple[Change, ...]

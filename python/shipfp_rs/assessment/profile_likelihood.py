@@ -20,7 +20,7 @@ from shipfp_rs.identification.structure_records import Data
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Brief
 
 Kind = Literal["bounded", "one-sided", "flat"]
 Drawn = tuple[Array, Array, Array]
@@ -40,8 +40,8 @@ WITHOUT_BOUND = 10.0
 """Typical sizes to which a profile without end or bound is drawn."""
 
 
-@dataclass(frozen=True)
-class Likelihood:
+@dataclass(frozen=True, repr=False)
+class Likelihood(Brief):
     """Profile likelihood of one parameter.
 
     Parameters

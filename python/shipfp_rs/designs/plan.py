@@ -19,7 +19,7 @@ from shipfp_rs.designs.run_sheet import Stretch, as_html, as_text
 from shipfp_rs.designs.spectrum import Criterion
 from shipfp_rs.designs.waveforms import Kind
 from shipfp_rs.signals import Excitation
-from shipfp_rs.support.arrays import Array, attributes
+from shipfp_rs.support.arrays import Array, Brief, attributes
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.json_files import json_text
 
@@ -47,8 +47,8 @@ class Needed:
     met: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Brief):
     """What `design` returns.
 
     Parameters

@@ -49,6 +49,13 @@ class Trial(Section):
     identify: Identify = Identify()
     report: Report = Report()
 
+    def __repr__(self) -> str:
+        logs = ", ".join(Path(log).name for log in self.trial.log)
+        windows = ", ".join(window.name for window in self.windows[:8]) + (
+            ", ..." if len(self.windows) > 8 else ""
+        )
+        return f"Trial({self.trial.name!r}, {self.trial.vessel}: {logs}; windows {windows})"
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if not self.windows:

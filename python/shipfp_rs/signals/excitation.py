@@ -14,7 +14,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Hold
 from shipfp_rs.signals.checks import zero_or_more
 from shipfp_rs.support.arguments import check_fields, checked, told
-from shipfp_rs.support.arrays import Array, EvenlySampled, same
+from shipfp_rs.support.arrays import Array, Brief, EvenlySampled, same
 from shipfp_rs.support.checks import at_most, positive
 from shipfp_rs.support.files import ending_in, write_text_atomically
 
@@ -29,8 +29,8 @@ class Segment:
     frequency_hz: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Excitation(EvenlySampled):
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation(Brief, EvenlySampled):
     """Deviations of the set point, uniformly sampled.
 
     Parameters

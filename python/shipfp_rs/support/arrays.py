@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ Mask = npt.NDArray[np.bool_]
 Values = Mapping[str, float]
 """Name of a parameter or signal to its value."""
 Names = Sequence[str]
+LONGEST = 70
+"""Letters of a value in a short `repr`."""
 
 
 class EvenlySampled(ABC):
@@ -36,6 +39,24 @@ class EvenlySampled(ABC):
     def duration(self) -> float:
         """Length [s]."""
         return len(self) / self.rate_hz
+
+
+class Brief:
+    """A `repr` of a dataclass in a few lines: arrays by their shape, and what is long by its kind and number."""
+
+    def __repr__(self) -> str:
+        assert is_dataclass(self)
+        told = ", ".join(f"{one.name}={_brief(getattr(self, one.name))}" for one in fields(self))
+        return f"{type(self).__name__}({told})"
+
+
+def _brief(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"<array {value.shape}>"
+    text = repr(value)
+    if len(text) <= LONGEST and "\n" not in text:
+        return text
+    return f"<{type(value).__name__}{f' of {len(value)}' if isinstance(value, Sized) else ''}>"
 
 
 def unmasked(values: Any) -> Array:

@@ -15,7 +15,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Brief
 from shipfp_rs.support.checks import positive
 from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.vessel import Vessel
@@ -238,8 +238,8 @@ def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
     return ship_about(vessel, point, ship), np.array([detail[name] for name in _core.SHIP_DETAIL])
 
 
-@dataclass(frozen=True)
-class BollardCurve:
+@dataclass(frozen=True, repr=False)
+class BollardCurve(Brief):
     """Static performance over engine speed (Figs 3.2, 3.3).
 
     Every array has shape (N,), one entry for each speed.
