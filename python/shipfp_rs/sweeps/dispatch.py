@@ -10,9 +10,8 @@ import pyarrow as pa
 
 from shipfp_rs.sweeps.draw import lost_row, run_draws
 from shipfp_rs.sweeps.plan import Plan
-from shipfp_rs.sweeps.pools import AHEAD, Pool
+from shipfp_rs.sweeps.pools import AHEAD, Pool, hold_linear_algebra
 from shipfp_rs.sweeps.store import Store
-from shipfp_rs.sweeps.worker import hold_linear_algebra
 
 ATTEMPTS = 3
 """Workers that a draw may take down, with nothing else running, before it is given up."""
@@ -53,7 +52,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Arrived) -> None:
 
     while True:
         # No more than the workers need: what is handed out and not yet written is all that memory holds.
-        while len(running) < AHEAD * pool.workers:
+        while len(running) < AHEAD * pool.workers():
             part = again.popleft() if again else next(waiting, None)
             if part is None:
                 break
