@@ -417,49 +417,31 @@ class TestRun:
         assert "from 100 to 100.5 s" in line
 
 
-@pytest.fixture(scope="module")
-def refitted() -> subprocess.CompletedProcess[str]:
-    return shipfp("reproduce", "fullscale", "--json")
-
-
-class TestReproduceFullscale:
-    def test_json_holds_rows_of_the_agreed_form_and_nothing_else(self, refitted) -> None:
-        assert (refitted.returncode, refitted.stderr) == (0, "")
-        rows = json.loads(refitted.stdout)["rows"]
-        assert {row["way"] for row in rows} == {"printed", "thesis", "ours"}
-        for row in rows:
-            assert {"table", "case", "way", "structure", "parameters", "fit", "notes"} <= set(row)
-
-    def test_the_folder_holds_the_same_rows_and_the_figures(
-        self, fullscale, monkeypatch, tmp_path, capsys
-    ) -> None:
-        monkeypatch.setattr("shipfp_rs.reproduce.fullscale.reproduce", lambda _: fullscale)
-        monkeypatch.setattr("shipfp_rs.reproduce.fullscale_figures.PICTURES", fullscale_figures.PICTURES[-1:])
-        out = tmp_path / "out"
-        assert cli.main(["reproduce", "fullscale", "--json", "--out", str(out)]) == 0
-        assert sorted(file.name for file in out.iterdir()) == ["fig_7_23.png", "fullscale.json"]
-        assert json.loads((out / "fullscale.json").read_text()) == json.loads(capsys.readouterr().out)
-
-    def test_the_table_shows_rows_and_verdict(self, monkeypatch, capsys) -> None:
-        row = Row("7.1", "ii", "printed", "thesis", {"tau_n": 0.275, "vK_p": None}, {"dn": 66.64}, "[notes]")
-        found = Reproduction("Table [7.1]", (row,), ("Known: [tau_n].",), {})
-        monkeypatch.setattr("shipfp_rs.reproduce.fullscale.reproduce", lambda _: found)
-        assert cli.main(["reproduce", "fullscale"]) == 0
-        shown = capsys.readouterr().out
-        assert "Table [7.1]" in shown
-        assert next(line for line in shown.splitlines() if "ii" in line).split()[-2:] == ["0.275", "66.64"]
-        assert shown.endswith("Known: [tau_n].\n")
+def test_the_folder_holds_the_rows_that_are_told_and_the_figures(
+    fullscale, monkeypatch, tmp_path, capsys
+) -> None:
+    monkeypatch.setattr("shipfp_rs.reproduce.fullscale.reproduce", lambda _: fullscale)
+    monkeypatch.setattr("shipfp_rs.reproduce.fullscale_figures.PICTURES", fullscale_figures.PICTURES[-1:])
+    out = tmp_path / "out"
+    assert cli.main(["reproduce", "fullscale", "--json", "--out", str(out)]) == 0
+    assert sorted(file.name for file in out.iterdir()) == ["fig_7_23.png", "fullscale.json"]
+    told = capsys.readouterr()
+    content = json.loads(told.out)
+    assert (told.err, json.loads((out / "fullscale.json").read_text())) == ("", content)
+    assert {row["way"] for row in content["rows"]} == {"printed", "thesis", "ours"}
+    for row in content["rows"]:
+        assert {"table", "case", "way", "structure", "parameters", "fit", "notes"} <= set(row)
 
 
 class TestReproduceVirtual:
     ROWS = (
-        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677}, {}),
+        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677, "vK_p": None}, {}, "[notes]"),
         Row("5.2", "ii", "thesis", "linear", {"tau_n": 1.34862}, {"dn": 99.99, "validation dM": 90.7}),
     )
 
     @pytest.fixture
     def quick(self, monkeypatch) -> None:
-        found = Reproduction("Chapters", self.ROWS, ("What is known.",), {})
+        found = Reproduction("Chapters", self.ROWS, ("Known: [tau_n].",), {})
         monkeypatch.setattr("shipfp_rs.reproduce.virtual.reproduce", lambda _: found)
         monkeypatch.setattr("shipfp_rs.reproduce.virtual_figures.PICTURES", ())
 
@@ -468,7 +450,7 @@ class TestReproduceVirtual:
         shown = capsys.readouterr().out
         assert shown.index("Table 3.5") < shown.index("21.677") < shown.index("Table 5.2")
         assert shown.index("validation M [%]") < shown.index("1.3486")
-        assert shown.endswith("What is known.\n")
+        assert shown.endswith("Known: [tau_n].\n")
 
     def test_a_result_of_before_is_replaced(self, quick, tmp_path, capsys) -> None:
         for _ in range(2):

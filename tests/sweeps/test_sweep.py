@@ -243,7 +243,9 @@ class TestGoingOn:
     def test_a_finished_sweep_is_not_run_again(self, reference: Path, monkeypatch: Any) -> None:
         before = results(reference)
         monkeypatch.setattr(draw, "identify", None)
+        (reference / "parts" / "000000").mkdir(parents=True)  # killed before it had removed them
         again = sweep(cheap_plan(DRAWS), reference)
+        assert not (reference / "parts").exists()
         assert results(reference) == before
         assert again.summary["draws"]["done"] == DRAWS
         assert again.table().num_rows == DRAWS
